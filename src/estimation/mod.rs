@@ -1,0 +1,1 @@
+//! From a scan to the pose of the part's axis.

@@ -1,0 +1,66 @@
+//! A right-handed frame declared in the coordinates of a file, and the rigid motion into it.
+//! Must not know why a scan is not in the rail frame already.
+
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// The rail frame as seen from the coordinates of a scan: its origin and two of its axes.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Frame {
+    /// Where the rail frame's origin lies, mm in the scan's coordinates.
+    pub origin_mm: [f64; 3],
+    /// Direction of the rail (X) in the scan's coordinates; any length but zero.
+    pub x_axis: [f64; 3],
+    /// Direction towards the sensor (Z); its part along `x_axis` is removed.
+    pub z_axis: [f64; 3],
+}
+
+/// Why a frame cannot be used.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum FrameError {
+    /// A component is NaN or infinite.
+    #[error("the frame has a component that is not a finite number")]
+    NotFinite,
+    /// The axes have no length or lie along each other.
+    #[error("x_axis and z_axis of the frame must have a length and must not be parallel")]
+    Degenerate,
+}
+
+impl Frame {
+    /// The rotation (rows are the rail axes) that takes scan coordinates, less the origin, into the rail frame.
+    ///
+    /// # Errors
+    /// [`FrameError`] where the two axes do not span a plane.
+    pub fn rotation(&self) -> Result<Matrix3<f64>, FrameError> {
+        let (x, z) = (Vector3::from(self.x_axis), Vector3::from(self.z_axis));
+        if !self.origin_mm.iter().chain(&self.x_axis).chain(&self.z_axis).all(|v| v.is_finite()) {
+            return Err(FrameError::NotFinite);
+        }
+        let x = x.try_normalize(1e-12).ok_or(FrameError::Degenerate)?;
+        let z = z.try_normalize(1e-12).ok_or(FrameError::Degenerate)?;
+        let z = (z - x * x.dot(&z)).try_normalize(1e-6).ok_or(FrameError::Degenerate)?;
+        let y = z.cross(&x);
+        Ok(Matrix3::from_rows(&[x.transpose(), y.transpose(), z.transpose()]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_frame_is_right_handed_and_takes_its_own_axes_to_unit_vectors() {
+        let frame = Frame { origin_mm: [0.0; 3], x_axis: [0.0, 2.0, 0.0], z_axis: [0.0, 1.0, -3.0] };
+        let rotation = frame.rotation().expect("valid");
+        assert!((rotation.determinant() - 1.0).abs() < 1e-12);
+        assert!((rotation * Vector3::new(0.0, 1.0, 0.0) - Vector3::x()).norm() < 1e-12);
+        assert!((rotation * Vector3::new(0.0, 0.0, -1.0) - Vector3::z()).norm() < 1e-12);
+    }
+
+    #[test]
+    fn parallel_axes_are_refused() {
+        let frame = Frame { origin_mm: [0.0; 3], x_axis: [1.0, 0.0, 0.0], z_axis: [-2.0, 0.0, 0.0] };
+        assert_eq!(frame.rotation(), Err(FrameError::Degenerate));
+    }
+}

@@ -1,0 +1,3 @@
+//! The `coaxis` command.
+
+fn main() {}

@@ -1,0 +1,74 @@
+//! The flat arrays that hold a cloud's y and z. Kept as wide as the file gave them: single precision halves what a pass
+//! over a large scan has to read. Must not know about x, profiles or units.
+
+use std::ops::Range;
+
+/// The y and z of many points, mm; both of one length.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Columns {
+    /// From a file that holds single precision in millimetres.
+    F32 {
+        /// All y.
+        y: Vec<f32>,
+        /// All z.
+        z: Vec<f32>,
+    },
+    /// From everything else.
+    F64 {
+        /// All y.
+        y: Vec<f64>,
+        /// All z.
+        z: Vec<f64>,
+    },
+}
+
+impl Columns {
+    /// Number of points.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        match self {
+            Self::F32 { y, z } => y.len().min(z.len()),
+            Self::F64 { y, z } => y.len().min(z.len()),
+        }
+    }
+
+    /// Whether there is no point.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// (y, z) of one point in double precision.
+    #[must_use]
+    pub fn get(&self, index: usize) -> Option<[f64; 2]> {
+        match self {
+            Self::F32 { y, z } => Some([f64::from(*y.get(index)?), f64::from(*z.get(index)?)]),
+            Self::F64 { y, z } => Some([*y.get(index)?, *z.get(index)?]),
+        }
+    }
+
+    /// The first point with a coordinate that is NaN or infinite.
+    #[must_use]
+    pub fn first_not_finite(&self) -> Option<usize> {
+        match self {
+            Self::F32 { y, z } => y.iter().zip(z).position(|(y, z)| !(y.is_finite() && z.is_finite())),
+            Self::F64 { y, z } => y.iter().zip(z).position(|(y, z)| !(y.is_finite() && z.is_finite())),
+        }
+    }
+
+    /// Copies `range` into `y` and `z`, cleared first; what lies beyond the end is left out.
+    pub fn load(&self, range: Range<usize>, y: &mut Vec<f64>, z: &mut Vec<f64>) {
+        y.clear();
+        z.clear();
+        match self {
+            Self::F32 { y: ys, z: zs } => {
+                y.extend(ys.get(range.clone()).unwrap_or_default().iter().map(|&v| f64::from(v)));
+                z.extend(zs.get(range).unwrap_or_default().iter().map(|&v| f64::from(v)));
+            }
+            Self::F64 { y: ys, z: zs } => {
+                y.extend_from_slice(ys.get(range.clone()).unwrap_or_default());
+                z.extend_from_slice(zs.get(range).unwrap_or_default());
+            }
+        }
+    }
+}

@@ -1,0 +1,120 @@
+//! Scans: from the bytes of a file to profiles in station order. Knows geometry; must not know how anything is estimated.
+//!
+//! ```text
+//! bytes --decode--> Cloud --slice--> Scan --encode--> bytes
+//!                     |                ^
+//!                  (frame, region)  synthetic
+//! ```
+//!
+//! A [`Cloud`] is what a file holds; a [`Scan`] is what an estimator takes: every profile in its own plane x = const.
+
+mod cloud;
+mod columns;
+
+pub use cloud::{Cloud, Labels, Stripe};
+pub use columns::Columns;
+
+use serde::{Deserialize, Serialize};
+
+/// Which points belong to one profile, as asked for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ProfileRule {
+    /// Points that share a value of the profile column: the one named, or the one that the reader recognised.
+    Column(Option<String>),
+    /// Rows of organised data (PCD with HEIGHT > 1, NPY of three dimensions, JSON profiles, Gocator frames).
+    Row,
+    /// Slabs of this thickness along x, mm; `None` chooses one from the cloud.
+    XPitch(Option<f64>),
+    /// Points that share the same x.
+    XValue,
+}
+
+/// Where one profile's points lie in the columns of its [`Scan`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Station {
+    /// The profile's plane, mm; the mean over its points where they differ.
+    pub x: f64,
+    /// First point.
+    pub start: usize,
+    /// One past the last point.
+    pub end: usize,
+}
+
+/// Profiles in station order: x never decreases, every coordinate is finite, no profile is empty.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scan {
+    stations: Vec<Station>,
+    columns: Columns,
+    rule: String,
+}
+
+/// Why profiles do not make a scan.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum ScanError {
+    /// There is no point at all.
+    #[error("the scan holds no point")]
+    Empty,
+    /// A station is not where the one before it ends, has no point, lies behind its predecessor or beyond the columns.
+    #[error("profile {index} does not follow the one before it")]
+    Station {
+        /// Its position in the scan.
+        index: usize,
+    },
+    /// A coordinate is NaN or infinite.
+    #[error("point {index} of the scan is not finite")]
+    NotFinite {
+        /// Its position in the columns.
+        index: usize,
+    },
+}
+
+impl Scan {
+    /// The one way to a scan. `rule` says in words how the profiles were told apart, e.g. `x_pitch_mm=0.5`.
+    ///
+    /// # Errors
+    /// [`ScanError`] names the first profile or point that breaks what a scan promises.
+    pub fn new(stations: Vec<Station>, columns: Columns, rule: String) -> Result<Self, ScanError> {
+        let mut end = 0;
+        let mut x = f64::NEG_INFINITY;
+        for (index, station) in stations.iter().enumerate() {
+            if station.start != end || station.end <= station.start || !station.x.is_finite() || station.x < x {
+                return Err(ScanError::Station { index });
+            }
+            (end, x) = (station.end, station.x);
+        }
+        if stations.is_empty() {
+            return Err(ScanError::Empty);
+        }
+        if end != columns.len() {
+            return Err(ScanError::Station { index: stations.len() });
+        }
+        match columns.first_not_finite() {
+            Some(index) => Err(ScanError::NotFinite { index }),
+            None => Ok(Self { stations, columns, rule }),
+        }
+    }
+
+    /// The profiles, in order of x.
+    #[must_use]
+    pub fn stations(&self) -> &[Station] {
+        &self.stations
+    }
+
+    /// All points, profile after profile.
+    #[must_use]
+    pub fn columns(&self) -> &Columns {
+        &self.columns
+    }
+
+    /// How the profiles were told apart.
+    #[must_use]
+    pub fn rule(&self) -> &str {
+        &self.rule
+    }
+
+    /// Copies a profile's points into `y` and `z` (cleared first), in double precision, millimetres.
+    pub fn load(&self, station: Station, y: &mut Vec<f64>, z: &mut Vec<f64>) {
+        self.columns.load(station.start..station.end, y, z);
+    }
+}
