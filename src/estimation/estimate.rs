@@ -1,0 +1,268 @@
+//! What an estimation returns: the pose or the reason why there is none, and what became of every profile.
+//! Stored as it is; must not know how it is shown.
+
+use super::Method;
+use crate::geometry::{Angle, AxisLine, SectionEllipse};
+use serde::{Deserialize, Serialize};
+
+/// The result of one estimation; a refusal is a result too.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    /// How it was found.
+    pub method: Method,
+    /// The pose, or why there is none.
+    pub outcome: Outcome,
+    /// One entry a profile, in station order.
+    pub profiles: Vec<Profile>,
+    /// How well the geometry of the scan determines a pose.
+    pub conditioning: Conditioning,
+    /// How the points of the valid profiles lie about their sections; `None` where no profile is valid.
+    pub residuals: Option<Residuals>,
+}
+
+/// Accepted with a pose, or refused with a reason.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// The pose is good to use.
+    Accepted(Pose),
+    /// No pose, and why.
+    Refused(Refusal),
+}
+
+/// The pose of the part's axis in the rail frame. Roll cannot be seen by the scan and is absent.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Pose {
+    /// The axis.
+    pub axis: AxisLine,
+    /// Middle of the profiles used, mm: where the position is known best and nearly independent of the angles.
+    pub x_ref: f64,
+    /// Radius of the part, mm.
+    pub radius: f64,
+    /// Where the radius came from.
+    pub radius_source: RadiusSource,
+    /// How well the pose is known.
+    pub uncertainty: Uncertainty,
+}
+
+/// Where a radius came from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RadiusSource {
+    /// From the data alone.
+    Fitted,
+}
+
+/// Covariance of (deflection, pitch, y_ref, z_ref, radius) in radians and millimetres.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Uncertainty {
+    /// The combined covariance matrix, rows and columns in the order above.
+    pub covariance: [[f64; 5]; 5],
+    /// What it is made of.
+    pub budget: Vec<Component>,
+}
+
+/// One line of the uncertainty budget.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Component {
+    /// What makes the result uncertain, e.g. `repeatability`.
+    pub source: String,
+    /// Standard uncertainties of (deflection, pitch, y_ref, z_ref, radius) in radians and millimetres.
+    pub standard: [f64; 5],
+}
+
+/// What became of one profile.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Profile {
+    /// Its plane, mm.
+    pub x: f64,
+    /// Its number of points.
+    pub points_count: usize,
+    /// Why it was rejected; `None` where it is valid.
+    pub rejected: Option<Reason>,
+    /// Its fitted section; `None` where no ellipse could be had.
+    pub section: Option<Section>,
+    /// Distance of its centre from the axis, mm; `None` without a section or an axis.
+    pub offset: Option<f64>,
+}
+
+/// The fitted section of a profile and how its points lie about it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Section {
+    /// The ellipse.
+    pub ellipse: SectionEllipse,
+    /// Robust spread of the residuals, 1.4826 times their median absolute value, mm.
+    pub sigma: f64,
+    /// Share of the points nearer than ε.
+    pub inlier_ratio: f64,
+    /// Root mean square residual of the inner points, mm; 0 where there is none.
+    pub rms: f64,
+    /// Angle that the inner points span, seen from the centre.
+    pub arc: Angle,
+    /// Fits made.
+    pub iterations_count: u32,
+}
+
+/// Why a profile takes no part in the pose. Exactly one each, the first that applies in this order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reason {
+    /// Fewer points than `points_min`, or all in fewer than six places.
+    TooFewPoints,
+    /// No ellipse could be fitted.
+    NotConverged,
+    /// Too small a share of inner points.
+    LowInlierRatio,
+    /// The inner points span too small an arc; a straight line does, too.
+    ArcTooShort,
+    /// Its centre lies too far from the axis that the other profiles agree on.
+    OffAxis,
+}
+
+impl Reason {
+    /// All reasons, in the order in which they are looked for.
+    pub const ALL: [Self; 5] =
+        [Self::TooFewPoints, Self::NotConverged, Self::LowInlierRatio, Self::ArcTooShort, Self::OffAxis];
+
+    /// The name used in results.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::TooFewPoints => "too_few_points",
+            Self::NotConverged => "not_converged",
+            Self::LowInlierRatio => "low_inlier_ratio",
+            Self::ArcTooShort => "arc_too_short",
+            Self::OffAxis => "off_axis",
+        }
+    }
+}
+
+/// Why a scan has no pose, with the numbers that decided it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, thiserror::Error)]
+#[serde(rename_all = "snake_case", tag = "code")]
+pub enum Refusal {
+    /// Not enough profiles in the scan to define an axis.
+    #[error(
+        "the scan has {profiles_count} profile(s), an axis needs at least {profiles_min}; scan more of the part, or \
+         declare how points belong to profiles (profile_by)"
+    )]
+    TooFewProfiles {
+        /// Profiles in the scan.
+        profiles_count: usize,
+        /// Least number.
+        profiles_min: u32,
+    },
+    /// Every point lies in the same place of its plane.
+    #[error("all {points_count} points have the same y and z; check the export and its columns")]
+    PointsIdentical {
+        /// Points in the scan.
+        points_count: usize,
+    },
+    /// Every profile is a straight line.
+    #[error(
+        "the points of every profile lie on a straight line, so there is no curvature to find an axis from; check which \
+         column is the height, and that the part is in view"
+    )]
+    PointsCollinear {
+        /// Profiles in the scan.
+        profiles_count: usize,
+    },
+    /// Too few profiles passed.
+    #[error(
+        "only {valid_count} of {profiles_count} profiles are valid, {profiles_min} are needed; most were rejected as \
+         {}; see the profiles for each reason", .most_common.name()
+    )]
+    TooFewValidProfiles {
+        /// Profiles that passed.
+        valid_count: usize,
+        /// Profiles in the scan.
+        profiles_count: usize,
+        /// Least number.
+        profiles_min: u32,
+        /// What most of the others failed on.
+        most_common: Reason,
+    },
+    /// The valid profiles lie too close together to give a direction.
+    #[error(
+        "the valid profiles span {axial_length_mm:.3} mm along x, at least {axial_length_min_mm} mm are needed; scan a \
+         longer piece of the part"
+    )]
+    AxialLengthTooShort {
+        /// Span of the valid profiles.
+        axial_length_mm: f64,
+        /// Least span.
+        axial_length_min_mm: f64,
+    },
+}
+
+impl Refusal {
+    /// The stable name of the reason.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::TooFewProfiles { .. } => "too_few_profiles",
+            Self::PointsIdentical { .. } => "points_identical",
+            Self::PointsCollinear { .. } => "points_collinear",
+            Self::TooFewValidProfiles { .. } => "too_few_valid_profiles",
+            Self::AxialLengthTooShort { .. } => "axial_length_too_short",
+        }
+    }
+}
+
+/// How well the geometry of the scan determines a pose, over the valid profiles (over all where none is valid).
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Conditioning {
+    /// Median arc of the sections; `None` where there is no section.
+    pub arc: Option<Angle>,
+    /// Span along x, mm.
+    pub axial_length: f64,
+    /// What makes the pose less certain than its numbers say.
+    pub warnings: Vec<Warning>,
+}
+
+/// Something that a user of the pose should know.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, thiserror::Error)]
+#[serde(rename_all = "snake_case", tag = "code")]
+pub enum Warning {
+    /// A free ellipse on a short arc is biased towards the sensor, and more profiles do not help.
+    #[error(
+        "the sections span {arc_deg:.0}°: below 120° a freely fitted ellipse is biased along the viewing direction by \
+         more than its scatter shows"
+    )]
+    ShortArc {
+        /// Median arc of the valid sections.
+        arc_deg: f64,
+    },
+    /// The fitted radius is not the one that the drawing gives.
+    #[error("the fitted radius is {radius_mm:.3} mm where {nominal_radius_mm} mm were expected")]
+    RadiusDiffers {
+        /// Fitted.
+        radius_mm: f64,
+        /// From the recipe.
+        nominal_radius_mm: f64,
+    },
+    /// The method neither re-weights nor rejects.
+    #[error("section_line_plain follows every clamp and hole; it is for comparison only")]
+    NotRobust,
+}
+
+impl Warning {
+    /// The stable name of the warning.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::ShortArc { .. } => "short_arc",
+            Self::RadiusDiffers { .. } => "radius_differs",
+            Self::NotRobust => "not_robust",
+        }
+    }
+}
+
+/// How the points of the valid profiles lie about their sections.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Residuals {
+    /// Median of the sections' robust spreads, mm.
+    pub sigma: f64,
+    /// Share of inner points among all points of the valid profiles.
+    pub inlier_ratio: f64,
+}

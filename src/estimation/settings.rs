@@ -1,0 +1,128 @@
+//! What an estimation is told besides the scan. Must not know where the values came from (recipe, configuration, flag).
+
+use serde::{Deserialize, Serialize};
+
+/// How the pose is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// Published robust method: per-profile ellipse by Tukey M-estimation, inner-point rule, robust line.
+    #[default]
+    SectionLine,
+    /// The same without re-weighting and without the inner-point rule; for comparison only.
+    SectionLinePlain,
+}
+
+impl Method {
+    /// All methods, the default first.
+    pub const ALL: [Self; 2] = [Self::SectionLine, Self::SectionLinePlain];
+
+    /// The name used in requests, results and flags.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::SectionLine => "section_line",
+            Self::SectionLinePlain => "section_line_plain",
+        }
+    }
+
+    /// The method of this name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|method| method.name() == name)
+    }
+}
+
+/// Everything that decides an estimate, besides the scan. Lengths in mm.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// How the pose is found.
+    pub method: Method,
+    /// A point nearer than this to its ellipse is an inner point.
+    ///
+    /// 0.111 mm reproduces the published inner ratio of 97.4 % on a smooth profile with a noise of 0.05 mm in y and z.
+    pub epsilon_mm: f64,
+    /// A profile with a smaller share of inner points is rejected.
+    pub inlier_ratio_min: f64,
+    /// Re-weighted ellipse fits of one profile, 1 to 50 (3 to 5 in the publication).
+    pub iterations_max: u32,
+    /// A profile with fewer points is rejected.
+    pub points_min: u32,
+    /// A profile whose inner points span a smaller arc is rejected.
+    pub arc_min_deg: f64,
+    /// Fewer valid profiles than this refuse the scan.
+    pub profiles_min: u32,
+    /// Valid profiles closer together than this along x refuse the scan.
+    pub axial_length_min_mm: f64,
+    /// The radius that the drawing gives; a fitted radius far from it is warned of.
+    pub nominal_radius_mm: Option<f64>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            method: Method::default(),
+            epsilon_mm: 0.111,
+            inlier_ratio_min: 0.85,
+            iterations_max: 5,
+            points_min: 20,
+            arc_min_deg: 60.0,
+            profiles_min: 3,
+            axial_length_min_mm: 10.0,
+            nominal_radius_mm: None,
+        }
+    }
+}
+
+/// A setting outside what the estimation can work with.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[error("{name} must be {allowed}, got {value}")]
+pub struct SettingError {
+    /// Name of the setting.
+    pub name: &'static str,
+    /// What would be accepted, in words.
+    pub allowed: &'static str,
+    /// What was given.
+    pub value: f64,
+}
+
+impl Settings {
+    /// Checks every value against its range.
+    ///
+    /// # Errors
+    /// [`SettingError`] names the first setting that is out of range.
+    pub fn check(&self) -> Result<(), SettingError> {
+        let positive = "a length above 0 and at most 100000 mm";
+        let length = |v: f64| v > 0.0 && v <= 1e5;
+        let checks = [
+            ("epsilon_mm", positive, self.epsilon_mm, length(self.epsilon_mm)),
+            (
+                "inlier_ratio_min",
+                "between 0 and 1",
+                self.inlier_ratio_min,
+                (0.0..=1.0).contains(&self.inlier_ratio_min),
+            ),
+            ("iterations_max", "between 1 and 50", self.iterations_max.into(), (1..=50).contains(&self.iterations_max)),
+            ("points_min", "between 6 and 10000", self.points_min.into(), (6..=10_000).contains(&self.points_min)),
+            ("arc_min_deg", "between 0 and 360", self.arc_min_deg, (0.0..=360.0).contains(&self.arc_min_deg)),
+            (
+                "profiles_min",
+                "between 2 and 100000",
+                self.profiles_min.into(),
+                (2..=100_000).contains(&self.profiles_min),
+            ),
+            ("axial_length_min_mm", positive, self.axial_length_min_mm, length(self.axial_length_min_mm)),
+            (
+                "nominal_radius_mm",
+                positive,
+                self.nominal_radius_mm.unwrap_or(1.0),
+                self.nominal_radius_mm.is_none_or(length),
+            ),
+        ];
+        match checks.into_iter().find(|(_, _, _, holds)| !holds) {
+            Some((name, allowed, value, _)) => Err(SettingError { name, allowed, value }),
+            None => Ok(()),
+        }
+    }
+}
