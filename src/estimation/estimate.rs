@@ -25,7 +25,7 @@ pub struct Estimate {
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
     /// The pose is good to use.
-    Accepted(Pose),
+    Accepted(Box<Pose>),
     /// No pose, and why.
     Refused(Refusal),
 }
