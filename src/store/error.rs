@@ -142,7 +142,7 @@ impl From<sqlx::Error> for StoreError {
                 Some(sqlite::ERROR | sqlite::CORRUPT | sqlite::NOT_A_DATABASE) => Self::Damaged(Arc::new(error)),
                 _ => Self::Unavailable(Arc::new(error)),
             },
-            E::PoolClosed | E::WorkerCrashed => Self::Closed,
+            E::PoolClosed => Self::Closed,
             E::ColumnDecode { .. } | E::Decode(_) | E::ColumnNotFound(_) | E::RowNotFound => {
                 Self::Damaged(Arc::new(error))
             }

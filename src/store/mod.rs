@@ -94,7 +94,7 @@ impl Store {
         self.writer.write(Probe).await
     }
 
-    /// How much the store holds. Counts rows: milliseconds at a million of them.
+    /// How much the store holds. Counts rows: some ten milliseconds at a million of them.
     ///
     /// # Errors
     /// What the database says.
