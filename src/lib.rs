@@ -22,4 +22,5 @@
 
 pub mod estimation;
 pub mod geometry;
+pub mod plot;
 pub mod scan;
