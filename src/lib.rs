@@ -22,5 +22,6 @@
 
 pub mod estimation;
 pub mod geometry;
+pub mod plot;
 pub mod scan;
 pub mod store;
