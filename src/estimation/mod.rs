@@ -11,6 +11,8 @@
 
 mod axis;
 mod conic;
+#[allow(missing_docs, unused)]
+pub mod cylinder;
 mod estimate;
 mod progress;
 mod robust;

@@ -1,0 +1,203 @@
+//! Where to start: cylinders through few points, scored over the whole sample, so that whatever covers most of single
+//! profiles cannot win against what all profiles have in common.
+//!
+//! Three points of one profile give a circle, two points of a distant profile its place there: a minimal set of five. The
+//! exact cylinder through the five follows by Newton's method. Scores are truncated squares (MSAC). The draws come from a
+//! fixed seed: the same scan always gives the same start. Must not know verdicts or uncertainty.
+
+use super::model::{Cylinder, Response};
+use super::sample::Sample;
+use crate::scan::Station;
+use nalgebra::{Matrix5, Vector5};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+/// What a start must satisfy.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Bounds {
+    /// Steepest |p| and |q|.
+    pub(super) slope_max: f64,
+    /// Least and largest radius, mm.
+    pub(super) radius_mm: [f64; 2],
+    /// Distance at which a point counts as off the surface, mm.
+    pub(super) tolerance: f64,
+}
+
+/// A start and its score: the mean truncated square of the distances, 0 (best) to 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Hypothesis {
+    pub(super) cylinder: Cylinder,
+    pub(super) score: f64,
+}
+
+/// Draws in one round; rounds are fixed so that the result does not depend on threads.
+const ROUND: usize = 512;
+const ROUNDS_MAX: usize = 16;
+/// Points that decide in the first sieve.
+const SIEVE_POINTS: usize = 800;
+/// Starts kept by a round's sieve.
+const KEPT: usize = 16;
+/// Chance of missing the best surface.
+const MISS: f64 = 1e-4;
+
+/// The best starts, best first, no two alike.
+pub(super) fn hypotheses(sample: &Sample, bounds: &Bounds, most: usize) -> Vec<Hypothesis> {
+    let sieve = sieve(sample);
+    let mut best: Vec<Hypothesis> = Vec::new();
+    for round in 0..ROUNDS_MAX {
+        let drawn: Vec<Option<Hypothesis>> = (0..ROUND)
+            .into_par_iter()
+            .map(|draw| {
+                let mut chance = ChaCha8Rng::seed_from_u64((round * ROUND + draw) as u64);
+                let cylinder = draw_cylinder(sample, bounds, &mut chance)?;
+                Some(Hypothesis { cylinder, score: score(&sieve, &cylinder, bounds.tolerance) })
+            })
+            .collect();
+        let mut drawn: Vec<Hypothesis> = drawn.into_iter().flatten().collect();
+        drawn.sort_by(|a, b| a.score.total_cmp(&b.score));
+        drawn.truncate(KEPT);
+        let whole = drawn.par_iter().map(|h| Hypothesis { score: score_whole(sample, &h.cylinder, bounds.tolerance), ..*h });
+        best.extend(whole.collect::<Vec<_>>());
+        best.sort_by(|a, b| a.score.total_cmp(&b.score));
+        best = distinct(best, sample, bounds.tolerance, most);
+        let share = best.first().map_or(0.0, |h| 1.0 - h.score);
+        let drawn_count = ((round + 1) * ROUND) as f64;
+        // Half of the draws fail the spread rules, so five good points come up half as often as their share says.
+        if drawn_count * 0.5 * share.powi(5) > -MISS.ln() {
+            break;
+        }
+    }
+    best
+}
+
+/// A few points of the whole sample as (x, y, z), for the first look.
+fn sieve(sample: &Sample) -> Vec<[f64; 3]> {
+    let stride = (sample.y.len() / SIEVE_POINTS).max(1);
+    let all = sample.stations.iter().flat_map(|station| {
+        let (y, z) = sample.points(station);
+        y.iter().zip(z).map(|(&y, &z)| [station.x, y, z])
+    });
+    all.step_by(stride).collect()
+}
+
+fn score(points: &[[f64; 3]], cylinder: &Cylinder, tolerance: f64) -> f64 {
+    let per_tolerance2 = 1.0 / (tolerance * tolerance);
+    let sum: f64 =
+        points.iter().map(|&[x, y, z]| (cylinder.slice(x).distance(y, z).powi(2) * per_tolerance2).min(1.0)).sum();
+    sum / points.len().max(1) as f64
+}
+
+/// The score over all of the sample.
+pub(super) fn score_whole(sample: &Sample, cylinder: &Cylinder, tolerance: f64) -> f64 {
+    let per_tolerance2 = 1.0 / (tolerance * tolerance);
+    let profile = |station: &Station| -> f64 {
+        let slice = cylinder.slice(station.x);
+        let (y, z) = sample.points(station);
+        y.iter().zip(z).map(|(&y, &z)| (slice.distance(y, z).powi(2) * per_tolerance2).min(1.0)).sum()
+    };
+    sample.stations.iter().map(profile).sum::<f64>() / sample.y.len().max(1) as f64
+}
+
+fn draw_cylinder(sample: &Sample, bounds: &Bounds, chance: &mut ChaCha8Rng) -> Option<Cylinder> {
+    let count = sample.stations.len();
+    let first = chance.random_range(0..count);
+    // Far enough apart that the direction is not all noise.
+    let second = (first + chance.random_range(count.div_ceil(4)..=count - count.div_ceil(4))) % count;
+    let (first, second) = (sample.stations.get(first)?, sample.stations.get(second)?);
+    let near = (first.x - second.x).abs();
+    if near <= 0.0 {
+        return None;
+    }
+    let mut draw = |station: &Station| -> Option<[f64; 2]> {
+        let (y, z) = sample.points(station);
+        let index = chance.random_range(0..y.len().max(1));
+        Some([*y.get(index)?, *z.get(index)?])
+    };
+    let ring = [draw(first)?, draw(first)?, draw(first)?];
+    let pair = [draw(second)?, draw(second)?];
+    let (centre, radius) = circle(ring, bounds)?;
+    let other = placed(pair, radius, centre)?;
+    let cylinder = through(first.x, centre, second.x, other, radius, bounds)?;
+    let five = ring.map(|[y, z]| [first.x, y, z]).into_iter().chain(pair.map(|[y, z]| [second.x, y, z]));
+    within(exact(cylinder, &five.collect::<Vec<_>>())?, bounds)
+}
+
+/// The circle through three points.
+fn circle([a, b, c]: [[f64; 2]; 3], bounds: &Bounds) -> Option<([f64; 2], f64)> {
+    let (by, bz, cy, cz) = (b[0] - a[0], b[1] - a[1], c[0] - a[0], c[1] - a[1]);
+    let area = 2.0 * (by * cz - bz * cy);
+    let (bb, cc) = (by * by + bz * bz, cy * cy + cz * cz);
+    let (u, w) = ((cz * bb - bz * cc) / area, (by * cc - cy * bb) / area);
+    let radius = u.hypot(w);
+    // A section is wider than the cylinder by at most 1/cos of the tilt, so the bounds get some slack here.
+    let [least, most] = bounds.radius_mm;
+    (radius > least * 0.8 && radius < most * 1.25).then_some(([a[0] + u, a[1] + w], radius))
+}
+
+/// The centre of the circle of `radius` through two points that lies nearer to `to`.
+fn placed([a, b]: [[f64; 2]; 2], radius: f64, to: [f64; 2]) -> Option<[f64; 2]> {
+    let (dy, dz) = (b[0] - a[0], b[1] - a[1]);
+    let chord = dy.hypot(dz);
+    let height2 = radius * radius - 0.25 * chord * chord;
+    // Points close together say little about where the centre is.
+    if height2 < 0.0 || chord < 0.1 * radius {
+        return None;
+    }
+    let (middle, height) = ([0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])], height2.sqrt() / chord);
+    let sides = [1.0, -1.0].map(|side| [middle[0] - side * dz * height, middle[1] + side * dy * height]);
+    sides.into_iter().min_by(|a, b| gap(a, &to).total_cmp(&gap(b, &to)))
+}
+
+fn gap(a: &[f64; 2], b: &[f64; 2]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+fn through(x1: f64, c1: [f64; 2], x2: f64, c2: [f64; 2], radius: f64, bounds: &Bounds) -> Option<Cylinder> {
+    let (p, q) = ((c2[0] - c1[0]) / (x2 - x1), (c2[1] - c1[1]) / (x2 - x1));
+    let x_ref = 0.5 * (x1 + x2);
+    let steep = p.abs().max(q.abs()) > 1.5 * bounds.slope_max;
+    let [y_ref, z_ref] = [0.5 * (c1[0] + c2[0]), 0.5 * (c1[1] + c2[1])];
+    (!steep).then_some(Cylinder { x_ref, p, q, y_ref, z_ref, radius })
+}
+
+/// The cylinder that passes exactly through five points, by Newton's method from one that nearly does.
+fn exact(mut cylinder: Cylinder, five: &[[f64; 3]]) -> Option<Cylinder> {
+    for _ in 0..3 {
+        let (mut rows, mut distances) = (Matrix5::zeros(), Vector5::zeros());
+        for (index, &[x, y, z]) in five.iter().enumerate() {
+            let Response { d, a, b, t } = cylinder.slice(x).response(y, z);
+            rows.set_row(index, &Vector5::new(a * t, b * t, a, b, -1.0).transpose());
+            distances[index] = d;
+        }
+        cylinder = cylinder.moved(&-rows.lu().solve(&distances)?)?;
+    }
+    Some(cylinder)
+}
+
+fn within(cylinder: Cylinder, bounds: &Bounds) -> Option<Cylinder> {
+    let [least, most] = bounds.radius_mm;
+    let flat = cylinder.p.abs().max(cylinder.q.abs()) <= bounds.slope_max;
+    (flat && cylinder.radius >= least && cylinder.radius <= most).then_some(cylinder)
+}
+
+/// Keeps the better of any two that describe the same surface.
+fn distinct(sorted: Vec<Hypothesis>, sample: &Sample, tolerance: f64, most: usize) -> Vec<Hypothesis> {
+    let ends = [sample.stations.first(), sample.stations.last()].map(|s| s.map_or(0.0, |s| s.x));
+    let mut kept: Vec<Hypothesis> = Vec::new();
+    for hypothesis in sorted {
+        if kept.len() == most {
+            break;
+        }
+        if !kept.iter().any(|other| alike(&other.cylinder, &hypothesis.cylinder, ends, tolerance)) {
+            kept.push(hypothesis);
+        }
+    }
+    kept
+}
+
+/// Whether two cylinders have the same axis at both ends and the same radius, to within `tolerance`.
+pub(super) fn alike(a: &Cylinder, b: &Cylinder, ends: [f64; 2], tolerance: f64) -> bool {
+    let apart = ends.map(|x| gap(&a.axis().at(x), &b.axis().at(x)));
+    apart.into_iter().all(|apart| apart < tolerance) && (a.radius - b.radius).abs() < tolerance
+}

@@ -1,0 +1,67 @@
+//! From a rough cylinder to the nearest robust fit of a sample: iteratively re-weighted least squares whose window shrinks
+//! from coarse to fine, so that the surface with most points near the start wins over what lies beside it.
+//! Must not know where the start came from.
+
+use super::model::Cylinder;
+use super::sample::Sample;
+use super::step::{self, Hold};
+use super::sums::{Curvature, Sums, Weighting, sum};
+use crate::estimation::robust;
+
+/// A cylinder that the points of a sample agree on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Settled {
+    pub(super) cylinder: Cylinder,
+    /// Robust standard deviation of the points on it, mm.
+    pub(super) sigma: f64,
+}
+
+const ROUNDS_MAX: usize = 60;
+/// The window never shrinks faster than this in one round, so that the fit can follow.
+const SHRINK: f64 = 0.5;
+/// A spread below this share of the radius is rounding.
+const SPREAD_FLOOR: f64 = 1e-11;
+
+/// Settles from `start`, first looking at points within `window` mm of it.
+pub(super) fn settle(sample: &Sample, start: Cylinder, window: f64, hold: Hold) -> Option<Settled> {
+    let (mut cylinder, mut window) = (start, window);
+    let mut sigma = window / robust::TUKEY_C;
+    let (mut squared, mut scratch) = (Vec::new(), Vec::new());
+    for _ in 0..ROUNDS_MAX {
+        let sums = total(sample, &cylinder, window);
+        let (normal, gradient) = step::system(&sums, hold, sigma, cylinder.radius);
+        let step = step::solve(&normal, &gradient)?;
+        cylinder = cylinder.moved(&step)?;
+        squared_distances_within(sample, &cylinder, window, &mut squared);
+        sigma = robust::sigma(&squared, &mut scratch).max(SPREAD_FLOOR * cylinder.radius);
+        let narrowed = (robust::TUKEY_C * sigma).clamp(window * SHRINK, window);
+        // The step in units of its own standard deviation.
+        let moved = (normal * step).dot(&step).abs().sqrt();
+        let settled = moved < 1e-3 * sigma && narrowed > window * 0.999;
+        window = narrowed;
+        if settled {
+            break;
+        }
+    }
+    Some(Settled { cylinder, sigma })
+}
+
+fn total(sample: &Sample, cylinder: &Cylinder, window: f64) -> Sums {
+    let weighting = Weighting { cut_off_squared: window * window, curvature: Curvature::Weight };
+    let mut sums = Sums::zero();
+    for station in &sample.stations {
+        let (y, z) = sample.points(station);
+        sums.add(&sum(cylinder, station.x, y, z, weighting));
+    }
+    sums
+}
+
+fn squared_distances_within(sample: &Sample, cylinder: &Cylinder, window: f64, squared: &mut Vec<f64>) {
+    squared.clear();
+    for station in &sample.stations {
+        let slice = cylinder.slice(station.x);
+        let (y, z) = sample.points(station);
+        let distances = y.iter().zip(z).map(|(&y, &z)| slice.distance(y, z).powi(2));
+        squared.extend(distances.filter(|d2| *d2 < window * window));
+    }
+}

@@ -1,0 +1,53 @@
+//! One step of the parameters from the sums over points, with the radius free, held or fixed. Must not know the points.
+
+use super::sums::Sums;
+use nalgebra::{Matrix5, Vector5};
+
+/// How the radius is treated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Hold {
+    /// From the data alone.
+    Free,
+    /// Known exactly.
+    Fixed,
+    /// Known to be `radius` ± `sigma` (standard uncertainty), mm.
+    Prior { radius: f64, sigma: f64 },
+}
+
+/// The normal matrix and gradient with what is known of the radius in them. `noise` is the points' standard deviation, mm.
+///
+/// A fixed radius becomes a unit equation of its own, so that the same 5×5 system serves every case.
+pub(super) fn system(sums: &Sums, hold: Hold, noise: f64, radius: f64) -> (Matrix5<f64>, Vector5<f64>) {
+    let (mut normal, mut gradient) = (sums.normal, sums.gradient);
+    match hold {
+        Hold::Free => {}
+        Hold::Fixed => {
+            normal.row_mut(4).fill(0.0);
+            normal.column_mut(4).fill(0.0);
+            normal[(4, 4)] = 1.0;
+            gradient[4] = 0.0;
+        }
+        Hold::Prior { radius: expected, sigma } => {
+            let stiffness = (noise / sigma).powi(2);
+            normal[(4, 4)] += stiffness;
+            gradient[4] += stiffness * (radius - expected);
+        }
+    }
+    (normal, gradient)
+}
+
+/// The step −N⁻¹ g, scaled by the diagonal so that millimetres and slopes weigh alike; `None` where N is not definite.
+pub(super) fn solve(normal: &Matrix5<f64>, gradient: &Vector5<f64>) -> Option<Vector5<f64>> {
+    let scale = normal.diagonal().map(|v| v.sqrt().recip());
+    let scaled = Matrix5::from_diagonal(&scale) * normal * Matrix5::from_diagonal(&scale);
+    let step = scaled.cholesky()?.solve(&gradient.component_mul(&scale));
+    let step = -step.component_mul(&scale);
+    step.iter().all(|v| v.is_finite()).then_some(step)
+}
+
+/// The inverse of the normal matrix, scaled likewise.
+pub(super) fn invert(normal: &Matrix5<f64>) -> Option<Matrix5<f64>> {
+    let scale = Matrix5::from_diagonal(&normal.diagonal().map(|v| v.sqrt().recip()));
+    let inverse = scale * (scale * normal * scale).cholesky()?.inverse() * scale;
+    inverse.iter().all(|v| v.is_finite()).then_some(inverse)
+}
