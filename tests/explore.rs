@@ -27,7 +27,7 @@ fn explore_scenes() {
         ("tilt10", Box::new(move |s| Part { axis: AxisLine { p: 0.17, q: -0.17, y0: 5.0, z0: 100.0 }, interference: inter(0.2, 0.16, 0.24, 0.5, 25.0), ..base(s) })),
     ];
     let n: u64 = std::env::var("SEEDS").ok().and_then(|s| s.parse().ok()).unwrap_or(10);
-    for (name, f) in &scenes {
+    for (name, f) in &scenes { if std::env::var("ONLY").is_ok_and(|o| !name.contains(&o)) { continue }
         let mut sq = [0.0f64; 5]; let mut worst = 0.0f64; let mut fails = 0; let mut cover = [0; 5]; let mut time = 0.0;
         for seed in 0..n {
             let part = f(seed);

@@ -25,6 +25,7 @@ mod explore {
         let tolerance = (4.0 * noise).max(0.002 * size).min(0.02 * size);
         let bounds = Bounds { slope_max: 0.27, radius_mm: [0.3 * size, 10.0 * size], tolerance };
         let starts = consensus::hypotheses(&sample, &bounds, 12);
+        if std::env::var("DBG").is_ok() { println!("size {size} noise {noise} tol {tolerance} starts {:?}", starts.first()); }
         let mut settled: Vec<(f64, Settled)> = Vec::new();
         for s in &starts {
             if let Some(s) = settle::settle(&sample, s.cylinder, tolerance * 2.0, Hold::Free) {
@@ -36,6 +37,7 @@ mod explore {
             *score = consensus::score_whole(&sample, &s.cylinder, 4.0 * finest);
         }
         settled.sort_by(|a, b| a.0.total_cmp(&b.0));
+        if std::env::var("DBG").is_ok() { println!("settled {} {:?}", settled.len(), settled.first()); }
         let best = settled.first()?.1;
         let solution = solve::solve(scan, &vec![true; scan.stations().len()], &best, Hold::Free)?;
         let mid = solution.cylinder.about((scan.stations().first()?.x + scan.stations().last()?.x) / 2.0);

@@ -32,6 +32,8 @@ pub(super) struct Sums {
 }
 
 const LANES: usize = 8;
+/// Where a lane without a point looks, mm: beyond every cut-off.
+const FAR: f64 = 1e12;
 const TERMS: usize = 20;
 
 impl Sums {
@@ -65,7 +67,7 @@ fn lanes<const SLOPE: bool>(slice: &Slice, y: &[f64], z: &[f64], per_cut2: f64) 
     }
     for (&y, &z) in y_rest.iter().zip(z_rest) {
         // One point beside places so far away that they have no weight.
-        let (mut ys, mut zs) = ([f64::MAX.sqrt() / 4.0; LANES], [0.0; LANES]);
+        let (mut ys, mut zs) = ([FAR; LANES], [0.0; LANES]);
         if let (Some(first_y), Some(first_z)) = (ys.first_mut(), zs.first_mut()) {
             (*first_y, *first_z) = (y, z);
         }
@@ -86,8 +88,8 @@ fn add<const SLOPE: bool>(
         #[expect(clippy::indexing_slicing, reason = "i runs over the constant length of the arrays")]
         let (y, z) = (y[i], z[i]);
         let Response { d, a, b, t } = slice.response(y, z);
-        let share = d * d * per_cut2;
-        let rest = (1.0 - share).max(0.0);
+        let share = (d * d * per_cut2).min(1.0);
+        let rest = 1.0 - share;
         let w = rest * rest;
         let k = if SLOPE { rest * (1.0 - 5.0 * share) } else { w };
         let wd = w * d;
