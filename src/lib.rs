@@ -23,3 +23,4 @@
 pub mod estimation;
 pub mod geometry;
 pub mod scan;
+pub mod store;
