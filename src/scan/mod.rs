@@ -10,6 +10,7 @@
 
 mod cloud;
 mod columns;
+pub mod synthetic;
 
 pub use cloud::{Cloud, Labels, Stripe};
 pub use columns::Columns;
