@@ -25,6 +25,7 @@ pub mod config;
 pub mod estimation;
 pub mod geometry;
 pub mod http;
+pub mod plot;
 pub mod scan;
 pub mod service;
 pub mod store;
