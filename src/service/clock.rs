@@ -1,7 +1,7 @@
 //! Where times and ids come from: the one place of the service that asks the machine. Must not know what they are for.
 
 use jiff::Timestamp;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// The machine's clock and its source of ids.
 #[derive(Debug, Clone, Copy)]
@@ -28,11 +28,18 @@ impl Clock {
 
 /// A duration that runs.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Stopwatch(Instant);
+pub struct Stopwatch(Instant);
 
 impl Stopwatch {
-    /// Milliseconds since it was started.
-    pub(super) fn elapsed_ms(self) -> u64 {
-        u64::try_from(self.0.elapsed().as_millis()).unwrap_or(u64::MAX)
+    /// Time since it was started.
+    #[must_use]
+    pub fn elapsed(self) -> Duration {
+        self.0.elapsed()
+    }
+
+    /// The same in whole milliseconds.
+    #[must_use]
+    pub fn elapsed_ms(self) -> u64 {
+        u64::try_from(self.elapsed().as_millis()).unwrap_or(u64::MAX)
     }
 }

@@ -19,6 +19,7 @@ mod records;
 mod scans;
 mod upload;
 
+pub use clock::Stopwatch;
 pub use answer::{Accepted, Answer, Order, RequestId};
 pub use compute::{Compute, ComputeError, Load};
 pub use error::{ContentError, ServiceError};
@@ -123,6 +124,24 @@ impl Service {
     #[must_use]
     pub fn sequence(&self) -> u64 {
         self.sequence.load(Ordering::Relaxed)
+    }
+
+    /// A new name for a request.
+    #[must_use]
+    pub fn new_request_id(&self) -> String {
+        self.clock.new_id("")
+    }
+
+    /// Begins to measure a duration.
+    #[must_use]
+    pub fn start_stopwatch(&self) -> Stopwatch {
+        self.clock.start()
+    }
+
+    /// The time now.
+    #[must_use]
+    pub fn now(&self) -> Timestamp {
+        self.clock.now()
     }
 
     /// Whether records and scans can be written, found out by writing.
