@@ -71,7 +71,7 @@ fn refuse_size(app: &App, request: &Request) -> Result<(), Problem> {
         let detail = format!("the address has {url_bytes} bytes, at most {url_max} are read; shorten the query");
         return Err(Problem::new(Code::UrlTooLong, detail).with("url_bytes", url_bytes).with("url_bytes_max", url_max));
     }
-    let header_bytes = request.headers().iter().map(|(name, value)| wide(name.as_str().len() + value.len() + 4)).sum();
+    let header_bytes: u64 = request.headers().iter().map(|(name, value)| wide(name.as_str().len() + value.len() + 4)).sum();
     if header_bytes > header_max {
         let detail = format!("the header lines have {header_bytes} bytes, at most {header_max} are read");
         return Err(Problem::new(Code::HeadersTooLarge, detail)

@@ -102,6 +102,14 @@ impl Service {
         self.compute.load()
     }
 
+    /// Refuses where a measurement asked for now would be refused.
+    ///
+    /// # Errors
+    /// [`ComputeError::Busy`].
+    pub fn check_free(&self) -> Result<(), ComputeError> {
+        self.compute.check_free()
+    }
+
     /// What the service may take on.
     #[must_use]
     pub const fn capacity(&self) -> &Capacity {

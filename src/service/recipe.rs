@@ -3,9 +3,9 @@
 
 use crate::estimation::{Method, SettingError, Settings};
 use crate::geometry::{Frame, FrameError};
-use crate::scan::ProfileRule;
 use crate::scan::decode::Unit;
-use crate::scan::slice::{Region, RuleError, SliceRequest};
+use crate::scan::slice::{Region, SliceRequest};
+use crate::scan::{ProfileRule, RuleError};
 use serde::{Deserialize, Serialize};
 
 /// What is said about a measurement; what is left out is somebody else's to say. Lengths in mm.
@@ -100,15 +100,11 @@ pub enum RecipeError {
     /// The frame spans no space.
     #[error("frame: {0}")]
     Frame(#[from] FrameError),
-    /// The region keeps nothing.
-    #[error("region: {axis} must run from a smaller to a larger finite number, got {from_mm} to {to_mm}")]
-    RegionEmpty {
-        /// Which of its windows.
+    /// A bound of the region is no range.
+    #[error("region: {axis} must be [lower, upper], both finite, the lower not above the upper")]
+    Region {
+        /// Name of the bound.
         axis: &'static str,
-        /// Its beginning.
-        from_mm: f64,
-        /// Its end.
-        to_mm: f64,
     },
     /// More text than a description is.
     #[error("the description has {characters_count} characters, at most {characters_max} are kept")]
@@ -133,7 +129,7 @@ impl Resolved {
     /// The column that the profiles are to be told apart by, where one is named.
     #[must_use]
     pub fn profile_column(&self) -> Option<&str> {
-        match &self.slicing.profile_by {
+        match &self.slicing.rule {
             Some(ProfileRule::Column(name)) => name.as_deref(),
             _ => None,
         }
@@ -163,7 +159,7 @@ impl Recipe {
             unit: self.unit.or(under.unit),
             profile_by: self.profile_by.or_else(|| under.profile_by.clone()),
             frame: self.frame.or(under.frame),
-            region: self.region.or_else(|| under.region.clone()),
+            region: self.region.or(under.region),
         }
     }
 
@@ -191,9 +187,9 @@ impl Recipe {
         if let Some(frame) = &self.frame {
             frame.rotation()?;
         }
-        self.region.as_ref().map_or(Ok(()), check_region)?;
-        let profile_by = self.profile_by.as_deref().map(ProfileRule::parse).transpose()?;
-        let slicing = SliceRequest { profile_by, frame: self.frame, region: self.region.clone() };
+        self.check_region()?;
+        let rule = self.profile_by.as_deref().map(ProfileRule::parse).transpose()?;
+        let slicing = SliceRequest { rule, frame: self.frame, region: self.region };
         Ok(Resolved { settings, unit: self.unit, slicing, recipe: self.filled(&settings) })
     }
 
@@ -227,6 +223,8 @@ impl Recipe {
         Self {
             method: Some(settings.method),
             epsilon_mm: Some(settings.epsilon_mm),
+            // The multiple has become the length beside it.
+            epsilon_noise_multiple: None,
             inlier_ratio_min: Some(settings.inlier_ratio_min),
             iterations_max: Some(settings.iterations_max),
             points_min: Some(settings.points_min),
@@ -236,6 +234,16 @@ impl Recipe {
             nominal_radius_mm: settings.nominal_radius_mm,
             ..self.clone()
         }
+    }
+
+    fn check_region(&self) -> Result<(), RecipeError> {
+        let bounds = self.region.map_or([None; 3], |region| [region.x_mm, region.y_mm, region.z_mm]);
+        for (axis, bound) in ["x_mm", "y_mm", "z_mm"].into_iter().zip(bounds) {
+            if bound.is_some_and(|[lower, upper]| !(lower.is_finite() && upper.is_finite() && lower <= upper)) {
+                return Err(RecipeError::Region { axis });
+            }
+        }
+        Ok(())
     }
 
     fn check_description(&self) -> Result<(), RecipeError> {
@@ -254,5 +262,48 @@ fn check_positive(name: &'static str, value: Option<f64>) -> Result<(), RecipeEr
             Err(RecipeError::OutOfRange { name, allowed: "above 0 and at most 100000", value })
         }
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_are_those_of_the_estimation() {
+        assert_eq!(Recipe::default().resolve().expect("valid").settings, Settings::default());
+    }
+
+    #[test]
+    fn what_is_said_above_holds_and_the_rest_shines_through() {
+        let under = Recipe { points_min: Some(30), epsilon_mm: Some(0.2), ..Recipe::default() };
+        let over = Recipe { epsilon_noise_multiple: Some(3.0), noise_sigma_mm: Some(0.05), ..Recipe::default() };
+        let settings = over.over(&under).resolve().expect("valid").settings;
+        assert_eq!(settings.points_min, 30);
+        assert!((settings.epsilon_mm - 0.15).abs() < 1e-12, "a length below does not meet a multiple above");
+    }
+
+    #[test]
+    fn the_resolved_recipe_resolves_to_itself() {
+        let recipe = Recipe {
+            epsilon_noise_multiple: Some(3.0),
+            noise_sigma_mm: Some(0.05),
+            profile_by: Some("x_pitch_mm=0.5".to_owned()),
+            ..Recipe::default()
+        };
+        let resolved = recipe.resolve().expect("valid");
+        assert_eq!(resolved.recipe.resolve(), Ok(resolved));
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_by_name() {
+        let refused = |recipe: Recipe| recipe.check().expect_err("refused").to_string();
+        assert!(refused(Recipe { iterations_max: Some(0), ..Recipe::default() }).starts_with("iterations_max"));
+        assert!(refused(Recipe { noise_sigma_mm: Some(-1.0), ..Recipe::default() }).starts_with("noise_sigma_mm"));
+        assert!(refused(Recipe { profile_by: Some("gap".into()), ..Recipe::default() }).starts_with("profile_by"));
+        let region = Some(Region { y_mm: Some([1.0, 0.0]), ..Region::default() });
+        assert!(refused(Recipe { region, ..Recipe::default() }).contains("y_mm"));
+        let twice = Recipe { epsilon_mm: Some(0.1), epsilon_noise_multiple: Some(2.0), ..Recipe::default() };
+        assert_eq!(Recipe { noise_sigma_mm: Some(0.1), ..twice }.check(), Err(RecipeError::EpsilonTwice));
     }
 }

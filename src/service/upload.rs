@@ -2,7 +2,7 @@
 //! Dropped before its end, it leaves nothing behind. Must not know where the pieces come from.
 
 use super::{ContentError, Service, ServiceError};
-use crate::scan::decode::inflate::{Encoding, inflate};
+use crate::scan::decode::{DecodeError, Encoding, inflate};
 use crate::store::{CompleteScan, ScanWriter};
 use std::io::{self, BufReader, Read};
 use tokio::runtime::Handle;
@@ -40,7 +40,8 @@ impl Service {
         let (limits, handle) = (limits.clone(), Handle::current());
         let unpacking = tokio::task::spawn_blocking(move || {
             let packed = BufReader::new(Arriving { pieces: arriving, piece: io::Cursor::default() });
-            unpack(&mut *inflate(encoding, packed, &limits)?, writer, &handle)
+            let mut unpacked = inflate(encoding, packed, &limits).map_err(ContentError::Packing)?;
+            unpack(&mut unpacked, writer, &handle)
         });
         Ok(Upload(Kind::Packed { pieces, unpacking }))
     }
@@ -51,14 +52,14 @@ impl Upload {
     ///
     /// # Errors
     /// [`ServiceError::Store`] where there is no room, [`ServiceError::Content`] where it cannot be unpacked.
-    pub async fn write(&mut self, piece: Vec<u8>) -> Result<(), ServiceError> {
+    pub async fn write(&mut self, piece: &[u8]) -> Result<(), ServiceError> {
         match &mut self.0 {
-            Kind::Plain(writer) => Ok(writer.write(&piece).await?),
-            Kind::Packed { pieces, unpacking } => match pieces.send(piece).await {
+            Kind::Plain(writer) => Ok(writer.write(piece).await?),
+            Kind::Packed { pieces, unpacking } => match pieces.send(piece.to_vec()).await {
                 Ok(()) => Ok(()),
                 // The thread gave up, and its result says why; or it is done, and what follows is no part of the scan.
                 Err(_) => Err(match joined(unpacking).await {
-                    Ok(_) => ContentError::Packing(crate::scan::decode::DecodeError::BadCompression).into(),
+                    Ok(_) => ContentError::Packing(DecodeError::BadCompression).into(),
                     Err(reason) => reason,
                 }),
             },

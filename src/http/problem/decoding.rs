@@ -2,6 +2,7 @@
 
 use super::{Code, Problem};
 use crate::scan::decode::DecodeError;
+use crate::scan::slice::SliceError;
 use serde_json::Value;
 
 /// Large counts keep every digit.
@@ -95,6 +96,36 @@ impl From<DecodeError> for Problem {
             // The bytes are read from the store's own file, so this is no fault of the client.
             E::Io(cause) => Self::new(Code::StoreUnavailable, "the scan cannot be read from the store now; try again")
                 .because(cause.to_string()),
+        }
+    }
+}
+
+impl From<SliceError> for Problem {
+    fn from(error: SliceError) -> Self {
+        use SliceError as E;
+        let text = error.to_string();
+        let problem = |code| Self::new(code, text.clone());
+        match error {
+            E::Frame(_) => problem(Code::RecipeInvalid).with("field", "frame"),
+            E::RegionInvalid { axis } => problem(Code::RecipeInvalid).with("field", format!("region.{axis}")),
+            E::PitchInvalid => problem(Code::RecipeInvalid).with("field", "profile_by"),
+            E::RegionEmpty { points } => problem(Code::RegionEmpty).with("points_count", count(points)),
+            E::NoColumn { wanted, found } => {
+                problem(Code::NoProfileColumn).with("wanted", wanted).with("found", found)
+            }
+            E::NoRows => problem(Code::NoRows),
+            E::PitchTooSmall { pitch, slabs, limit, least } => problem(Code::PitchTooSmall)
+                .with("pitch_mm", pitch)
+                .with("profiles_count", slabs)
+                .with("profiles_max", count(limit))
+                .with("pitch_min_mm", least),
+            E::TooManyProfiles { limit } => problem(Code::TooManyProfiles).with("profiles_max", count(limit)),
+            E::ProfileTooLong { x, found, limit } => problem(Code::ProfileTooLong)
+                .with("x_mm", x)
+                .with("points_count", count(found))
+                .with("points_per_profile_max", count(limit)),
+            // The reader promised finite points in order.
+            E::Scan(cause) => Self::internal(cause.to_string()),
         }
     }
 }

@@ -6,7 +6,8 @@ mod code;
 mod decoding;
 mod reasons;
 
-pub use code::{Code, Retry};
+pub use code::Code;
+use code::Retry;
 
 use axum::body::Body;
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};
@@ -16,11 +17,11 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 /// The media type of a problem.
-pub const MEDIA_TYPE: &str = "application/problem+json";
+pub(super) const MEDIA_TYPE: &str = "application/problem+json";
 
 /// A refusal on its way out. It becomes a body at the edge, where the request's id is known.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Problem {
+pub(super) struct Problem {
     code: Code,
     detail: String,
     members: Map<String, Value>,
@@ -36,87 +37,87 @@ pub struct Problem {
     "detail": "there is no scan s-00; list them with GET /v1/scans", "code": "scan_unknown",
     "request_id": "0199f0c8-0000-7000-8000-000000000000", "retryable": false
 }))]
-pub struct ProblemDocument {
+pub(super) struct ProblemDocument {
     /// `urn:coaxis:problem:` and the code.
     #[serde(rename = "type")]
     #[schema(pattern = "^urn:coaxis:problem:[a-z_]{1,32}$")]
-    pub kind: String,
+    kind: String,
     /// What the code means; the same for every occurrence.
-    pub title: &'static str,
+    title: &'static str,
     /// The HTTP status.
     #[schema(minimum = 400, maximum = 599)]
-    pub status: u16,
+    status: u16,
     /// What happened, and what to do about it.
-    pub detail: String,
+    detail: String,
     /// Stable name for programs.
     #[schema(pattern = "^[a-z_]{1,32}$")]
-    pub code: &'static str,
+    code: &'static str,
     /// Names this request in the log.
-    pub request_id: String,
+    request_id: String,
     /// Whether the same request may succeed later.
-    pub retryable: bool,
+    retryable: bool,
     /// The numbers behind the detail.
     #[serde(flatten)]
     #[schema(ignore)]
-    pub members: Map<String, Value>,
+    members: Map<String, Value>,
 }
 
 impl Problem {
     /// A problem; `detail` says what happened and what to do.
     #[must_use]
-    pub fn new(code: Code, detail: impl Into<String>) -> Self {
+    pub(super) fn new(code: Code, detail: impl Into<String>) -> Self {
         Self { code, detail: detail.into(), members: Map::new(), headers: Vec::new(), log: None }
     }
 
     /// A failure of ours: the client learns nothing but the request's id, the log gets `cause`.
     #[must_use]
-    pub fn internal(cause: impl Into<String>) -> Self {
+    pub(super) fn internal(cause: impl Into<String>) -> Self {
         let detail = "the service failed; nothing is lost that was acknowledged. Report the request id";
         Self { log: Some(cause.into()), ..Self::new(Code::Internal, detail) }
     }
 
     /// The same with a number or word beside the detail.
     #[must_use]
-    pub fn with(mut self, member: &'static str, value: impl Into<Value>) -> Self {
+    pub(super) fn with(mut self, member: &'static str, value: impl Into<Value>) -> Self {
         self.members.insert(member.to_owned(), value.into());
         self
     }
 
     /// The same with a header.
     #[must_use]
-    pub fn with_header(mut self, name: HeaderName, value: HeaderValue) -> Self {
+    pub(super) fn with_header(mut self, name: HeaderName, value: HeaderValue) -> Self {
         self.headers.push((name, value));
         self
     }
 
     /// The same, with what only the log is told.
     #[must_use]
-    pub fn because(mut self, cause: impl Into<String>) -> Self {
+    pub(super) fn because(mut self, cause: impl Into<String>) -> Self {
         self.log = Some(cause.into());
         self
     }
 
     /// Which problem it is.
     #[must_use]
-    pub const fn code(&self) -> Code {
+    pub(super) const fn code(&self) -> Code {
         self.code
     }
 
     /// What only the log is told.
     #[must_use]
-    pub fn log(&self) -> Option<&str> {
+    pub(super) fn log(&self) -> Option<&str> {
         self.log.as_deref()
     }
 
     /// The status it comes with.
     #[must_use]
-    pub fn status(&self) -> StatusCode {
+    pub(super) fn status(&self) -> StatusCode {
         StatusCode::from_u16(self.code.status()).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR)
     }
 
     /// The answer, for the request of this id.
     #[must_use]
-    pub fn render(self, request_id: &str) -> Response {
+    pub(super) fn render(self, request_id: &str) -> Response {
         let status = self.status();
         let document = ProblemDocument {
             kind: format!("urn:coaxis:problem:{}", self.code.name()),

@@ -1,7 +1,6 @@
 //! The service's and the store's reasons as problems, one by one.
 
 use super::{Code, Problem};
-use crate::scan::slice::SliceError;
 use crate::service::{ComputeError, ContentError, MeasureError, RecipeError, ServiceError};
 use crate::store::StoreError;
 use axum::http::{HeaderValue, header};
@@ -123,9 +122,7 @@ impl From<RecipeError> for Problem {
             E::NoiseUnknown => problem.with("field", "noise_sigma_mm"),
             E::ProfileRule(_) => problem.with("field", "profile_by"),
             E::Frame(_) => problem.with("field", "frame"),
-            E::RegionEmpty { axis, from_mm, to_mm } => {
-                problem.with("field", format!("region.{axis}")).with("from_mm", from_mm).with("to_mm", to_mm)
-            }
+            E::Region { axis } => problem.with("field", format!("region.{axis}")),
             E::DescriptionTooLong { characters_count, characters_max } => problem
                 .with("field", "description")
                 .with("characters_count", wide(characters_count))
