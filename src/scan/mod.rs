@@ -11,6 +11,7 @@
 mod cloud;
 mod columns;
 pub mod decode;
+pub mod encode;
 mod rule;
 pub mod slice;
 
