@@ -13,9 +13,9 @@ use super::notice::{MARGIN, page, paragraph};
 use super::palette::{EXCLUDED, FAINT_INK, FITTED, VALID, reason_colour};
 use super::panel::Panel;
 use super::spread::{half_width, quantile};
-use super::svg::{Svg, Type};
+use super::svg::{Anchor, Svg, Type};
 use super::ticks::{Range, fixed};
-use crate::estimation::{Estimate, Outcome, Pose, Reason};
+use crate::estimation::{Estimate, Outcome, Pose, Profile, Reason};
 
 /// Most markers of one kind on one panel.
 const MARKS_MAX: usize = 2500;
@@ -83,7 +83,7 @@ pub(super) fn centres(estimate: &Estimate, subject: &Subject<'_>) -> String {
     svg.finish()
 }
 
-fn centre(profile: &crate::estimation::Profile) -> Option<Centre> {
+fn centre(profile: &Profile) -> Option<Centre> {
     let ellipse = profile.section?.ellipse;
     let at = [ellipse.centre_y, ellipse.centre_z];
     let finite = profile.x.is_finite() && at.iter().all(|v| v.is_finite());
@@ -158,7 +158,7 @@ fn deviation(svg: &mut Svg, direction: Direction, x: Range, centres: &[Centre], 
 /// What a panel shows, above it; arrows of what lies beyond the border keep clear of it.
 fn heading(svg: &mut Svg, area: Area, words: &str, note: &str) {
     svg.text([area.left, area.top - 12.0], Type::sized(12.0).bold(), words);
-    let look = Type::sized(11.0).colour(FAINT_INK).anchor(super::svg::Anchor::End);
+    let look = Type::sized(11.0).colour(FAINT_INK).anchor(Anchor::End);
     svg.text([area.right(), area.top - 12.0], look, note);
 }
 

@@ -18,6 +18,8 @@ use crate::scan::Scan;
 
 /// Most points drawn.
 const POINTS_MAX: usize = 8000;
+/// Degrees from which a part counts as seen from all sides.
+const ALL_AROUND: f64 = 350.0;
 const VIEW: Area = Area::new(90.0, 72.0, 560.0, 476.0);
 const SIDE: Area = Area::new(676.0, 84.0, 300.0, 440.0);
 
@@ -71,7 +73,9 @@ fn draw_about_axis(svg: &mut Svg, scan: &Scan, estimate: &Estimate, cylinder: Cy
     panel.frame(svg);
     entries.push(Entry::new(Symbol::Stroke, FITTED, format!("fitted circle, R = {} mm", fixed(radius, 3))));
     let side = format!("side seen by valid profiles: {}°", fixed(arc.width(), 0));
-    entries.push(Entry::new(Symbol::Dashes, FAINT_INK, side));
+    if arc.width() < ALL_AROUND {
+        entries.push(Entry::new(Symbol::Dashes, FAINT_INK, side));
+    }
     let end = legend(svg, SIDE, &entries);
     let area = Area { top: end + 14.0, ..SIDE };
     paragraph(svg, area, Type::sized(12.0).colour(FAINT_INK), &nearness(&points, radius));
@@ -100,7 +104,7 @@ fn draw_circle(svg: &mut Svg, panel: &Panel, radius: f64, arc: Range) {
     };
     let circle = polyline((0..=360).map(|degrees| on_circle(f64::from(degrees), radius)));
     svg.path(&circle, format_args!("fill=\"none\" stroke=\"{FITTED}\" stroke-width=\"0.9\""));
-    if arc.width() < 359.0 {
+    if arc.width() < ALL_AROUND {
         let steps = 0..=60;
         let bow = polyline(steps.map(|i| on_circle(arc.lo + arc.width() * f64::from(i) / 60.0, 0.25 * radius)));
         let sides = [arc.lo, arc.hi].map(|side| polyline([on_circle(side, 0.0), on_circle(side, radius)].into_iter()));

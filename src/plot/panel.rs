@@ -5,7 +5,7 @@ use super::area::Area;
 use super::palette::{FAINT_INK, GRID, INK};
 use super::spread::quantile;
 use super::svg::{Anchor, Svg, Type};
-use super::ticks::{Range, Ticks, fixed};
+use super::ticks::Range;
 
 /// Size of the numbers and labels along the axes.
 const SMALL: Type = Type::sized(11.0).colour(FAINT_INK);
@@ -78,15 +78,18 @@ impl Panel {
             svg.text([x, bottom + 18.0], SMALL.anchor(Anchor::Middle), &x_ticks.label(value));
         }
         let y_ticks = self.y.ticks((height / 40.0).max(2.0));
+        let mut widest = 36.0;
         for &value in &y_ticks.values {
             let [_, y] = self.place([self.x.lo, value]);
             svg.line([left, y], [right, y], &paint);
-            svg.text([left - 9.0, y + 4.0], SMALL.anchor(Anchor::End), &y_ticks.label(value));
+            let number = y_ticks.label(value);
+            svg.text([left - 9.0, y + 4.0], SMALL.anchor(Anchor::End), &number);
+            widest = SMALL.width_of(&number).max(widest);
         }
         let [middle_x, middle_y] = self.area.middle();
         let label = SMALL.colour(INK).anchor(Anchor::Middle);
-        svg.text([middle_x, bottom + 34.0], label, &with_base(x_label, &x_ticks));
-        svg.text([left - 54.0, middle_y], label.turned(), &with_base(y_label, &y_ticks));
+        svg.text([middle_x, bottom + 34.0], label, &x_ticks.with_base(x_label));
+        svg.text([left - 18.0 - widest, middle_y], label.turned(), &y_ticks.with_base(y_label));
         self.frame(svg);
     }
 
@@ -94,10 +97,6 @@ impl Panel {
     pub(super) fn frame(&self, svg: &mut Svg) {
         svg.rect(self.area, format_args!("fill=\"none\" stroke=\"{FAINT_INK}\" stroke-width=\"0.8\""));
     }
-}
-
-fn with_base(label: &str, ticks: &Ticks) -> String {
-    if ticks.base == 0.0 { label.to_owned() } else { format!("{label} from {}", fixed(ticks.base, 3)) }
 }
 
 #[cfg(test)]

@@ -107,7 +107,7 @@ fn draw_shape(svg: &mut Svg, section: &Section, points: &[Judged]) -> usize {
         let arcs = seen.arcs();
         let after = arcs.iter().skip(1).map(|[from, _]| *from).chain(arcs.first().map(|[from, _]| from + 360.0));
         for ([from, to], next) in arcs.iter().zip(after) {
-            svg.path(&arc(*from, *to), format_args!("fill=\"none\" stroke=\"{FITTED}\" stroke-width=\"1\""));
+            svg.path(&arc(*from, *to), format_args!("fill=\"none\" stroke=\"{FITTED}\" stroke-width=\"0.8\""));
             let paint = format!("fill=\"none\" stroke=\"{FAINT_INK}\" stroke-width=\"1\" stroke-dasharray=\"5 4\"");
             if next - to > 0.0 && to - from < 360.0 {
                 svg.path(&arc(*to, if next < *to { next + 360.0 } else { next }), paint);

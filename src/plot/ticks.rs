@@ -76,7 +76,7 @@ fn round_step(most: f64) -> f64 {
 pub(super) struct Ticks {
     pub(super) values: Vec<f64>,
     /// What has to be added to every label: not 0 where the numbers would be too long to be told apart.
-    pub(super) base: f64,
+    base: f64,
     decimals: usize,
     scientific: bool,
 }
@@ -86,9 +86,15 @@ impl Ticks {
         let decimals = (-step.log10() - 1e-9).ceil().max(0.0) as usize;
         let largest = values.iter().fold(0.0, |size: f64, v| size.max(v.abs()));
         let digits = largest.max(1.0).log10().floor() as usize + 1;
-        let long = largest > 100.0 * step && digits + decimals > 8;
+        // What fits beside an axis: seven characters with sign and point.
+        let long = largest > 20.0 * step && digits + decimals > 5;
         let base = if long { values.get(values.len() / 2).copied().unwrap_or(0.0) } else { 0.0 };
-        Self { values, base, decimals, scientific: decimals > 6 || step >= 1e6 }
+        Self { values, base, decimals, scientific: decimals > 6 || step >= 1e5 }
+    }
+
+    /// The axis label, with the base where there is one.
+    pub(super) fn with_base(&self, label: &str) -> String {
+        if self.base == 0.0 { label.to_owned() } else { format!("{label} from {}", fixed(self.base, self.decimals)) }
     }
 
     /// What is written at `value`.

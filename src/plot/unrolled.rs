@@ -85,11 +85,14 @@ impl Unrolled {
         let columns_count = (gaps_count as usize + 1).min(COLUMNS_MAX);
         let margin = if gaps_count > 0.0 { (last - first) / gaps_count / 2.0 } else { 0.5 };
 
+        // Nor finer than the points of a profile lie apart.
         let directions = thinned(scan, 50_000).map(|(_, x, at)| cylinder.polar(x, at).angle.to_degrees());
-        let rows_count = (scan.columns().len() / columns_count / 2).clamp(12, ROWS_MAX);
+        let seen = Seen::new(directions);
+        let rows_count = (scan.columns().len() / columns_count).min(seen.bins_count()) / 2;
+        let rows_count = rows_count.clamp(12, ROWS_MAX);
         Self {
             x: Range::new(first - margin, last + margin),
-            degrees: Seen::new(directions).window(),
+            degrees: seen.window(),
             columns_count,
             rows_count,
             cells: vec![None; columns_count * rows_count],
