@@ -24,3 +24,4 @@ pub mod estimation;
 pub mod geometry;
 pub mod plot;
 pub mod scan;
+pub mod store;
