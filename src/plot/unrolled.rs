@@ -6,7 +6,7 @@
 
 use super::about_axis::{Cylinder, is_valid, thinned};
 use super::seen::{Seen, turned_into};
-use super::spread::quantile;
+use super::spread::{median, quantile};
 use super::ticks::Range;
 use crate::estimation::Estimate;
 use crate::scan::Scan;
@@ -104,7 +104,7 @@ impl Unrolled {
     fn settle(&mut self, column: usize, distances: &mut [Vec<f64>]) {
         for (row, distances) in distances.iter_mut().enumerate() {
             if let Some(cell) = self.cells.get_mut(row * self.columns_count + column) {
-                *cell = quantile(distances, 0.5);
+                *cell = median(distances);
             }
             distances.clear();
         }
