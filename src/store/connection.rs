@@ -21,9 +21,19 @@ const BUSY_TIMEOUT: Duration = Duration::from_secs(5);
 /// The write-ahead log is cut back to this after a burst, bytes.
 const LOG_BYTES_KEPT: &str = "67108864";
 
-/// The connection that writes. The caller sees to it that there is only one.
-pub(super) async fn writer(file: &Path) -> Result<SqliteConnection, StoreError> {
-    Ok(options(file).create_if_missing(true).connect().await?)
+/// SQLite's unit of allocation, bytes; the one that it takes by itself.
+const PAGE_BYTES: u32 = 4096;
+
+/// The connection that writes, to a file that does not grow beyond `bytes_max`. The caller sees to it that there is only
+/// one.
+pub(super) async fn writer(file: &Path, bytes_max: Option<u64>) -> Result<SqliteConnection, StoreError> {
+    let mut options = options(file).create_if_missing(true).page_size(PAGE_BYTES);
+    if let Some(bytes_max) = bytes_max {
+        // SQLite holds a limit against this connection only, and takes one below the present size as the present size.
+        let pages_max = (bytes_max / u64::from(PAGE_BYTES)).clamp(1, u64::from(u32::MAX - 1));
+        options = options.pragma("max_page_count", pages_max.to_string());
+    }
+    Ok(options.connect().await?)
 }
 
 /// Connections that only read.

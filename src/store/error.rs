@@ -77,17 +77,10 @@ pub enum StoreError {
     },
 }
 
-/// What the service does on a reason of the store.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Remedy {
-    /// Nothing changes by trying again.
-    None,
-    /// The same call may succeed later.
-    TryLater,
-}
-
 /// SQLite's primary result codes that we tell apart; an extended code carries its primary one in the lowest byte.
 mod sqlite {
+    /// A statement that the schema does not bear: the tables are not those that we made.
+    pub(super) const ERROR: u32 = 1;
     pub(super) const CORRUPT: u32 = 11;
     pub(super) const FULL: u32 = 13;
     pub(super) const NOT_A_DATABASE: u32 = 26;
@@ -113,14 +106,20 @@ impl StoreError {
         }
     }
 
-    /// Whether the same call may succeed later.
+    /// Whether the same call may succeed later, though nobody changes it.
     #[must_use]
-    pub fn remedy(&self) -> Remedy {
+    pub fn is_transient(&self) -> bool {
         match self {
-            Self::Full | Self::Unavailable(_) | Self::FileUnavailable { .. } | Self::FolderInUse { .. } => {
-                Remedy::TryLater
-            }
-            _ => Remedy::None,
+            Self::Full | Self::Unavailable(_) | Self::FileUnavailable { .. } | Self::FolderInUse { .. } => true,
+            Self::Damaged(_)
+            | Self::NewerSchema { .. }
+            | Self::MigrationDiffers { .. }
+            | Self::Closed
+            | Self::ScanTooLarge { .. }
+            | Self::ScanUnknown { .. }
+            | Self::IdTaken { .. }
+            | Self::CursorMalformed
+            | Self::NumberTooLarge { .. } => false,
         }
     }
 
@@ -140,10 +139,10 @@ impl From<sqlx::Error> for StoreError {
         match &error {
             E::Database(refusal) => match primary_code(refusal.as_ref()) {
                 Some(sqlite::FULL) => Self::Full,
-                Some(sqlite::CORRUPT | sqlite::NOT_A_DATABASE) => Self::Damaged(Arc::new(error)),
+                Some(sqlite::ERROR | sqlite::CORRUPT | sqlite::NOT_A_DATABASE) => Self::Damaged(Arc::new(error)),
                 _ => Self::Unavailable(Arc::new(error)),
             },
-            E::PoolClosed | E::WorkerCrashed => Self::Closed,
+            E::PoolClosed => Self::Closed,
             E::ColumnDecode { .. } | E::Decode(_) | E::ColumnNotFound(_) | E::RowNotFound => {
                 Self::Damaged(Arc::new(error))
             }

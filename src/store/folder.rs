@@ -30,14 +30,14 @@ impl Folder {
     /// Creates what is missing, takes the lock, sweeps away what an earlier process left unfinished.
     pub(super) fn open(root: &Path) -> Result<Self, StoreError> {
         let scans = root.join("scans");
+        let missing: Vec<&Path> = root.ancestors().take_while(|folder| !folder.exists()).collect();
         fs::create_dir_all(scans.join("tmp")).map_err(StoreError::of_file(root))?;
         let folder = Self { root: root.to_owned(), parts_count: AtomicU64::new(0), _lock: lock(root)? };
         folder.sweep()?;
         sync(&scans)?;
         sync(root)?;
-        match root.parent().filter(|parent| !parent.as_os_str().is_empty()) {
-            Some(parent) => sync(parent)?,
-            None => sync(Path::new("."))?,
+        for parent in missing.into_iter().filter_map(Path::parent) {
+            sync(if parent.as_os_str().is_empty() { Path::new(".") } else { parent })?;
         }
         Ok(folder)
     }

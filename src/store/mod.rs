@@ -20,9 +20,11 @@ mod rows;
 mod scan_files;
 mod scans;
 mod statements;
+#[cfg(test)]
+mod tests;
 mod writer;
 
-pub use error::{Remedy, StoreError};
+pub use error::StoreError;
 pub use page::{Cursor, Listing, PAGE_ROWS_MAX, Page};
 pub use rows::{
     AnsweredRequest, Counts, Filter, Inserted, MeasurementRow, NewMeasurement, Precondition, PutRecipe, RecipeRow,
@@ -46,19 +48,35 @@ pub struct Store {
     readers: SqlitePool,
 }
 
+/// How far the store may grow.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct StoreLimits {
+    /// Size of the database file beyond which writes meet [`StoreError::Full`]; the write-ahead log comes on top, and so do
+    /// the raw scans.
+    pub database_bytes_max: Option<u64>,
+}
+
 impl Store {
+    /// Opens the store of a folder without a limit of its own: it may grow as far as the disk reaches.
+    ///
+    /// # Errors
+    /// As [`Store::open_within`].
+    pub async fn open(folder: &Path) -> Result<Self, StoreError> {
+        Self::open_within(folder, StoreLimits::default()).await
+    }
+
     /// Opens the store of a folder, creating and upgrading what is needed. One process at a time.
     ///
     /// # Errors
     /// [`StoreError::FolderInUse`], [`StoreError::NewerSchema`], [`StoreError::MigrationDiffers`],
     /// [`StoreError::Damaged`], or that the folder or the database cannot be used.
-    pub async fn open(folder: &Path) -> Result<Self, StoreError> {
+    pub async fn open_within(folder: &Path, limits: StoreLimits) -> Result<Self, StoreError> {
         let root = folder.to_owned();
         let folder = Arc::new(blocking(move || Folder::open(&root)).await?);
-        let mut connection = connection::writer(&folder.database()).await?;
+        let mut connection = connection::writer(&folder.database(), limits.database_bytes_max).await?;
         migration::migrate(&mut connection, migration::MIGRATIONS).await?;
         let readers = connection::readers(&folder.database()).await?;
-        let writer = Writer::start(Arc::clone(&folder), connection);
+        let writer = Writer::start(Arc::clone(&folder), limits, connection);
         Ok(Self { folder, writer, readers })
     }
 
@@ -76,7 +94,7 @@ impl Store {
         self.writer.write(Probe).await
     }
 
-    /// How much the store holds. Counts rows: milliseconds at a million of them.
+    /// How much the store holds. Counts rows: some ten milliseconds at a million of them.
     ///
     /// # Errors
     /// What the database says.

@@ -10,12 +10,12 @@
 //!
 //! A caller that goes away does not stop its write: a write is done or not done, never half. Must not know what is written.
 
-use std::{future::Future, path::PathBuf, pin::Pin, sync::Arc};
+use std::{future::Future, pin::Pin, sync::Arc};
 
 use sqlx::{Connection, SqliteConnection};
 use tokio::sync::{mpsc, oneshot};
 
-use super::{StoreError, connection, folder::Folder};
+use super::{StoreError, StoreLimits, connection, folder::Folder};
 
 /// Something that is written within a transaction.
 pub(super) trait Write: Send + Sync + 'static {
@@ -45,9 +45,9 @@ enum Order {
 
 impl Writer {
     /// Starts the task on a migrated connection. It holds on to the folder, whose lock thus outlives the last write.
-    pub(super) fn start(folder: Arc<Folder>, connection: SqliteConnection) -> Self {
+    pub(super) fn start(folder: Arc<Folder>, limits: StoreLimits, connection: SqliteConnection) -> Self {
         let (queue, orders) = mpsc::channel(QUEUE);
-        let task = Task { file: folder.database(), connection: Some(connection), _folder: folder };
+        let task = Task { folder, limits, connection: Some(connection) };
         tokio::spawn(task.run(orders));
         Self { queue }
     }
@@ -106,10 +106,10 @@ impl<W: Write> Job for Pending<W> {
 }
 
 struct Task {
-    file: PathBuf,
+    folder: Arc<Folder>,
+    limits: StoreLimits,
     /// `None` after a failure; the next write opens it again.
     connection: Option<SqliteConnection>,
-    _folder: Arc<Folder>,
 }
 
 impl Task {
@@ -162,7 +162,7 @@ impl Task {
     async fn commit(&mut self, jobs: &mut [Box<dyn Job>]) -> Result<(), StoreError> {
         let mut connection = match self.connection.take() {
             Some(connection) => connection,
-            None => connection::writer(&self.file).await?,
+            None => connection::writer(&self.folder.database(), self.limits.database_bytes_max).await?,
         };
         match transact(&mut connection, jobs).await {
             Ok(()) => {

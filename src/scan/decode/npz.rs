@@ -1,0 +1,100 @@
+//! NPZ, numpy arrays in a zip archive: x, y and z of equal shape, or one array as in NPY. From bytes to a cloud.
+//!
+//! What the archive's directory says about sizes is not believed; bytes are counted as they inflate.
+
+use super::gather::Gather;
+use super::inflate::Capped;
+use super::npy::{self, ArrayHeader};
+use super::scalar::{Kind, Scalar};
+use super::{DecodeError, Limits, Precision, Request, settle_unit};
+use crate::scan::{Cloud, Labels};
+use std::io::{BufRead, BufReader, Cursor, Read};
+use zip::ZipArchive;
+
+type Archive = ZipArchive<Cursor<Vec<u8>>>;
+
+/// Reads an archive.
+pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<Cloud, DecodeError> {
+    let limits = request.limits;
+    let mut bytes = Vec::new();
+    reader.take(limits.inflated_bytes_max.saturating_add(1)).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > limits.inflated_bytes_max {
+        return Err(DecodeError::InflatedTooLarge { limit: limits.inflated_bytes_max });
+    }
+    let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|_| DecodeError::DamagedArchive)?;
+    if archive.len() > limits.npz_entries_max {
+        return Err(DecodeError::TooManyEntries { found: archive.len(), limit: limits.npz_entries_max });
+    }
+    let names = archive.file_names().map(|name| name.map(|name| name.into_owned())).collect::<Result<Vec<String>, _>>();
+    let names = names.map_err(|_| DecodeError::DamagedArchive)?;
+    let has = |axis: &str| names.iter().any(|name| name == axis);
+    if ["x.npy", "y.npy", "z.npy"].into_iter().all(has) {
+        return read_axes(&mut archive, request);
+    }
+    match names.as_slice() {
+        [only] => npy::decode(&mut open(&mut archive, only, limits)?, request),
+        _ => {
+            let found = names.iter().map(|name| name.chars().filter(|c| !c.is_control()).take(40).collect()).collect();
+            Err(DecodeError::ArraysMissing { found })
+        }
+    }
+}
+
+/// One entry as it inflates, within the limits.
+fn open<'a>(archive: &'a mut Archive, name: &str, limits: &Limits) -> Result<impl BufRead + 'a, DecodeError> {
+    let entry = archive.by_name(name).map_err(|_| DecodeError::DamagedArchive)?;
+    let packed = entry.compressed_size();
+    Ok(BufReader::with_capacity(1 << 16, Capped::new(entry, limits, move |_: &_| packed)))
+}
+
+/// One axis of all points.
+struct AxisArray {
+    scalar: Scalar,
+    shape: Vec<u64>,
+    bytes: Vec<u8>,
+}
+
+fn read_axis(archive: &mut Archive, name: &str, limits: &Limits) -> Result<AxisArray, DecodeError> {
+    let mut reader = open(archive, name, limits)?;
+    let ArrayHeader { scalar, shape } = npy::read_header(&mut reader)?;
+    let limit = limits.points_max;
+    let count =
+        shape.iter().try_fold(1u64, |count, axis| count.checked_mul(*axis)).filter(|count| *count <= limit as u64);
+    let count = count.ok_or(DecodeError::TooManyPoints { limit })?;
+    let size = scalar.kind.size() as u64;
+    let mut bytes = Vec::new();
+    reader.take(count * size).read_to_end(&mut bytes)?;
+    if (bytes.len() as u64) < count * size {
+        return Err(DecodeError::Truncated { expected: count, found: bytes.len() as u64 / size });
+    }
+    Ok(AxisArray { scalar, shape, bytes })
+}
+
+/// Reads x, y and z: (N) points or (P, M) profiles.
+fn read_axes(archive: &mut Archive, request: &Request<'_>) -> Result<Cloud, DecodeError> {
+    let x = read_axis(archive, "x.npy", request.limits)?;
+    let y = read_axis(archive, "y.npy", request.limits)?;
+    let z = read_axis(archive, "z.npy", request.limits)?;
+    for other in [&y, &z] {
+        if other.shape != x.shape {
+            return Err(DecodeError::ArrayShape { shape: other.shape.clone() });
+        }
+    }
+    let row_length = match *x.shape.as_slice() {
+        [_] => None,
+        [_, points] => Some(points.max(1)),
+        _ => return Err(DecodeError::ArrayShape { shape: x.shape }),
+    };
+    let single = [&x, &y, &z].iter().all(|axis| axis.scalar.kind == Kind::F32);
+    let precision = if single { Precision::Single } else { Precision::Double };
+    let mut gather = Gather::new(settle_unit(request.unit, None)?, precision, request.limits);
+    let at = |axis: &AxisArray, index: usize| axis.scalar.read(&axis.bytes, index * axis.scalar.kind.size());
+    let mut index = 0;
+    while let (Some(x), Some(y), Some(z)) = (at(&x, index), at(&y, index), at(&z, index)) {
+        #[expect(clippy::cast_precision_loss, reason = "rows are far fewer than 2^53")]
+        let label = row_length.map_or(0.0, |length| (index as u64 / length) as f64);
+        gather.push(label, [x, y, z])?;
+        index += 1;
+    }
+    gather.finish(if row_length.is_some() { Labels::Row } else { Labels::None })
+}
