@@ -26,7 +26,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
 }
 
 async fn serve(config: &Config) -> Result<(), Box<dyn Error>> {
-    let service = Service::open(&config.data, capacity(config), config.estimation).await?;
+    let service = Service::open(&config.data, Capacity::from_config(config), config.estimation).await?;
     let server = Server::bind(config, service)
         .map_err(|error| format!("cannot listen on {}: {error}; is another service running there?", config.listen))?;
     let address = server.address();
@@ -35,19 +35,6 @@ async fn serve(config: &Config) -> Result<(), Box<dyn Error>> {
     server.serve().await?;
     tracing::info!("stopped");
     Ok(())
-}
-
-/// What the configuration lets a service take on.
-pub(crate) fn capacity(config: &Config) -> Capacity {
-    let count = |value: u64| usize::try_from(value).unwrap_or(usize::MAX);
-    let limits = &config.limits;
-    Capacity {
-        body_bytes_max: limits.body_bytes_max,
-        scan: config.scan.clone(),
-        threads: count(limits.threads),
-        running_max: count(limits.measurements_running_max),
-        queue_max: count(limits.queue_max),
-    }
 }
 
 /// SIGTERM and SIGINT end the service; a second one changes nothing, the time for it is bounded anyway.

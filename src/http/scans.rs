@@ -56,6 +56,7 @@ pub(super) struct ScanList {
 #[into_params(parameter_in = Query)]
 pub(super) struct CreateQuery {
     /// Format of the scan; found by Content-Type and first bytes where nothing is said.
+    #[param(inline)]
     format: Option<FormatName>,
 }
 

@@ -31,6 +31,7 @@ pub use records::Last;
 pub use scans::{Content, Kept, Origin};
 pub use upload::Upload;
 
+use crate::config::Config;
 use crate::estimation::Settings;
 use crate::scan::decode::Limits;
 use crate::store::Store;
@@ -54,6 +55,22 @@ pub struct Capacity {
     pub running_max: usize,
     /// Calculations that wait.
     pub queue_max: usize,
+}
+
+impl Capacity {
+    /// What a configuration lets a service take on.
+    #[must_use]
+    pub fn from_config(config: &Config) -> Self {
+        let count = |value: u64| usize::try_from(value).unwrap_or(usize::MAX);
+        let limits = &config.limits;
+        Self {
+            body_bytes_max: limits.body_bytes_max,
+            scan: config.scan.clone(),
+            threads: count(limits.threads),
+            running_max: count(limits.measurements_running_max),
+            queue_max: count(limits.queue_max),
+        }
+    }
 }
 
 /// The service. Share it behind an `Arc`; every method may be called from many tasks at once.

@@ -24,14 +24,17 @@ use utoipa::{IntoParams, ToSchema};
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct CreateQuery {
     /// Format of the scan; found by Content-Type and first bytes where nothing is said.
+    #[param(inline)]
     format: Option<FormatName>,
     /// Unit of its coordinates; what the file says, or mm, where nothing is said.
+    #[param(inline)]
     unit: Option<UnitName>,
     /// Which points belong to one profile: `column`, `column=NAME`, `row`, `x_pitch_mm`, `x_pitch_mm=NUMBER`, `x_value`;
     /// the first that fits where nothing is said.
     #[param(example = "x_value")]
     profile_by: Option<String>,
     /// How the pose is found.
+    #[param(inline)]
     method: Option<MethodName>,
     /// Name of a stored recipe.
     #[param(pattern = "^[a-z0-9][a-z0-9_-]{0,63}$")]

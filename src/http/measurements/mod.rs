@@ -38,6 +38,7 @@ pub(super) struct ListQuery {
     #[param(pattern = "^[0-9a-f]{16,400}$")]
     cursor: Option<String>,
     /// Only those with this verdict.
+    #[param(inline)]
     verdict: Option<VerdictFilter>,
     /// Only those made from this scan.
     scan_id: Option<String>,
@@ -95,6 +96,7 @@ pub(super) async fn list_measurements(
 #[into_params(parameter_in = Query)]
 pub(super) struct GetQuery {
     /// `plc` gives integers in one flat object below 512 bytes.
+    #[param(inline)]
     view: Option<View>,
     /// How long to wait for the end of the measurement; a file is measured before its answer, so nobody has to wait.
     #[param(minimum = 0, maximum = 60)]

@@ -90,6 +90,7 @@ pub(in super::super) struct ProfilesQuery {
     #[param(minimum = 0, maximum = 4_294_967_295_u64)]
     cursor: Option<u32>,
     /// The same as the header Accept, for those who cannot set it.
+    #[param(inline)]
     format: Option<ProfilesForm>,
 }
 
