@@ -262,7 +262,8 @@ mod tests {
     #[test]
     fn every_number_of_the_configuration_has_a_range() {
         let table = toml::Table::try_from(Config::default()).expect("writable");
-        let numbers: usize = ["limits", "scan", "timeouts"].iter().map(|s| table[*s].as_table().expect("section").len()).sum();
+        let numbers: usize =
+            ["limits", "scan", "timeouts"].iter().map(|s| table[*s].as_table().expect("section").len()).sum();
         // The one that is no integer is checked by itself.
         assert_eq!(numbers, Config::default().ranges().len() + 1);
     }

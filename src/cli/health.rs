@@ -27,7 +27,8 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let wait = Duration::from_millis(arguments.timeout_ms);
     let answer = runtime.block_on(async { timeout(wait, ask(&arguments.url)).await });
-    let answer = answer.map_err(|_| format!("{} did not answer within {} ms", arguments.url, arguments.timeout_ms))??;
+    let answer =
+        answer.map_err(|_| format!("{} did not answer within {} ms", arguments.url, arguments.timeout_ms))??;
     let status = answer.split(' ').nth(1).unwrap_or_default();
     if status == "200" {
         return Ok(ExitCode::SUCCESS);

@@ -45,10 +45,7 @@ impl Layers {
     ///
     /// # Errors
     /// [`ConfigError`] for a variable that names no key, or whose value the key cannot take.
-    pub fn environment(
-        mut self,
-        variables: impl IntoIterator<Item = (String, String)>,
-    ) -> Result<Self, ConfigError> {
+    pub fn environment(mut self, variables: impl IntoIterator<Item = (String, String)>) -> Result<Self, ConfigError> {
         for (name, value) in variables {
             if let Some(rest) = name.strip_prefix(ENVIRONMENT_PREFIX).filter(|_| name != FILE_VARIABLE) {
                 let key = rest.to_ascii_lowercase().replace("__", ".");
@@ -134,7 +131,9 @@ mod tests {
     fn the_environment_overrides_the_file_and_a_flag_overrides_both() {
         let config = Layers::default()
             .text("file", "data = 'a'\n[limits]\nqueue_max = 3\nthreads = 7")
-            .and_then(|l| l.environment(variables(&[("COAXIS_LIMITS__QUEUE_MAX", "4"), ("COAXIS_DATA", "7"), ("X", "")])))
+            .and_then(|l| {
+                l.environment(variables(&[("COAXIS_LIMITS__QUEUE_MAX", "4"), ("COAXIS_DATA", "7"), ("X", "")]))
+            })
             .and_then(|l| l.key("flag", "listen", "127.0.0.1:0"))
             .and_then(Layers::build)
             .expect("valid");

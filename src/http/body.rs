@@ -6,6 +6,7 @@ use axum::body::{Body, Bytes};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, header};
 use http_body_util::BodyExt;
+use std::collections::VecDeque;
 use std::time::Duration;
 use tokio::time::{Instant, timeout, timeout_at};
 
@@ -19,14 +20,14 @@ const DRAIN_TIME_MAX: Duration = Duration::from_secs(2);
 pub(super) struct Pieces {
     body: Option<Body>,
     /// Pieces looked at before, to be handed out first.
-    ahead: Vec<Bytes>,
+    ahead: VecDeque<Bytes>,
     bytes_count: u64,
     bytes_max: u64,
     idle: Duration,
     deadline: Instant,
     total_ms: u64,
-    /// The client waits for a go-ahead before it sends: reading on would give it.
-    waits: bool,
+    /// Nothing is to be thrown away: the client waits for a go-ahead, which reading on would give, or sends nothing.
+    silent: bool,
 }
 
 impl Pieces {
@@ -38,13 +39,13 @@ impl Pieces {
         let total = Duration::from_millis(app.timeouts.body_total_ms);
         let pieces = Self {
             body: Some(body),
-            ahead: Vec::new(),
+            ahead: VecDeque::new(),
             bytes_count: 0,
             bytes_max,
             idle: Duration::from_millis(app.timeouts.body_idle_ms),
             deadline: Instant::now() + total,
             total_ms: app.timeouts.body_total_ms,
-            waits: parts.headers.contains_key(header::EXPECT),
+            silent: parts.headers.contains_key(header::EXPECT),
         };
         match announced_bytes(&parts.headers) {
             Some(announced) if announced > bytes_max => Err(too_large(bytes_max).with("announced_bytes", announced)),
@@ -57,10 +58,10 @@ impl Pieces {
     /// # Errors
     /// [`Code::BodyTooLarge`], [`Code::BodyTimeout`], [`Code::BodyInterrupted`].
     pub(super) async fn next(&mut self) -> Result<Option<Bytes>, Problem> {
-        if !self.ahead.is_empty() {
-            return Ok(Some(self.ahead.remove(0)));
+        match self.ahead.pop_front() {
+            Some(piece) => Ok(Some(piece)),
+            None => self.receive().await,
         }
-        self.receive().await
     }
 
     /// Reads until `enough` bytes are here or the body ends; all of them will be handed out again. Says whether the body
@@ -69,11 +70,11 @@ impl Pieces {
     /// # Errors
     /// Those of [`Pieces::next`].
     pub(super) async fn look_ahead(&mut self, enough: usize) -> Result<(Vec<u8>, bool), Problem> {
-        let mut head = self.ahead.concat();
+        let mut head: Vec<u8> = self.ahead.iter().flatten().copied().collect();
         while head.len() < enough {
             let Some(piece) = self.receive().await? else { return Ok((head, true)) };
             head.extend_from_slice(&piece);
-            self.ahead.push(piece);
+            self.ahead.push_back(piece);
         }
         Ok((head, false))
     }
@@ -97,7 +98,7 @@ impl Pieces {
 
     async fn receive(&mut self) -> Result<Option<Bytes>, Problem> {
         while let Some(body) = &mut self.body {
-            self.waits = false;
+            self.silent = false;
             let frame = match timeout_at(self.deadline, timeout(self.idle, body.frame())).await {
                 Ok(Ok(frame)) => frame,
                 Ok(Err(_)) => return Err(self.too_slow("nothing came for", "idle_ms", self.idle.as_millis())),
@@ -119,7 +120,8 @@ impl Pieces {
         if self.bytes_count > self.bytes_max { Err(too_large(self.bytes_max)) } else { Ok(data) }
     }
 
-    fn too_slow(&self, what: &str, member: &'static str, limit_ms: u128) -> Problem {
+    fn too_slow(&mut self, what: &str, member: &'static str, limit_ms: u128) -> Problem {
+        self.silent = true;
         let limit_ms = u64::try_from(limit_ms).unwrap_or(u64::MAX);
         Problem::new(Code::BodyTimeout, format!("the body came too slowly: {what} {limit_ms} ms; send it again"))
             .with(member, limit_ms)
@@ -134,7 +136,7 @@ impl Pieces {
 
 impl Drop for Pieces {
     fn drop(&mut self) {
-        if let Some(body) = self.body.take().filter(|_| !self.waits) {
+        if let Some(body) = self.body.take().filter(|_| !self.silent) {
             tokio::spawn(timeout(DRAIN_TIME_MAX, drain(body)));
         }
     }

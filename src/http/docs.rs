@@ -52,8 +52,10 @@ pub(super) async fn get_openapi() -> impl IntoResponse {
     responses((status = 200, description = "The page", content((String = "text/html"))))
 )]
 pub(super) async fn get_docs() -> Response {
-    let headers =
-        [(header::CONTENT_TYPE, HeaderValue::from_static("text/html; charset=utf-8")), (header::CONTENT_SECURITY_POLICY, CONTENT_SECURITY)];
+    let headers = [
+        (header::CONTENT_TYPE, HeaderValue::from_static("text/html; charset=utf-8")),
+        (header::CONTENT_SECURITY_POLICY, CONTENT_SECURITY),
+    ];
     (headers, PAGE).into_response()
 }
 

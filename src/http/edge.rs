@@ -22,9 +22,7 @@ const NO_CONTENT: HeaderValue = HeaderValue::from_static("default-src 'none'; fr
 pub(super) async fn edge(State(app): State<App>, request: Request, next: Next) -> Response {
     let watch = app.service.start_stopwatch();
     let request_id = sane_id(request.headers()).unwrap_or_else(|| app.service.new_request_id());
-    let (method, uri) = (request.method().clone(), request.uri().clone());
-    // The pattern, not the address: one series of numbers a route.
-    let route = request.extensions().get::<MatchedPath>().map_or("none", |path| path.as_str()).to_owned();
+    let asked = Asked::of(&request);
     let response = match refuse_size(&app, &request) {
         Err(problem) => problem.into_response(),
         Ok(()) => next.run(request).await,
@@ -32,8 +30,8 @@ pub(super) async fn edge(State(app): State<App>, request: Request, next: Next) -
     let problem = problem_of(&response);
     let response = finish(response, problem.clone(), &request_id);
     let seconds = watch.elapsed().as_secs_f64();
-    app.metrics.answered(&method, &route, response.status(), seconds);
-    log(&method, &uri, response.status(), seconds * 1e3, &request_id, problem.as_ref());
+    app.metrics.answered(&asked.method, &asked.route, response.status(), seconds);
+    asked.log(response.status(), seconds * 1e3, &request_id, problem.as_ref());
     response
 }
 
@@ -47,7 +45,8 @@ pub(super) fn panicked(cause: Box<dyn Any + Send>) -> Response {
 
 /// What an unknown address is answered with.
 pub(super) async fn route_unknown(uri: Uri) -> Problem {
-    let detail = format!("there is nothing at {}; the addresses are in /openapi.json and, to read, at /docs", uri.path());
+    let detail =
+        format!("there is nothing at {}; the addresses are in /openapi.json and, to read, at /docs", uri.path());
     Problem::new(Code::RouteUnknown, detail)
 }
 
@@ -71,7 +70,8 @@ fn refuse_size(app: &App, request: &Request) -> Result<(), Problem> {
         let detail = format!("the address has {url_bytes} bytes, at most {url_max} are read; shorten the query");
         return Err(Problem::new(Code::UrlTooLong, detail).with("url_bytes", url_bytes).with("url_bytes_max", url_max));
     }
-    let header_bytes: u64 = request.headers().iter().map(|(name, value)| wide(name.as_str().len() + value.len() + 4)).sum();
+    let header_bytes: u64 =
+        request.headers().iter().map(|(name, value)| wide(name.as_str().len() + value.len() + 4)).sum();
     if header_bytes > header_max {
         let detail = format!("the header lines have {header_bytes} bytes, at most {header_max} are read");
         return Err(Problem::new(Code::HeadersTooLarge, detail)
@@ -111,15 +111,60 @@ fn finish(response: Response, problem: Option<Problem>, request_id: &str) -> Res
     response
 }
 
-/// One line a request: what was asked, what was answered, how long it took.
-fn log(method: &Method, uri: &Uri, status: StatusCode, duration_ms: f64, request_id: &str, problem: Option<&Problem>) {
-    let (path, status, code) = (uri.path(), status.as_u16(), problem.map_or("", |problem| problem.code().name()));
-    if let Some(cause) = problem.and_then(Problem::log) {
-        tracing::error!(%method, path, status, duration_ms, request_id, code, cause, "{method} {path} {status}: {cause}");
-    } else if code.is_empty() {
-        tracing::info!(%method, path, status, duration_ms, request_id, "{method} {path} {status}");
-    } else {
-        tracing::info!(%method, path, status, duration_ms, request_id, code, "{method} {path} {status} {code}");
+/// What the log and the counters say about a request.
+struct Asked {
+    method: Method,
+    path: String,
+    /// The pattern, not the address: one series of numbers a route.
+    route: String,
+}
+
+/// What machines ask all day; the log need not tell when it went well.
+const POLLED: [&str; 4] = ["/v1/status", "/health/live", "/health/ready", "/metrics"];
+
+impl Asked {
+    fn of(request: &Request) -> Self {
+        let route = request.extensions().get::<MatchedPath>().map_or("none", |path| path.as_str()).to_owned();
+        Self { method: request.method().clone(), path: request.uri().path().to_owned(), route }
+    }
+
+    /// One line a request: what was asked, what was answered, how long it took.
+    fn log(&self, status: StatusCode, duration_ms: f64, request_id: &str, problem: Option<&Problem>) {
+        let Self { method, path, route } = self;
+        let status = status.as_u16();
+        match problem.map(|problem| (problem.code().name(), problem.log())) {
+            Some((code, Some(cause))) => tracing::error!(
+                %method, path, status, duration_ms, request_id, code, cause, "{method} {path} {status}: {cause}"
+            ),
+            Some((code, None)) => {
+                tracing::info!(%method, path, status, duration_ms, request_id, code, "{method} {path} {status} {code}");
+            }
+            None if POLLED.contains(&route.as_str()) => {
+                tracing::debug!(%method, path, status, duration_ms, request_id, "{method} {path} {status}");
+            }
+            None => tracing::info!(%method, path, status, duration_ms, request_id, "{method} {path} {status}"),
+        }
     }
 }
 
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_tells_the_client_nothing_but_that_it_happened() {
+        let response = panicked(Box::new("the secret".to_owned()));
+        let problem = problem_of(&response).expect("a problem");
+        assert_eq!((problem.code(), problem.log()), (Code::Internal, Some("a handler panicked: the secret")));
+        let response = finish(response, Some(problem), "line-7");
+        assert_eq!(response.status(), StatusCode::INTERNAL_SERVER_ERROR);
+        assert_eq!(response.headers()[&REQUEST_ID], "line-7");
+    }
+
+    #[test]
+    fn an_error_that_some_layer_made_becomes_a_problem() {
+        let response = StatusCode::SERVICE_UNAVAILABLE.into_response();
+        assert_eq!(problem_of(&response).map(|problem| problem.code()), Some(Code::Internal));
+        assert_eq!(problem_of(&StatusCode::OK.into_response()), None);
+    }
+}

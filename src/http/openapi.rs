@@ -6,7 +6,8 @@ use super::router::document;
 use std::collections::BTreeMap;
 use utoipa::openapi::path::{Operation, PathItem};
 use utoipa::openapi::{
-    Content, ContentBuilder, HeaderBuilder, OpenApi, Ref, RefOr, Response, ResponseBuilder, schema::Object, schema::Type,
+    Content, ContentBuilder, HeaderBuilder, OpenApi, Ref, RefOr, Response, ResponseBuilder, schema::Object,
+    schema::Type,
 };
 use utoipa::{OpenApi as _, ToSchema};
 
@@ -131,16 +132,20 @@ fn refusals(operation_id: &str) -> Vec<&'static [Code]> {
     match operation_id {
         "create_measurement" => vec![STORE, BODY, SCAN, MEASURING],
         "create_scan" => vec![STORE, BODY, SCAN],
-        "put_recipe" => vec![STORE, BODY, &[
-            Code::ContentTypeUnsupported,
-            Code::JsonMalformed,
-            Code::JsonInvalid,
-            Code::OptionInvalid,
-            Code::RecipeInvalid,
-            Code::RecipeChanged,
-            Code::PreconditionRequired,
-            Code::RouteUnknown,
-        ]],
+        "put_recipe" => vec![
+            STORE,
+            BODY,
+            &[
+                Code::ContentTypeUnsupported,
+                Code::JsonMalformed,
+                Code::JsonInvalid,
+                Code::OptionInvalid,
+                Code::RecipeInvalid,
+                Code::RecipeChanged,
+                Code::PreconditionRequired,
+                Code::RouteUnknown,
+            ],
+        ],
         "list_measurements" | "list_scans" | "list_recipes" => vec![STORE, &[Code::CursorMalformed]],
         "get_measurement" => vec![STORE, &[Code::MeasurementUnknown, Code::RouteUnknown]],
         "list_profiles" => vec![STORE, &[Code::MeasurementUnknown, Code::NotAcceptable, Code::RouteUnknown]],

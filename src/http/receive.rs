@@ -37,9 +37,10 @@ pub(super) fn content_encoding(headers: &HeaderMap) -> Result<Option<Encoding>, 
 /// [`Code::HeaderInvalid`].
 pub(super) fn origin(format: Option<FormatName>, headers: &HeaderMap) -> Result<Origin, Problem> {
     let media_type = match headers.contains_key(header::CONTENT_TYPE) {
-        true => Some(media_type(headers).ok_or_else(|| {
-            Problem::new(Code::HeaderInvalid, "the header content-type is not plain text")
-        })?),
+        true => Some(
+            media_type(headers)
+                .ok_or_else(|| Problem::new(Code::HeaderInvalid, "the header content-type is not plain text"))?,
+        ),
         false => None,
     };
     Ok(Origin { parameter: format.map(Into::into), media_type: media_type.map(str::to_owned), file_name: None })

@@ -71,7 +71,8 @@ impl Server {
         let mut server = axum_server::from_tcp(listener)?.handle(handle).acceptor(connections).http1_only();
         let header_timeout = Duration::from_millis(header_ms);
         // hyper's timer is set by axum-server, its timeout is off until one is named. It ends idle connections, too.
-        let header_bytes = usize::try_from(app.limits.header_bytes_max + app.limits.url_bytes_max).unwrap_or(usize::MAX);
+        let header_bytes =
+            usize::try_from(app.limits.header_bytes_max + app.limits.url_bytes_max).unwrap_or(usize::MAX);
         server
             .http_builder()
             .http1()

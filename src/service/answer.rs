@@ -174,8 +174,7 @@ impl Service {
         scan: Option<ScanRow>,
         request: Option<RequestKey>,
     ) -> Result<Answer, ServiceError> {
-        let unwritable =
-            |source| ServiceError::RecordUnwritable { what: "measurement", source: Arc::new(source) };
+        let unwritable = |source| ServiceError::RecordUnwritable { what: "measurement", source: Arc::new(source) };
         let row = MeasurementRow {
             id: measurement.id.clone(),
             created_at: measurement.created_at,
@@ -192,9 +191,7 @@ impl Service {
                 self.note(&measurement);
                 Ok(Answer { measurement, replayed: false })
             }
-            Inserted::Replayed(row) => {
-                Ok(Answer { measurement: super::records::read_back(&row)?, replayed: true })
-            }
+            Inserted::Replayed(row) => Ok(Answer { measurement: super::records::read_back(&row)?, replayed: true }),
             Inserted::RequestMismatch => Err(ServiceError::RequestIdReused { request_id }),
         }
     }

@@ -24,8 +24,8 @@ pub struct Measurement {
     pub scan_sha256: String,
     /// What the scan was read as.
     pub format: Format,
-    /// Unit of the file's coordinates.
-    pub unit: Unit,
+    /// Unit that was declared for the file's coordinates; `None` where it was left to the file.
+    pub unit: Option<Unit>,
     /// How its profiles were told apart, in words.
     pub profile_rule: String,
     /// Points that the file holds.
@@ -110,7 +110,7 @@ impl Measurement {
             duration_ms,
             scan_sha256,
             format: prepared.format,
-            unit: resolved.unit.unwrap_or(Unit::Millimetre),
+            unit: resolved.unit,
             profile_rule: prepared.scan.rule().to_owned(),
             points_count: prepared.points_count,
             missing_count: prepared.missing_count,

@@ -19,8 +19,8 @@ mod records;
 mod scans;
 mod upload;
 
-pub use clock::Stopwatch;
 pub use answer::{Accepted, Answer, Order, RequestId};
+pub use clock::Stopwatch;
 pub use compute::{Compute, ComputeError, Load};
 pub use error::{ContentError, ServiceError};
 pub use measure::{Decoded, MeasureError, Measured, Prepared, measure, prepare, read};

@@ -9,7 +9,10 @@ use std::fmt::Write as _;
 /// Twelve profiles of sixty points on a cylinder of 200 mm radius, without noise, as CSV.
 pub(crate) fn exact_csv() -> Vec<u8> {
     let axis = AxisLine { p: 0.01, q: -0.02, y0: 1.5, z0: -2.5 };
-    encoded(&Part { axis, length_mm: 110.0, profiles_count: 12, points_count: 60, noise_sigma_mm: 0.0, ..Part::smooth(1) }, Format::Csv)
+    encoded(
+        &Part { axis, length_mm: 110.0, profiles_count: 12, points_count: 60, noise_sigma_mm: 0.0, ..Part::smooth(1) },
+        Format::Csv,
+    )
 }
 
 /// A scan that takes a while: 400 profiles of 640 points, with interference.

@@ -15,14 +15,20 @@ fn the_committed_document_is_the_one_that_the_code_describes() {
         std::fs::write(path, generated).expect("written");
         return;
     }
-    assert!(generated == COMMITTED, "openapi/coaxis.json is out of date; run the tests with {UPDATE}=1 once and read its diff");
+    assert!(
+        generated == COMMITTED,
+        "openapi/coaxis.json is out of date; run the tests with {UPDATE}=1 once and read its diff"
+    );
 }
 
 #[test]
 fn the_document_is_served_as_it_is_committed() {
     let (service, _folder) = start();
     let answer = service.get("/openapi.json");
-    assert_eq!((answer.status, answer.header("content-type"), answer.text().as_str()), (200, "application/json", COMMITTED));
+    assert_eq!(
+        (answer.status, answer.header("content-type"), answer.text().as_str()),
+        (200, "application/json", COMMITTED)
+    );
 }
 
 #[test]

@@ -44,7 +44,10 @@ impl Folder {
     pub(crate) fn scan_files_count(&self) -> usize {
         fn count(folder: &Path) -> usize {
             let entries = std::fs::read_dir(folder).expect("readable");
-            entries.map(|entry| entry.expect("entry").path()).map(|path| if path.is_dir() { count(&path) } else { 1 }).sum()
+            entries
+                .map(|entry| entry.expect("entry").path())
+                .map(|path| if path.is_dir() { count(&path) } else { 1 })
+                .sum()
         }
         count(&self.0.join("scans"))
     }
@@ -69,11 +72,8 @@ pub(crate) fn start_with(change: impl FnOnce(&mut Config)) -> (Running, Folder) 
 
 /// A service on a folder that may have been used before.
 pub(crate) fn start_on(folder: &Folder, change: impl FnOnce(&mut Config)) -> Running {
-    let mut config = Config {
-        listen: SocketAddr::from(([127, 0, 0, 1], 0)),
-        data: folder.path().to_owned(),
-        ..Config::default()
-    };
+    let mut config =
+        Config { listen: SocketAddr::from(([127, 0, 0, 1], 0)), data: folder.path().to_owned(), ..Config::default() };
     change(&mut config);
     config.check().expect("a valid configuration");
     let (sender, receiver) = mpsc::channel();

@@ -17,6 +17,25 @@ fn the_status_is_flat_with_fixed_keys_below_512_bytes() {
     let status = answer.expect(200);
     assert!(answer.body.len() < 480, "{} bytes leave no room for larger numbers", answer.body.len());
     assert_eq!(keys(&status), keys(&empty));
+    let text = answer.text();
+    let places: Vec<_> = [
+        "state",
+        "instance_id",
+        "sequence",
+        "version",
+        "started_at",
+        "now_at",
+        "running_count",
+        "queued_count",
+        "running_max_count",
+        "queue_max_count",
+        "last_measurement_id",
+        "last_verdict",
+        "last_created_at",
+    ]
+    .map(|key| text.find(&format!("\"{key}\":")).expect(key))
+    .to_vec();
+    assert!(places.is_sorted() && places.len() == keys(&status).len(), "{text}");
     assert_eq!(status["last_measurement_id"], measurement["id"]);
     assert_eq!(status["instance_id"], empty["instance_id"]);
     assert!(status["sequence"].as_u64() > empty["sequence"].as_u64());

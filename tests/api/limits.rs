@@ -25,7 +25,9 @@ fn an_announced_length_beyond_the_limit_is_refused_before_the_body_is_read() {
 fn a_client_that_asks_before_sending_gets_the_refusal_instead_of_a_go_ahead() {
     let (service, _folder) = start_with(|config| config.limits.body_bytes_max = 2000);
     let head = |length: usize| {
-        format!("POST /v1/scans HTTP/1.1\r\nHost: a\r\nExpect: 100-continue\r\nContent-Length: {length}\r\nConnection: close\r\n\r\n")
+        format!(
+            "POST /v1/scans HTTP/1.1\r\nHost: a\r\nExpect: 100-continue\r\nContent-Length: {length}\r\nConnection: close\r\n\r\n"
+        )
     };
     let answer = service.raw(head(5000).as_bytes());
     assert!(answer.starts_with("HTTP/1.1 413 "), "{answer}");

@@ -139,7 +139,10 @@ fn a_plc_gets_integers_in_less_than_512_bytes() {
     assert!(answer.body.len() < 512, "{}", answer.body.len());
     let integers = view.as_object().expect("flat").iter().filter(|(key, _)| *key != "id");
     assert!(integers.clone().count() > 10 && integers.clone().all(|(_, value)| value.is_i64()), "{view}");
-    assert_eq!((&view["y_c0_um"], &view["pitch_udeg"], &view["radius_um"]), (&json!(1500), &json!(-1_145_763), &json!(200_000)));
+    assert_eq!(
+        (&view["y_c0_um"], &view["pitch_udeg"], &view["radius_um"]),
+        (&json!(1500), &json!(-1_145_763), &json!(200_000))
+    );
     assert_json_snapshot!("plc_view", view, { ".id" => "[id]" });
 }
 
@@ -202,7 +205,12 @@ fn what_is_not_there_is_404_with_the_id() {
 #[test]
 fn an_order_in_json_and_a_scan_in_json_are_told_apart() {
     let (service, _folder) = start();
-    let points: Vec<_> = (0..40).map(|i| { let a = 0.5 + f64::from(i) * 0.05; json!([50.0 * a.cos(), 50.0 * a.sin()]) }).collect();
+    let points: Vec<_> = (0..40)
+        .map(|i| {
+            let a = 0.5 + f64::from(i) * 0.05;
+            json!([50.0 * a.cos(), 50.0 * a.sin()])
+        })
+        .collect();
     let profiles: Vec<_> = (0..4).map(|i| json!({"x_mm": f64::from(i) * 10.0, "points": points})).collect();
     let scan = json!({ "profiles": profiles });
     let uploaded = service.post_json("/v1/measurements", &scan).expect(201);
@@ -213,5 +221,7 @@ fn an_order_in_json_and_a_scan_in_json_are_told_apart() {
     let mistyped = json!({"scan_id": uploaded["provenance"]["scan_id"], "nominal_radius": 50});
     let problem = service.post_json("/v1/measurements", &mistyped).problem(422, "json_invalid");
     assert!(problem["detail"].as_str().expect("text").contains("nominal_radius"), "{problem}");
-    service.post_with("/v1/measurements", &[("content-type", "application/json")], b"{\"scan_id\": ").problem(400, "json_malformed");
+    service
+        .post_with("/v1/measurements", &[("content-type", "application/json")], b"{\"scan_id\": ")
+        .problem(400, "json_malformed");
 }

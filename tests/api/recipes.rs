@@ -55,7 +55,10 @@ fn the_request_holds_over_the_recipe_and_the_recipe_over_the_configuration() {
     service.put("/v1/recipes/part", &[], &recipe).expect(201);
     let measurement = service.post("/v1/measurements?recipe=part&method=section_line", &exact_csv()).expect(201);
     let used = &measurement["provenance"]["recipe"];
-    assert_eq!((&used["method"], &used["arc_min_deg"], &used["points_min"]), (&json!("section_line"), &json!(55.0), &json!(25)));
+    assert_eq!(
+        (&used["method"], &used["arc_min_deg"], &used["points_min"]),
+        (&json!("section_line"), &json!(55.0), &json!(25))
+    );
     assert_eq!(measurement["provenance"]["recipe_name"], "part");
     assert_eq!(measurement["profiles"]["total_count"], 7, "x = 0, 10, … 60");
     let listed = service.get("/v1/measurements?recipe=part").expect(200);

@@ -33,7 +33,9 @@ fn wrong_bytes_have_their_own_problem_and_leave_nothing_behind() {
     post(&huge).problem(422, "coordinate_out_of_range");
     post(b"solid part\nfacet normal 0 0 1\n").problem(422, "not_a_table");
     service.post("/v1/measurements?format=pcd", &ply).problem(415, "format_conflict");
-    service.post_with("/v1/measurements", &[("content-type", "application/x-npy")], &ply).problem(415, "format_conflict");
+    service
+        .post_with("/v1/measurements", &[("content-type", "application/x-npy")], &ply)
+        .problem(415, "format_conflict");
     service.post("/v1/measurements?profile_by=column%3Dframe", &exact_csv()).problem(422, "column_unknown");
     service.post("/v1/measurements?profile_by=gap", &exact_csv()).problem(422, "recipe_invalid");
     service.post("/v1/measurements?nominal_radius_mm=NaN", &exact_csv()).problem(422, "recipe_invalid");
@@ -56,7 +58,10 @@ fn points_that_define_no_axis_are_refused_with_their_reason() {
     let refusal = |body: &[u8]| service.post("/v1/measurements", body).expect(201)["refusal"].clone();
     assert_eq!(refusal(&profiles(|i| [i, 2.0 * i + 1.0]))["code"], "points_collinear");
     assert_eq!(refusal(&profiles(|_| [3.0, 4.0]))["code"], "points_identical");
-    let one = csv((0..50).map(|i| { let a = 0.5 + 0.04 * f64::from(i); (0, [0.0, 50.0 * a.cos(), 50.0 * a.sin()]) }));
+    let one = csv((0..50).map(|i| {
+        let a = 0.5 + 0.04 * f64::from(i);
+        (0, [0.0, 50.0 * a.cos(), 50.0 * a.sin()])
+    }));
     assert_eq!(refusal(&one)["code"], "too_few_profiles");
 }
 

@@ -13,8 +13,8 @@ use axum::Json;
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use serde::de::{Deserializer as _, IgnoredAny, MapAccess, Visitor};
 use serde::Deserialize;
+use serde::de::{Deserializer as _, IgnoredAny, MapAccess, Visitor};
 use std::fmt;
 use utoipa::{IntoParams, ToSchema};
 
@@ -141,10 +141,12 @@ pub(in super::super) async fn create_measurement(
     let mut pieces = Pieces::new(&parts, body, &app, app.limits.body_bytes_max)?;
     let query: CreateQuery = query(&parts)?;
     let encoding = content_encoding(&parts.headers)?;
-    if is_json(&parts.headers) && query.format.is_none() && encoding.is_none() {
-        if let Some(order) = read_order(&mut pieces, &app).await? {
-            return measure_kept(&app, order, query, &parts.headers).await;
-        }
+    if is_json(&parts.headers)
+        && query.format.is_none()
+        && encoding.is_none()
+        && let Some(order) = read_order(&mut pieces, &app).await?
+    {
+        return measure_kept(&app, order, query, &parts.headers).await;
     }
     let origin = origin(query.format, &parts.headers)?;
     let accepted = app.service.accept(query.order(&parts.headers)?).await?;

@@ -10,8 +10,8 @@ mod uncertainty;
 pub(super) use create::{__path_create_measurement, create_measurement};
 pub use document::MeasurementDocument;
 pub(super) use plots::{__path_get_plot, get_plot};
-pub use profiles::{ProfileDocument, profiles_csv};
 pub(super) use profiles::{__path_list_profiles, list_profiles};
+pub use profiles::{ProfileDocument, profiles_csv};
 
 use super::app::App;
 use super::extract::{Path, Query};
@@ -120,7 +120,7 @@ pub(super) enum Shown {
     /// Whole.
     Full(Box<MeasurementDocument>),
     /// For a PLC.
-    Plc(PlcDocument),
+    Plc(Box<PlcDocument>),
 }
 
 /// Get a measurement
@@ -140,7 +140,7 @@ pub(super) async fn get_measurement(
     let measurement = app.service.measurement(&id).await?;
     Ok(match query.view.unwrap_or(View::Full) {
         View::Full => Json(Shown::Full(Box::new((&measurement).into()))).into_response(),
-        View::Plc => Json(Shown::Plc((&measurement).into())).into_response(),
+        View::Plc => Json(Shown::Plc(Box::new((&measurement).into()))).into_response(),
     })
 }
 

@@ -137,7 +137,9 @@ pub(in super::super) async fn list_profiles(
     let first = usize::try_from(query.cursor.unwrap_or(0)).unwrap_or(usize::MAX);
     let part = documents(&profiles).skip(first).take(limit);
     Ok(match form {
-        ProfilesForm::Csv => ([(header::CONTENT_TYPE, "text/csv; charset=utf-8; header=present")], csv(part)).into_response(),
+        ProfilesForm::Csv => {
+            ([(header::CONTENT_TYPE, "text/csv; charset=utf-8; header=present")], csv(part)).into_response()
+        }
         ProfilesForm::Ndjson => ([(header::CONTENT_TYPE, NDJSON)], ndjson(part)).into_response(),
         ProfilesForm::Json => {
             let end = first.saturating_add(limit);
@@ -206,9 +208,10 @@ impl ProfileDocument {
 
 /// No cell holds a comma, a quotation mark or a line break, so none needs quoting.
 fn csv(profiles: impl Iterator<Item = ProfileDocument>) -> String {
-    let mut text = "index,x_mm,points_count,verdict,reason,inlier_ratio,centre_y_mm,centre_z_mm,offset_mm,rms_mm,sigma_mm,\
+    let mut text =
+        "index,x_mm,points_count,verdict,reason,inlier_ratio,centre_y_mm,centre_z_mm,offset_mm,rms_mm,sigma_mm,\
                     arc_deg,semi_major_mm,semi_minor_mm,rotation_deg,iterations_count\r\n"
-        .to_owned();
+            .to_owned();
     for p in profiles {
         let verdict = match p.verdict {
             ProfileVerdict::Valid => "valid",

@@ -22,14 +22,13 @@ impl From<DecodeError> for Problem {
                 problem(Code::FormatConflict).with("declared", declared.name()).with("found", found.name())
             }
             E::NotThisFormat { format } => problem(Code::FormatMismatch).with("format", format.name()),
-            E::Truncated { expected, found } => problem(Code::FileTruncated)
-                .with("points_expected_count", expected)
-                .with("points_found_count", found),
+            E::Truncated { expected, found } => {
+                problem(Code::FileTruncated).with("points_expected_count", expected).with("points_found_count", found)
+            }
             E::EndsEarly { format } => problem(Code::FileTruncated).with("format", format.name()),
-            E::HeaderLine { format, line, field } => problem(Code::HeaderInvalidInFile)
-                .with("format", format.name())
-                .with("line", line)
-                .with("field", field),
+            E::HeaderLine { format, line, field } => {
+                problem(Code::HeaderInvalidInFile).with("format", format.name()).with("line", line).with("field", field)
+            }
             E::HeaderMissing { format, field } => {
                 problem(Code::HeaderInvalidInFile).with("format", format.name()).with("field", field)
             }
@@ -51,17 +50,14 @@ impl From<DecodeError> for Problem {
             }
             E::NotText { line } => problem(Code::NotText).with("line", line),
             E::NotATable { line } => problem(Code::NotATable).with("line", line),
-            E::LineTooLong { line, limit } => {
-                problem(Code::LineTooLong).with("line", line).with("limit", count(limit))
-            }
+            E::LineTooLong { line, limit } => problem(Code::LineTooLong).with("line", line).with("limit", count(limit)),
             E::TooManyColumns { limit } => problem(Code::TooManyColumns).with("limit", count(limit)),
             E::UnknownColumn { wanted, found } => {
                 problem(Code::ColumnUnknown).with("wanted", wanted).with("found", found)
             }
-            E::DoubleColumn { wanted, first, second } => problem(Code::ColumnAmbiguous)
-                .with("wanted", wanted)
-                .with("first", first)
-                .with("second", second),
+            E::DoubleColumn { wanted, first, second } => {
+                problem(Code::ColumnAmbiguous).with("wanted", wanted).with("first", first).with("second", second)
+            }
             E::HeaderNeeded { columns } => problem(Code::HeaderNeeded).with("columns_count", count(columns)),
             E::RaggedRow { line, expected, found } => problem(Code::RowRagged)
                 .with("line", line)
@@ -110,9 +106,7 @@ impl From<SliceError> for Problem {
             E::RegionInvalid { axis } => problem(Code::RecipeInvalid).with("field", format!("region.{axis}")),
             E::PitchInvalid => problem(Code::RecipeInvalid).with("field", "profile_by"),
             E::RegionEmpty { points } => problem(Code::RegionEmpty).with("points_count", count(points)),
-            E::NoColumn { wanted, found } => {
-                problem(Code::NoProfileColumn).with("wanted", wanted).with("found", found)
-            }
+            E::NoColumn { wanted, found } => problem(Code::NoProfileColumn).with("wanted", wanted).with("found", found),
             E::NoRows => problem(Code::NoRows),
             E::PitchTooSmall { pitch, slabs, limit, least } => problem(Code::PitchTooSmall)
                 .with("pitch_mm", pitch)

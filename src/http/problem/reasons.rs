@@ -53,13 +53,12 @@ impl From<ServiceError> for Problem {
 impl From<ComputeError> for Problem {
     fn from(error: ComputeError) -> Self {
         match error {
-            ComputeError::Busy { running_max, queue_max } => Self::new(
-                Code::Busy,
-                format!("{error}; nothing was recorded, try again after the time in Retry-After"),
-            )
-            .with("running_max_count", wide(running_max))
-            .with("queue_max_count", wide(queue_max))
-            .with_header(header::RETRY_AFTER, RETRY_AFTER_S),
+            ComputeError::Busy { running_max, queue_max } => {
+                Self::new(Code::Busy, format!("{error}; nothing was recorded, try again after the time in Retry-After"))
+                    .with("running_max_count", wide(running_max))
+                    .with("queue_max_count", wide(queue_max))
+                    .with_header(header::RETRY_AFTER, RETRY_AFTER_S)
+            }
             ComputeError::Panicked => Self::internal(error.to_string()),
         }
     }
@@ -73,21 +72,26 @@ impl From<StoreError> for Problem {
             E::Full => {
                 Self::new(Code::StoreFull, "the store is full; nothing was recorded. Make room in the data folder")
             }
-            E::Unavailable(_) | E::FileUnavailable { .. } | E::FolderInUse { .. } | E::Closed => {
-                Self::new(Code::StoreUnavailable, "the store cannot be used now; try again after the time in Retry-After")
-                    .with_header(header::RETRY_AFTER, RETRY_AFTER_S)
-                    .because(cause)
-            }
-            E::Damaged(_) | E::NewerSchema { .. } | E::MigrationDiffers { .. } | E::IdTaken { .. }
+            E::Unavailable(_) | E::FileUnavailable { .. } | E::FolderInUse { .. } | E::Closed => Self::new(
+                Code::StoreUnavailable,
+                "the store cannot be used now; try again after the time in Retry-After",
+            )
+            .with_header(header::RETRY_AFTER, RETRY_AFTER_S)
+            .because(cause),
+            E::Damaged(_)
+            | E::NewerSchema { .. }
+            | E::MigrationDiffers { .. }
+            | E::IdTaken { .. }
             | E::NumberTooLarge { .. } => Self::internal(cause),
             E::ScanTooLarge { bytes_max } => {
                 Self::new(Code::BodyTooLarge, format!("{cause}; thin it out or raise the limit"))
                     .with("bytes_max", bytes_max)
             }
             E::ScanUnknown { scan_id } => Self::new(Code::ScanUnknown, cause).with("scan_id", scan_id),
-            E::CursorMalformed => {
-                Self::new(Code::CursorMalformed, "the cursor did not come from a list of this service; begin without one")
-            }
+            E::CursorMalformed => Self::new(
+                Code::CursorMalformed,
+                "the cursor did not come from a list of this service; begin without one",
+            ),
         }
     }
 }

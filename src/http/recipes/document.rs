@@ -152,7 +152,11 @@ impl From<Recipe> for RecipeDocument {
                 x_axis: frame.x_axis,
                 z_axis: frame.z_axis,
             }),
-            region: recipe.region.map(|region| RegionDocument { x_mm: region.x_mm, y_mm: region.y_mm, z_mm: region.z_mm }),
+            region: recipe.region.map(|region| RegionDocument {
+                x_mm: region.x_mm,
+                y_mm: region.y_mm,
+                z_mm: region.z_mm,
+            }),
         }
     }
 }
