@@ -37,7 +37,7 @@ async fn serve(config: &Config) -> Result<(), Box<dyn Error>> {
 }
 
 /// What the configuration lets a service take on.
-pub(crate) fn capacity(config: &Config) -> Capacity {
+pub(super) fn capacity(config: &Config) -> Capacity {
     let count = |value: u64| usize::try_from(value).unwrap_or(usize::MAX);
     let limits = &config.limits;
     Capacity {
@@ -50,7 +50,7 @@ pub(crate) fn capacity(config: &Config) -> Capacity {
 }
 
 /// SIGTERM and SIGINT end the service; a second one changes nothing, the time for it is bounded anyway.
-async fn stop_on_signal(stopper: Stopper) {
+pub(super) async fn stop_on_signal(stopper: Stopper) {
     let (terminate, interrupt) = (signal(SignalKind::terminate()), signal(SignalKind::interrupt()));
     let (Ok(mut terminate), Ok(mut interrupt)) = (terminate, interrupt) else {
         tracing::error!("signals cannot be received; the service has to be killed to end");
@@ -63,7 +63,7 @@ async fn stop_on_signal(stopper: Stopper) {
     stopper.stop();
 }
 
-fn start_log(log: &Log) -> Result<(), Box<dyn Error>> {
+pub(super) fn start_log(log: &Log) -> Result<(), Box<dyn Error>> {
     let filter = EnvFilter::try_new(&log.filter).map_err(|error| format!("log.filter = {:?}: {error}", log.filter))?;
     let lines = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
     match log.format {
