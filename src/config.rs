@@ -5,8 +5,8 @@ mod layers;
 
 pub use layers::{ENVIRONMENT_PREFIX, Layers};
 
+use crate::estimation::{SettingError, Settings};
 use crate::scan::decode::Limits as ScanLimits;
-use crate::service::Recipe;
 use serde::{Deserialize, Serialize};
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -31,7 +31,7 @@ pub struct Config {
     /// What is refused because it takes too long.
     pub timeouts: Timeouts,
     /// What holds for a measurement where neither the request nor its recipe says otherwise.
-    pub recipe: Recipe,
+    pub estimation: Settings,
 }
 
 /// What is written to the log, on standard error.
@@ -101,7 +101,7 @@ impl Default for Config {
             limits: Limits::default(),
             scan: ScanLimits::default(),
             timeouts: Timeouts::default(),
-            recipe: Recipe::default(),
+            estimation: Settings::default(),
         }
     }
 }
@@ -176,9 +176,9 @@ pub enum ConfigError {
         /// Dotted name.
         key: &'static str,
     },
-    /// The recipe of the configuration cannot be used.
-    #[error("recipe: {0}")]
-    Recipe(#[from] crate::service::RecipeError),
+    /// A setting of the estimation beyond what it can work with.
+    #[error("estimation.{0}")]
+    Estimation(#[from] SettingError),
     /// The service would be open to the network without anything to keep it.
     #[error(
         "listen = \"{listen}\" is reachable from other machines, and the service asks nobody for a token: everybody on \
@@ -212,7 +212,7 @@ impl Config {
         if self.log.filter.trim().is_empty() {
             return Err(ConfigError::Empty { key: "log.filter" });
         }
-        self.recipe.check()?;
+        self.estimation.check()?;
         if !self.listen.ip().is_loopback() && !self.insecure_lan {
             return Err(ConfigError::OpenToTheNetwork { listen: self.listen });
         }

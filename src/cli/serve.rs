@@ -6,6 +6,7 @@ use crate::config::{Config, Log, LogFormat};
 use crate::http::{Server, Stopper};
 use crate::service::{Capacity, Service};
 use std::error::Error;
+use std::io::IsTerminal;
 use std::process::ExitCode;
 use tokio::signal::unix::{SignalKind, signal};
 use tracing_subscriber::EnvFilter;
@@ -25,7 +26,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
 }
 
 async fn serve(config: &Config) -> Result<(), Box<dyn Error>> {
-    let service = Service::open(&config.data, capacity(config), config.recipe.clone()).await?;
+    let service = Service::open(&config.data, capacity(config), config.estimation).await?;
     let server = Server::bind(config, service)
         .map_err(|error| format!("cannot listen on {}: {error}; is another service running there?", config.listen))?;
     let address = server.address();
@@ -65,7 +66,10 @@ pub(super) async fn stop_on_signal(stopper: Stopper) {
 
 pub(super) fn start_log(log: &Log) -> Result<(), Box<dyn Error>> {
     let filter = EnvFilter::try_new(&log.filter).map_err(|error| format!("log.filter = {:?}: {error}", log.filter))?;
-    let lines = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let lines = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_writer(std::io::stderr);
     match log.format {
         LogFormat::Text => lines.init(),
         LogFormat::Json => lines.json().flatten_event(true).init(),

@@ -56,10 +56,10 @@ impl Service {
     /// [`ServiceError::RecipeUnknown`], [`ServiceError::Recipe`], [`ServiceError::Compute`] where the queue is full.
     pub async fn accept(&self, order: Order) -> Result<Accepted, ServiceError> {
         let under = match &order.recipe {
-            Some(name) => self.recipe(name).await?.recipe.over(&self.defaults),
-            None => self.defaults.clone(),
+            Some(name) => self.recipe(name).await?.recipe,
+            None => Recipe::default(),
         };
-        let resolved = order.overrides.clone().over(&under).resolve()?;
+        let resolved = order.overrides.clone().over(&under).resolve(&self.defaults)?;
         self.compute.check_free()?;
         Ok(Accepted { order, resolved })
     }

@@ -33,6 +33,7 @@ pub use records::Last;
 pub use scans::{Content, Kept, Origin};
 pub use upload::Upload;
 
+use crate::estimation::Settings;
 use crate::scan::decode::Limits;
 use crate::store::Store;
 use clock::Clock;
@@ -64,7 +65,7 @@ pub struct Service {
     compute: Compute,
     capacity: Capacity,
     /// What holds where neither request nor recipe says otherwise.
-    defaults: Recipe,
+    defaults: Settings,
     clock: Clock,
     instance_id: String,
     started_at: Timestamp,
@@ -78,7 +79,7 @@ impl Service {
     ///
     /// # Errors
     /// [`ServiceError`] where the folder cannot be used or the threads cannot be started.
-    pub async fn open(folder: &Path, capacity: Capacity, defaults: Recipe) -> Result<Arc<Self>, ServiceError> {
+    pub async fn open(folder: &Path, capacity: Capacity, defaults: Settings) -> Result<Arc<Self>, ServiceError> {
         let store = Store::open(folder).await?;
         let compute = Compute::start(capacity.threads, capacity.running_max, capacity.queue_max)
             .map_err(|source| ServiceError::Threads(Arc::new(source)))?;

@@ -21,7 +21,7 @@ impl Service {
         }
         let profile = profile.and_then(|index| usize::try_from(index).ok());
         let profiles = self.profiles(id).await?;
-        let resolved = measurement.recipe.resolve()?;
+        let resolved = measurement.recipe.resolve(&self.defaults)?;
         let scan_id = measurement.scan_id();
         let file = self.store.open_scan(&scan_id).await?;
         let file = file.ok_or(ServiceError::ScanFileMissing { id: scan_id })?;

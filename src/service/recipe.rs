@@ -168,21 +168,16 @@ impl Recipe {
     /// # Errors
     /// [`RecipeError`] names the first thing that cannot be.
     pub fn check(&self) -> Result<(), RecipeError> {
-        // A noise may be said here and its multiple elsewhere, so only what is wrong whoever speaks is refused.
-        if self.epsilon_noise_multiple.is_some() && self.noise_sigma_mm.is_none() {
-            check_positive("epsilon_noise_multiple", self.epsilon_noise_multiple)?;
-            return Self { epsilon_noise_multiple: None, ..self.clone() }.resolve().map(|_| ());
-        }
-        self.resolve().map(|_| ())
+        self.resolve(&Settings::default()).map(|_| ())
     }
 
-    /// Fills in the defaults and checks everything.
+    /// Fills in what nobody said from `defaults` and checks everything.
     ///
     /// # Errors
     /// [`RecipeError`] names the first thing that cannot be.
-    pub fn resolve(&self) -> Result<Resolved, RecipeError> {
+    pub fn resolve(&self, defaults: &Settings) -> Result<Resolved, RecipeError> {
         self.check_description()?;
-        let settings = self.settings()?;
+        let settings = self.settings(defaults)?;
         settings.check()?;
         if let Some(frame) = &self.frame {
             frame.rotation()?;
@@ -193,8 +188,7 @@ impl Recipe {
         Ok(Resolved { settings, unit: self.unit, slicing, recipe: self.filled(&settings) })
     }
 
-    fn settings(&self) -> Result<Settings, RecipeError> {
-        let default = Settings::default();
+    fn settings(&self, default: &Settings) -> Result<Settings, RecipeError> {
         Ok(Settings {
             method: self.method.unwrap_or(default.method),
             epsilon_mm: self.epsilon()?.unwrap_or(default.epsilon_mm),
@@ -271,14 +265,14 @@ mod tests {
 
     #[test]
     fn the_defaults_are_those_of_the_estimation() {
-        assert_eq!(Recipe::default().resolve().expect("valid").settings, Settings::default());
+        assert_eq!(Recipe::default().resolve(&Settings::default()).expect("valid").settings, Settings::default());
     }
 
     #[test]
     fn what_is_said_above_holds_and_the_rest_shines_through() {
         let under = Recipe { points_min: Some(30), epsilon_mm: Some(0.2), ..Recipe::default() };
         let over = Recipe { epsilon_noise_multiple: Some(3.0), noise_sigma_mm: Some(0.05), ..Recipe::default() };
-        let settings = over.over(&under).resolve().expect("valid").settings;
+        let settings = over.over(&under).resolve(&Settings::default()).expect("valid").settings;
         assert_eq!(settings.points_min, 30);
         assert!((settings.epsilon_mm - 0.15).abs() < 1e-12, "a length below does not meet a multiple above");
     }
@@ -291,8 +285,9 @@ mod tests {
             profile_by: Some("x_pitch_mm=0.5".to_owned()),
             ..Recipe::default()
         };
-        let resolved = recipe.resolve().expect("valid");
-        assert_eq!(resolved.recipe.resolve(), Ok(resolved));
+        let elsewhere = Settings { points_min: 99, ..Settings::default() };
+        let resolved = recipe.resolve(&elsewhere).expect("valid");
+        assert_eq!(resolved.recipe.resolve(&Settings::default()), Ok(resolved), "whatever the defaults have become");
     }
 
     #[test]

@@ -53,7 +53,7 @@ impl Service {
     /// # Errors
     /// [`ServiceError`]; nothing is recorded then.
     pub async fn store_scan(&self, scan: CompleteScan, origin: Origin) -> Result<Kept, ServiceError> {
-        let resolved = Recipe::default().over(&self.defaults).resolve()?;
+        let resolved = Recipe::default().resolve(&self.defaults)?;
         let (file, limits) = (scan.open().await?, self.capacity.scan.clone());
         let file_name = origin.file_name.clone();
         let (format, points_count) =
