@@ -85,7 +85,13 @@ impl Arguments {
         Ok(flags.over(&recipe))
     }
 
-    fn measure(&self, path: &Path, resolved: &Resolved, limits: &Limits, json: bool) -> Result<Verdict, Box<dyn Error>> {
+    fn measure(
+        &self,
+        path: &Path,
+        resolved: &Resolved,
+        limits: &Limits,
+        json: bool,
+    ) -> Result<Verdict, Box<dyn Error>> {
         let name = path.display().to_string();
         let file = File::open(path).map_err(|error| format!("{name}: {error}"))?;
         let reader = Box::new(BufReader::with_capacity(READ_BLOCK_BYTES, file));

@@ -100,7 +100,9 @@ pub(super) fn write_made(part: &Part, format: Format, file: &Path) -> Result<Pat
     let (scan, truth) = make(part).map_err(|error| format!("these numbers make no scan: {error}"))?;
     let open = |path: &Path| File::create(path).map_err(|error| format!("{}: {error}", path.display()));
     let mut out = BufWriter::new(open(file)?);
-    encode(&scan, format, &mut out).and_then(|()| out.flush()).map_err(|error| format!("{}: {error}", file.display()))?;
+    encode(&scan, format, &mut out)
+        .and_then(|()| out.flush())
+        .map_err(|error| format!("{}: {error}", file.display()))?;
     let truth_file = file.with_extension("truth.json");
     fs::write(&truth_file, text(&truth)?).map_err(|error| format!("{}: {error}", truth_file.display()))?;
     Ok(truth_file)
@@ -123,7 +125,12 @@ impl ScanArguments {
         let slope = |degrees: f64| degrees.to_radians().tan();
         Ok(Part {
             radius_mm: self.radius_mm,
-            axis: AxisLine { p: slope(self.deflection_deg), q: slope(self.pitch_deg), y0: self.y_c0_mm, z0: self.z_c0_mm },
+            axis: AxisLine {
+                p: slope(self.deflection_deg),
+                q: slope(self.pitch_deg),
+                y0: self.y_c0_mm,
+                z0: self.z_c0_mm,
+            },
             x_start_mm: self.x_start_mm,
             length_mm: self.length_mm,
             profiles_count: self.profiles,

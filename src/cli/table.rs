@@ -17,17 +17,18 @@ fn write_table(text: &mut String, name: &str, document: &MeasurementDocument) ->
     let verdict = if document.pose.is_some() { "accepted" } else { "REFUSED" };
     writeln!(text, "{name}: {verdict} ({}, {} ms)", document.method, document.duration_ms)?;
     if let (Some(pose), Some(uncertainty)) = (&document.pose, &document.uncertainty) {
+        let expanded = &uncertainty.expanded;
         let rows = [
-            ("deflection", pose.deflection_deg, uncertainty.deflection_deg, "°"),
-            ("pitch", pose.pitch_deg, uncertainty.pitch_deg, "°"),
-            ("y at x = 0", pose.y_c0_mm, uncertainty.y_c0_mm, "mm"),
-            ("z at x = 0", pose.z_c0_mm, uncertainty.z_c0_mm, "mm"),
-            ("y at x_ref", pose.y_ref_mm, uncertainty.y_ref_mm, "mm"),
-            ("z at x_ref", pose.z_ref_mm, uncertainty.z_ref_mm, "mm"),
-            ("radius", pose.radius_mm, uncertainty.radius_mm, "mm"),
+            ("deflection", pose.deflection_deg, expanded.deflection_deg, "°"),
+            ("pitch", pose.pitch_deg, expanded.pitch_deg, "°"),
+            ("y at x = 0", pose.y_c0_mm, expanded.y_c0_mm, "mm"),
+            ("z at x = 0", pose.z_c0_mm, expanded.z_c0_mm, "mm"),
+            ("y at x_ref", pose.y_ref_mm, expanded.y_ref_mm, "mm"),
+            ("z at x_ref", pose.z_ref_mm, expanded.z_ref_mm, "mm"),
+            ("radius", pose.radius_mm, expanded.radius_mm, "mm"),
         ];
-        for (quantity, value, expanded, unit) in rows {
-            writeln!(text, "  {quantity:<12} {value:>12.4} ± {expanded:.4} {unit}")?;
+        for (quantity, value, half_width, unit) in rows {
+            writeln!(text, "  {quantity:<12} {value:>12.4} ± {half_width:.4} {unit}")?;
         }
         writeln!(text, "  x_ref        {:>12.4} mm; ± is the expanded uncertainty, k = 2", pose.x_ref_mm)?;
     }

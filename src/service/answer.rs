@@ -104,7 +104,7 @@ impl Service {
             scan_sha256: scan_id.trim_start_matches("s-").to_owned(),
             recipe_name: order.recipe.map(RecipeName::into_string),
         };
-        let (measurement, profiles) = Measurement::record(identity, measured, &resolved);
+        let (measurement, profiles) = Measurement::record(identity, &measured.prepared, measured.estimate, &resolved);
         let scan = match source {
             Source::Arrived(scan) => Some(self.place(scan, &measurement, &origin).await?),
             Source::Kept(_) => None,
@@ -174,8 +174,7 @@ impl Service {
         scan: Option<ScanRow>,
         request: Option<RequestKey>,
     ) -> Result<Answer, ServiceError> {
-        let unwritable =
-            |source| ServiceError::RecordUnwritable { what: "measurement", source: Arc::new(source) };
+        let unwritable = |source| ServiceError::RecordUnwritable { what: "measurement", source: Arc::new(source) };
         let row = MeasurementRow {
             id: measurement.id.clone(),
             created_at: measurement.created_at,
@@ -192,9 +191,7 @@ impl Service {
                 self.note(&measurement);
                 Ok(Answer { measurement, replayed: false })
             }
-            Inserted::Replayed(row) => {
-                Ok(Answer { measurement: super::records::read_back(&row)?, replayed: true })
-            }
+            Inserted::Replayed(row) => Ok(Answer { measurement: super::records::read_back(&row)?, replayed: true }),
             Inserted::RequestMismatch => Err(ServiceError::RequestIdReused { request_id }),
         }
     }

@@ -20,13 +20,13 @@ mod records;
 mod scans;
 mod upload;
 
-pub use clock::Stopwatch;
 pub use answer::{Accepted, Answer, Order, RequestId};
+pub use clock::Stopwatch;
 pub use compute::{Compute, ComputeError, Load};
 pub use error::{ContentError, ServiceError};
 pub use measure::{Decoded, MeasureError, Measured, Prepared, measure, prepare, read};
-pub use offline::{Offline, measure_offline};
 pub use measurement::{Identity, Measurement, SOFTWARE, Tally, Verdict};
+pub use offline::{Offline, measure_offline};
 pub use recipe::{DESCRIPTION_CHARACTERS_MAX, Recipe, RecipeError, Resolved};
 pub use recipes::{Put, RecipeName, StoredRecipe};
 pub use records::Last;

@@ -2,7 +2,7 @@
 //! is one function, so that both give the same bits. Must not know who asks.
 
 use super::clock::Clock;
-use super::{Identity, MeasureError, Measurement, Origin, Prepared, Resolved, measure};
+use super::{Identity, MeasureError, Measurement, Origin, Resolved, measure};
 use crate::estimation::{Estimate, Progress};
 use crate::scan::Scan;
 use crate::scan::decode::{Encoding, Limits, inflate};
@@ -43,13 +43,16 @@ pub fn measure_offline(
     // A reader may stop behind the last point; the file's identity is all of it.
     io::copy(&mut hashed, &mut io::sink()).map_err(crate::scan::decode::DecodeError::from)?;
     let scan_sha256 = hashed.hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
-    let identity =
-        Identity { id: Clock.new_id("m-"), created_at, duration_ms: watch.elapsed_ms(), scan_sha256, recipe_name: None };
-    let Prepared { scan, .. } = &measured.prepared;
-    let scan = scan.clone();
-    let (measurement, profiles) = Measurement::record(identity, measured, resolved);
+    let identity = Identity {
+        id: Clock.new_id("m-"),
+        created_at,
+        duration_ms: watch.elapsed_ms(),
+        scan_sha256,
+        recipe_name: None,
+    };
+    let (measurement, profiles) = Measurement::record(identity, &measured.prepared, measured.estimate, resolved);
     let estimate = measurement.estimate(profiles);
-    Ok(Offline { measurement, estimate, scan })
+    Ok(Offline { measurement, estimate, scan: measured.prepared.scan })
 }
 
 /// Hashes whatever is taken from it.
