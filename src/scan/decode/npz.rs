@@ -11,7 +11,11 @@ use crate::scan::{Cloud, Labels};
 use std::io::{BufRead, BufReader, Cursor, Read};
 use zip::ZipArchive;
 
-type Archive = ZipArchive<Cursor<Vec<u8>>>;
+/// An archive and its size.
+struct Archive {
+    zip: ZipArchive<Cursor<Vec<u8>>>,
+    bytes: u64,
+}
 
 /// Reads an archive.
 pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<Cloud, DecodeError> {
@@ -21,11 +25,14 @@ pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<
     if bytes.len() as u64 > limits.inflated_bytes_max {
         return Err(DecodeError::InflatedTooLarge { limit: limits.inflated_bytes_max });
     }
-    let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|_| DecodeError::DamagedArchive)?;
-    if archive.len() > limits.npz_entries_max {
-        return Err(DecodeError::TooManyEntries { found: archive.len(), limit: limits.npz_entries_max });
+    let size = bytes.len() as u64;
+    let zip = ZipArchive::new(Cursor::new(bytes)).map_err(|_| DecodeError::DamagedArchive)?;
+    if zip.len() > limits.npz_entries_max {
+        return Err(DecodeError::TooManyEntries { found: zip.len(), limit: limits.npz_entries_max });
     }
-    let names = archive.file_names().map(|name| name.map(|name| name.into_owned())).collect::<Result<Vec<String>, _>>();
+    let mut archive = Archive { zip, bytes: size };
+    let names =
+        archive.zip.file_names().map(|name| name.map(|name| name.into_owned())).collect::<Result<Vec<String>, _>>();
     let names = names.map_err(|_| DecodeError::DamagedArchive)?;
     let has = |axis: &str| names.iter().any(|name| name == axis);
     if ["x.npy", "y.npy", "z.npy"].into_iter().all(has) {
@@ -42,8 +49,9 @@ pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<
 
 /// One entry as it inflates, within the limits.
 fn open<'a>(archive: &'a mut Archive, name: &str, limits: &Limits) -> Result<impl BufRead + 'a, DecodeError> {
-    let entry = archive.by_name(name).map_err(|_| DecodeError::DamagedArchive)?;
-    let packed = entry.compressed_size();
+    // The ratio is judged against the whole archive: x that repeats along a profile shrinks to almost nothing.
+    let packed = archive.bytes;
+    let entry = archive.zip.by_name(name).map_err(|_| DecodeError::DamagedArchive)?;
     Ok(BufReader::with_capacity(1 << 16, Capped::new(entry, limits, move |_: &_| packed)))
 }
 
