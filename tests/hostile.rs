@@ -2,6 +2,13 @@
 //! abort. Each reader runs in a child process with little address space, for running out of memory aborts, which no
 //! test could catch within its own process.
 
+#![expect(
+    clippy::expect_used,
+    clippy::indexing_slicing,
+    clippy::print_stdout,
+    reason = "a test that panics has failed, as it should"
+)]
+
 use coaxis::scan::decode::{Encoding, Format, FormatClaims, Limits, Request, decode, find_format, inflate};
 use coaxis::scan::encode::encode;
 use coaxis::scan::slice::{SliceRequest, slice};

@@ -70,7 +70,6 @@ impl<'a> Gather<'a> {
             return self.turn_away(index, label, point);
         }
         let end = match &mut self.columns {
-            #[expect(clippy::cast_possible_truncation, reason = "single columns are filled from single coordinates")]
             Columns::F32 { y: ys, z: zs } => {
                 ys.push(y as f32);
                 zs.push(z as f32);

@@ -99,7 +99,6 @@ fn read_axes(archive: &mut Archive, request: &Request<'_>) -> Result<Cloud, Deco
     let at = |axis: &AxisArray, index: usize| axis.scalar.read(&axis.bytes, index * axis.scalar.kind.size());
     let mut index = 0;
     while let (Some(x), Some(y), Some(z)) = (at(&x, index), at(&y, index), at(&z, index)) {
-        #[expect(clippy::cast_precision_loss, reason = "rows are far fewer than 2^53")]
         let label = row_length.map_or(0.0, |length| (index as u64 / length) as f64);
         gather.push(label, [x, y, z])?;
         index += 1;

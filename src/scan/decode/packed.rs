@@ -41,7 +41,6 @@ impl Packed for [u8; 12] {
     }
 
     fn all_within(values: &[f32], limit: f64) -> bool {
-        #[expect(clippy::cast_possible_truncation, reason = "a limit half a step off refuses nothing that matters")]
         let limit = limit as f32;
         values.iter().fold(true, |all, value| all & (value.abs() <= limit))
     }
@@ -149,7 +148,7 @@ impl<'a, R: Copy + PartialEq + Into<f64>> Target<'a, R> {
     /// Takes the start of a block, all of it where it shares one x; how much.
     fn take_some<P: Packed<Real = R>>(&mut self, block: &[P], label: f64) -> Option<usize> {
         let x_of = |record: &P| record.point()[0];
-        let is_number = |x: &R| x == x;
+        let is_number = |x: &R| !(*x).into().is_nan();
         let x = block.iter().map(x_of).find(is_number);
         let Some(x) = x.filter(|x| P::all_within(&[*x], self.limit)) else {
             self.take_points(block, label)?;

@@ -113,7 +113,6 @@ pub(super) fn take_points(
 }
 
 /// The number of the row that the point at `index` lies in.
-#[expect(clippy::cast_precision_loss, reason = "rows are far fewer than 2^53")]
 pub(super) fn row_of(index: usize, row_length: Option<usize>) -> f64 {
     row_length.map_or(0.0, |length| (index / length.max(1)) as f64)
 }
