@@ -34,17 +34,18 @@ impl<'a> Gather<'a> {
         Self { limits, scale: unit.in_mm(), seen: 0, missing: 0, stripes: Vec::new(), columns }
     }
 
-    /// Makes room for `points` more; the caller has seen that many in the input.
+    /// Makes room for `points` more, which the caller has seen in the input; not exactly that much, as there may be many
+    /// such calls.
     pub(super) fn reserve(&mut self, points: usize) {
         let points = points.min(self.limits.points_max);
         match &mut self.columns {
             Columns::F32 { y, z } => {
-                y.reserve_exact(points);
-                z.reserve_exact(points);
+                y.reserve(points);
+                z.reserve(points);
             }
             Columns::F64 { y, z } => {
-                y.reserve_exact(points);
-                z.reserve_exact(points);
+                y.reserve(points);
+                z.reserve(points);
             }
         }
     }
