@@ -14,6 +14,7 @@ pub mod decode;
 pub mod encode;
 mod rule;
 pub mod slice;
+pub mod synthetic;
 
 pub use cloud::{Cloud, Labels, Stripe};
 pub use columns::Columns;

@@ -1,0 +1,36 @@
+# The service in a container without shell, libraries or package manager: one static binary, one data volume.
+#   docker build -t coaxis .
+#   docker run --rm --read-only -p 127.0.0.1:8080:8080 -v coaxis-data:/data coaxis
+
+FROM rust:1.95.0-slim-bookworm AS build
+RUN apt-get update && apt-get install --yes --no-install-recommends gcc libc6-dev && rm -rf /var/lib/apt/lists/*
+WORKDIR /build
+COPY Cargo.toml Cargo.lock ./
+COPY openapi openapi
+COPY benches benches
+COPY src src
+# Static against glibc: nothing is looked up at run time, and its allocator is the faster one. A target must be named,
+# or the flag would reach the build scripts too.
+RUN --mount=type=cache,target=/usr/local/cargo/registry \
+    --mount=type=cache,target=/build/target \
+    target="$(rustc -vV | sed -n 's/^host: //p')" && \
+    RUSTFLAGS="-C target-feature=+crt-static" cargo build --release --locked --bin coaxis --target "$target" && \
+    install -D --mode=0755 "target/$target/release/coaxis" /image/coaxis && \
+    install --directory --owner=65532 --group=65532 --mode=0750 /image/data
+
+FROM scratch
+LABEL org.opencontainers.image.title="coaxis" \
+      org.opencontainers.image.description="Measures the pose of a cylindrical part's axis from laser profile scans" \
+      org.opencontainers.image.licenses="MIT OR Apache-2.0"
+COPY --from=build --chown=65532:65532 /image/data /data
+COPY --from=build /image/coaxis /coaxis
+USER 65532:65532
+VOLUME ["/data"]
+EXPOSE 8080
+# Inside the container every address is behind the container's own network; what the line can reach is decided by the
+# port that is published.
+ENV COAXIS_LISTEN=0.0.0.0:8080 COAXIS_INSECURE_LAN=true COAXIS_DATA=/data
+HEALTHCHECK --interval=10s --timeout=3s --start-period=5s --retries=3 CMD ["/coaxis", "health"]
+STOPSIGNAL SIGTERM
+ENTRYPOINT ["/coaxis"]
+CMD ["serve"]

@@ -1,0 +1,133 @@
+//! A robust straight line through the centres of the sections, and how well it is known.
+//!
+//! y = y_ref + p·(x − x_ref) and z likewise, each by weighted least squares, re-weighted by Tukey on the distance of the
+//! centre from the line, |P_i P_0 × T| / |T|, until it settles. The covariance is the sandwich B (Σ G_i G_iᵀ) Bᵀ with the
+//! profile as the cluster: whatever the points of a profile share is in its centre, so nothing is assumed about them.
+//! In: centres and radii of profiles. Out: axis, radius, covariance, weights. Must not know of points.
+
+use super::robust;
+use crate::geometry::AxisLine;
+use nalgebra::{Matrix2, Matrix5, Vector2, Vector5};
+
+/// What one profile says about the axis, mm.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Centre {
+    pub(super) x: f64,
+    pub(super) y: f64,
+    pub(super) z: f64,
+    pub(super) radius: f64,
+}
+
+/// The line and what belongs to it.
+#[derive(Debug, Clone)]
+pub(super) struct Fit {
+    pub(super) axis: AxisLine,
+    pub(super) x_ref: f64,
+    pub(super) radius: f64,
+    /// Of (deflection, pitch, y_ref, z_ref, radius), rad and mm.
+    pub(super) covariance: [[f64; 5]; 5],
+    /// One a centre; 0 where it lies off the axis.
+    pub(super) weights: Vec<f64>,
+}
+
+/// Whether centres that do not agree lose their say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Reweighting {
+    Tukey,
+    None,
+}
+
+const ROUNDS_MAX: usize = 100;
+/// Weights have settled when none moves by more.
+const SETTLED: f64 = 1e-9;
+/// Distances below this share of the lengths involved are rounding.
+const SPREAD_FLOOR: f64 = 1e-10;
+
+/// Fits the line; `None` where fewer than two distinct x remain.
+pub(super) fn fit(centres: &[Centre], reweighting: Reweighting) -> Option<Fit> {
+    let middle = centres.iter().map(|c| c.x).sum::<f64>() / centres.len() as f64;
+    let mut weights = vec![1.0; centres.len()];
+    let mut axis = line(centres, &weights, middle)?;
+    let mut cut_off = f64::INFINITY;
+    if reweighting == Reweighting::Tukey {
+        for _ in 0..ROUNDS_MAX {
+            let squared: Vec<f64> = centres.iter().map(|c| axis.distance([c.x, c.y, c.z]).powi(2)).collect();
+            let size = centres.iter().fold(0.0_f64, |size, c| size.max(c.y.abs()).max(c.z.abs()).max(c.radius));
+            let sigma = robust::sigma(&squared, &mut Vec::new()).max(SPREAD_FLOOR * size).max(f64::MIN_POSITIVE.sqrt());
+            cut_off = robust::cut_off_squared(sigma);
+            let before = weights;
+            weights = squared.iter().map(|&r2| robust::weight(r2, cut_off)).collect();
+            axis = line(centres, &weights, middle)?;
+            if weights.iter().zip(&before).all(|(now, before)| (now - before).abs() < SETTLED) {
+                break;
+            }
+        }
+    }
+    let (x_sum, used_count) = centres
+        .iter()
+        .zip(&weights)
+        .filter(|(_, w)| **w > 0.0)
+        .fold((0.0, 0.0), |(sum, count), (c, _)| (sum + c.x, count + 1.0));
+    let x_ref = x_sum / used_count;
+    let sum: f64 = weights.iter().sum();
+    let radius = centres.iter().zip(&weights).map(|(c, w)| w * c.radius).sum::<f64>() / sum;
+    let covariance = covariance(centres, &weights, &axis, x_ref, radius, cut_off)?;
+    Some(Fit { axis, x_ref, radius, covariance, weights })
+}
+
+/// Weighted least squares of y and z on x.
+fn line(centres: &[Centre], weights: &[f64], middle: f64) -> Option<AxisLine> {
+    let mut normal = Matrix2::zeros();
+    let (mut right_y, mut right_z) = (Vector2::zeros(), Vector2::zeros());
+    for (c, &w) in centres.iter().zip(weights) {
+        let row = Vector2::new(1.0, c.x - middle);
+        normal += row * row.transpose() * w;
+        right_y += row * (w * c.y);
+        right_z += row * (w * c.z);
+    }
+    let inverse = normal.cholesky()?;
+    let (y, z) = (inverse.solve(&right_y), inverse.solve(&right_z));
+    let axis = AxisLine::through([middle, y.x, z.x], y.y, z.y);
+    [axis.p, axis.q, axis.y0, axis.z0].iter().all(|v| v.is_finite()).then_some(axis)
+}
+
+fn covariance(
+    centres: &[Centre],
+    weights: &[f64],
+    axis: &AxisLine,
+    x_ref: f64,
+    radius: f64,
+    cut_off: f64,
+) -> Option<[[f64; 5]; 5]> {
+    // Order inside: p, q, y_ref, z_ref, radius.
+    let (mut hessian, mut scatter) = (Matrix5::<f64>::zeros(), Matrix5::<f64>::zeros());
+    let mut used_count = 0_usize;
+    for (c, &w) in centres.iter().zip(weights).filter(|(_, w)| **w > 0.0) {
+        used_count += 1;
+        let dx = c.x - x_ref;
+        let [line_y, line_z] = axis.at(c.x);
+        let (ry, rz) = (c.y - line_y, c.z - line_z);
+        let gradient = Vector5::new(dx * ry, dx * rz, ry, rz, c.radius - radius) * w;
+        scatter += gradient * gradient.transpose();
+        // d(w r)/dr = w·1 − 4·√w/cut² · r rᵀ for Tukey's weight.
+        let bend = 4.0 * w.sqrt() / cut_off;
+        let (kyy, kyz, kzz) = (w - bend * ry * ry, -bend * ry * rz, w - bend * rz * rz);
+        #[rustfmt::skip]
+        let block = Matrix5::new(
+            dx * dx * kyy, dx * dx * kyz, dx * kyy, dx * kyz, 0.0,
+            dx * dx * kyz, dx * dx * kzz, dx * kyz, dx * kzz, 0.0,
+            dx * kyy, dx * kyz, kyy, kyz, 0.0,
+            dx * kyz, dx * kzz, kyz, kzz, 0.0,
+            0.0, 0.0, 0.0, 0.0, w,
+        );
+        hessian += block;
+    }
+    let bread = hessian.try_inverse()?;
+    // Two parameters a coordinate were taken from the centres that are left.
+    let freedom = used_count as f64 / (used_count as f64 - 2.0).max(1.0);
+    let slopes = Vector5::new(1.0 / (1.0 + axis.p * axis.p), 1.0 / (1.0 + axis.q * axis.q), 1.0, 1.0, 1.0);
+    let to_angles = Matrix5::from_diagonal(&slopes);
+    let matrix = to_angles * bread * scatter * bread.transpose() * to_angles * freedom;
+    let matrix = (matrix + matrix.transpose()) * 0.5;
+    matrix.iter().all(|v| v.is_finite()).then(|| matrix.into())
+}

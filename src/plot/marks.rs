@@ -1,0 +1,134 @@
+//! Markers: what they look like, and many of one kind gathered into one path so that the file stays small.
+//! Must not know what a kind means.
+
+use super::panel::{Panel, Spot};
+use super::svg::{Px, Svg};
+use std::fmt::Write as _;
+
+/// The shape of a marker.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Symbol {
+    /// A dot of two pixels.
+    Speck,
+    /// A dot of four pixels.
+    Dot,
+    Triangle,
+    Square,
+    Diamond,
+    Cross,
+    Plus,
+    /// A piece of a line.
+    Stroke,
+    /// A piece of a dashed line.
+    Dashes,
+    /// A filled field.
+    Field,
+    /// The arrow head of what lies beyond the border.
+    Arrow,
+}
+
+impl Symbol {
+    /// Path data of one marker.
+    fn data(self, [x, y]: [f64; 2]) -> String {
+        let at = |dx: f64, dy: f64| format!("M{} {}", Px(x + dx), Px(y + dy));
+        match self {
+            // A line of no length with round ends: by far the shortest way to write a dot.
+            Self::Speck | Self::Dot => at(0.0, 0.0) + "h0",
+            Self::Triangle => at(0.0, -3.6) + "l3.6 6.4h-7.2z",
+            Self::Square => at(-2.8, -2.8) + "h5.6v5.6h-5.6z",
+            Self::Diamond => at(0.0, -4.0) + "l4 4l-4 4l-4-4z",
+            Self::Cross => at(-2.8, -2.8) + "l5.6 5.6m0-5.6l-5.6 5.6",
+            Self::Plus => at(-3.6, 0.0) + "h7.2m-3.6-3.6v7.2",
+            Self::Stroke | Self::Dashes => at(-9.0, 0.0) + "h18",
+            Self::Field => at(-9.0, -5.0) + "h18v10h-18z",
+            Self::Arrow => at(0.0, -3.0) + "l3.4 5.4h-6.8z",
+        }
+    }
+
+    /// The attributes that give a marker its colour.
+    fn paint(self, colour: &str) -> String {
+        let stroke =
+            |width: f64, more: &str| format!("fill=\"none\" stroke=\"{colour}\" stroke-width=\"{width}\"{more}");
+        match self {
+            Self::Speck => stroke(2.0, " stroke-linecap=\"round\""),
+            Self::Dot => stroke(4.0, " stroke-linecap=\"round\""),
+            Self::Triangle | Self::Square | Self::Diamond | Self::Field | Self::Arrow => format!("fill=\"{colour}\""),
+            Self::Cross | Self::Plus => stroke(1.4, ""),
+            Self::Stroke => stroke(1.4, ""),
+            Self::Dashes => stroke(1.2, " stroke-dasharray=\"4 3\""),
+        }
+    }
+
+    /// Draws a single marker.
+    pub(super) fn draw(self, svg: &mut Svg, at: [f64; 2], colour: &str) {
+        svg.path(&self.data(at), self.paint(colour));
+    }
+}
+
+/// Markers of one kind on one panel.
+pub(super) struct Marks {
+    symbol: Symbol,
+    colour: &'static str,
+    inside: String,
+    arrows: String,
+    beyond_count: usize,
+}
+
+impl Marks {
+    pub(super) fn new(symbol: Symbol, colour: &'static str) -> Self {
+        Self { symbol, colour, inside: String::new(), arrows: String::new(), beyond_count: 0 }
+    }
+
+    /// One more marker. Beyond the border it stands just inside of it, with an arrow head outside.
+    pub(super) fn add(&mut self, panel: &Panel, values: [f64; 2]) {
+        match panel.spot(values) {
+            Spot::Inside(at) => self.inside += &self.symbol.data(at),
+            Spot::Beyond([x, y], [dx, dy]) => {
+                self.beyond_count += 1;
+                self.inside += &self.symbol.data([x - 6.0 * dx, y - 6.0 * dy]);
+                self.arrows += &head([x, y], [dx, dy]);
+            }
+        }
+    }
+
+    /// One more marker where it lies inside; beyond the border it is only counted.
+    pub(super) fn add_inside(&mut self, panel: &Panel, values: [f64; 2]) {
+        match panel.spot(values) {
+            Spot::Inside(at) => self.inside += &self.symbol.data(at),
+            Spot::Beyond(..) => self.beyond_count += 1,
+        }
+    }
+
+    /// Draws all of them; returns how many lie beyond the border.
+    pub(super) fn draw(&self, svg: &mut Svg) -> usize {
+        svg.path(&self.inside, self.symbol.paint(self.colour));
+        svg.path(&self.arrows, Symbol::Arrow.paint(self.colour));
+        self.beyond_count
+    }
+}
+
+/// An arrow head on the border, pointing along the unit vector (dx, dy).
+fn head([x, y]: [f64; 2], [dx, dy]: [f64; 2]) -> String {
+    let corner = |along: f64, across: f64| (Px(x + along * dx - across * dy), Px(y + along * dy + across * dx));
+    let ((ax, ay), (bx, by), (cx, cy)) = (corner(6.5, 0.0), corner(1.0, 3.2), corner(1.0, -3.2));
+    let mut data = String::new();
+    // Writing to a string cannot fail.
+    let _ = write!(data, "M{ax} {ay}L{bx} {by}L{cx} {cy}z");
+    data
+}
+
+/// Every how many-th of `count` things is drawn so that no more than `most` are.
+pub(super) fn stride(count: usize, most: usize) -> usize {
+    count.div_ceil(most.max(1)).max(1)
+}
+
+/// A polyline through places on the page.
+pub(super) fn polyline(places: impl Iterator<Item = [f64; 2]>) -> String {
+    let mut data = String::new();
+    for [x, y] in places {
+        let step = if data.is_empty() { 'M' } else { 'L' };
+        // Writing to a string cannot fail.
+        let _ = write!(data, "{step}{} {}", Px(x), Px(y));
+    }
+    data
+}

@@ -1,0 +1,87 @@
+//! Pictures of a measurement as self-contained SVG, for people: what was found, and why it should be believed.
+//!
+//! A scan and its estimate come in, text goes out; equal input gives equal bytes. Knows estimation, scan and geometry;
+//! must not know files, clocks, requests or who looks. Every picture stays below about 1 MB whatever the size of the
+//! scan, is drawn for refused scans too, and says in words what it cannot show.
+
+mod about_axis;
+mod area;
+mod centres;
+mod end_view;
+mod legend;
+mod marks;
+mod notice;
+mod palette;
+mod panel;
+mod residual_map;
+mod section;
+mod section_points;
+mod seen;
+mod spread;
+mod svg;
+mod ticks;
+mod unrolled;
+
+#[cfg(test)]
+mod tests;
+
+use crate::estimation::Estimate;
+use crate::scan::Scan;
+
+/// What can be drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Picture {
+    /// The centres of the profiles along x, the axis through them, and how far they lie from it.
+    Centres,
+    /// The unrolled surface: signed distance of the points from the fitted cylinder.
+    ResidualMap,
+    /// One profile: its points, their weights and its ellipse.
+    Section,
+    /// All points seen along the axis.
+    EndView,
+}
+
+impl Picture {
+    /// All pictures.
+    pub const ALL: [Self; 4] = [Self::Centres, Self::ResidualMap, Self::Section, Self::EndView];
+
+    /// The name used in requests and file names.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Centres => "centres",
+            Self::ResidualMap => "residual_map",
+            Self::Section => "section",
+            Self::EndView => "end_view",
+        }
+    }
+
+    /// The picture of this name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|picture| picture.name() == name)
+    }
+}
+
+/// What the pictures say besides the estimate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Subject<'a> {
+    /// What was measured, e.g. the id of the measurement or the name of the file; any text.
+    pub title: &'a str,
+    /// Distance below which a point counts as inner, mm, as the estimation was told.
+    pub epsilon_mm: f64,
+    /// Index of the profile that [`Picture::Section`] shows; `None` takes the valid one nearest to the middle, or the
+    /// middle one where none is valid.
+    pub profile: Option<usize>,
+}
+
+/// Draws one picture: an SVG 1.1 document of 1000 × 600 pixels.
+#[must_use]
+pub fn draw(picture: Picture, scan: &Scan, estimate: &Estimate, subject: &Subject<'_>) -> String {
+    match picture {
+        Picture::Centres => centres::centres(estimate, subject),
+        Picture::ResidualMap => residual_map::residual_map(scan, estimate, subject),
+        Picture::Section => section::section(scan, estimate, subject),
+        Picture::EndView => end_view::end_view(scan, estimate, subject),
+    }
+}

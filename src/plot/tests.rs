@@ -1,0 +1,308 @@
+//! What every picture promises: well-formed, only numbers, small, drawn for whatever was measured.
+//! Scans and estimates are made here, from the section of a cylinder whose axis is known.
+
+use super::{Picture, Subject, draw};
+use crate::estimation::{
+    self, Conditioning, Estimate, Method, Outcome, Pose, Profile, Progress, RadiusSource, Reason, Refusal, Section,
+    Settings, Uncertainty,
+};
+use crate::geometry::{Angle, AxisLine};
+use crate::scan::synthetic::{Part, make};
+use crate::scan::{Columns, Scan, Station};
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+
+const SUBJECT: Subject<'_> = Subject { title: "part <7> & \"co\"", epsilon_mm: 0.111, profile: None };
+const RADIUS: f64 = 200.0;
+
+/// A made part: profiles of a known cylinder, some of them with a clamp that spoils their centre.
+struct Made {
+    axis: AxisLine,
+    spacing: f64,
+    profiles: usize,
+    points: usize,
+    /// Every so many-th profile has a clamp and is rejected.
+    clamp_every: usize,
+}
+
+const PART: Made = Made {
+    axis: AxisLine { p: -0.0149, q: 0.0144, y0: -0.114, z0: 0.845 },
+    spacing: 2.0,
+    profiles: 120,
+    points: 320,
+    clamp_every: 6,
+};
+
+impl Made {
+    fn scan(&self) -> Scan {
+        let mut chance = ChaCha8Rng::seed_from_u64(7);
+        let (mut stations, mut y, mut z) = (Vec::new(), Vec::new(), Vec::new());
+        for index in 0..self.profiles {
+            let (x, start) = (self.spacing * index as f64, y.len());
+            let section = self.axis.section(RADIUS, x);
+            for i in 0..self.points {
+                let part = i as f64 / self.points as f64;
+                let clamp = if self.is_clamped(index) && part < 0.3 { 15.0 } else { 0.0 };
+                let direction = Angle::from_degrees(30.0 + 120.0 * part).radians() - section.rotation.radians();
+                let [py, pz] = section.point(direction);
+                y.push(py + chance.random_range(-0.08..0.08));
+                z.push(pz + clamp + chance.random_range(-0.08..0.08));
+            }
+            stations.push(Station { x, start, end: y.len() });
+        }
+        Scan::new(stations, Columns::F64 { y, z }, "made".to_owned()).expect("made in order")
+    }
+
+    fn is_clamped(&self, index: usize) -> bool {
+        index % self.clamp_every == self.clamp_every - 1
+    }
+
+    fn profiles(&self) -> Vec<Profile> {
+        let mut chance = ChaCha8Rng::seed_from_u64(8);
+        let profile = |index: usize| {
+            let x = self.spacing * index as f64;
+            let rejected = self.is_clamped(index).then_some(Reason::LowInlierRatio);
+            let mut ellipse = self.axis.section(RADIUS, x);
+            let spoilt = if rejected.is_some() { 30.0 } else { 0.0 };
+            ellipse.centre_y += chance.random_range(-0.02..0.02);
+            ellipse.centre_z += chance.random_range(-0.1..0.1) + spoilt;
+            let arc = Angle::from_degrees(120.0);
+            let section = Section { ellipse, sigma: 0.05, inlier_ratio: 0.97, rms: 0.05, arc, iterations_count: 4 };
+            Profile { x, points_count: self.points, rejected, section: Some(section), offset: Some(spoilt) }
+        };
+        (0..self.profiles).map(profile).collect()
+    }
+
+    fn estimate(&self) -> Estimate {
+        let uncertainty = Uncertainty { covariance: [[0.0; 5]; 5], budget: Vec::new() };
+        let pose =
+            Pose { axis: self.axis, x_ref: 0.0, radius: RADIUS, radius_source: RadiusSource::Fitted, uncertainty };
+        made(Outcome::Accepted(Box::new(pose)), self.profiles())
+    }
+}
+
+fn made(outcome: Outcome, profiles: Vec<Profile>) -> Estimate {
+    Estimate { method: Method::SectionLine, outcome, profiles, conditioning: Conditioning::default(), residuals: None }
+}
+
+fn refused(profiles: Vec<Profile>) -> Estimate {
+    let profiles_count = profiles.len();
+    made(Outcome::Refused(Refusal::TooFewProfiles { profiles_count, profiles_min: 3 }), profiles)
+}
+
+/// Draws and holds the picture to what all pictures promise.
+fn drawn(picture: Picture, scan: &Scan, estimate: &Estimate, subject: &Subject<'_>) -> String {
+    let svg = draw(picture, scan, estimate, subject);
+    let name = picture.name();
+    assert!(svg.len() < 1_000_000, "{name}: {} bytes", svg.len());
+    assert_well_formed(&svg, name);
+    for attribute in svg.split('"').skip(1).step_by(2) {
+        let spoilt = attribute.contains("NaN") || attribute.contains("inf");
+        assert!(!spoilt, "{name}: {attribute}");
+    }
+    assert!(!svg.contains("NaN"), "{name}");
+    assert!(svg.contains("<title>") && svg.contains("<desc>"), "{name}");
+    assert!(!svg.contains("href") && !svg.contains("<script"), "{name}");
+    svg
+}
+
+/// Every tag is closed by its own, and no markup is left in texts and attributes.
+fn assert_well_formed(svg: &str, name: &str) {
+    let mut open = Vec::new();
+    for piece in svg.split('<').skip(1) {
+        let (tag, text) = piece.split_once('>').unwrap_or_else(|| panic!("{name}: unclosed <{piece}"));
+        assert!(!text.contains('>'), "{name}: {text}");
+        assert_eq!(tag.matches('"').count() % 2, 0, "{name}: {tag}");
+        let entities = ["&amp;", "&lt;", "&gt;", "&quot;"];
+        assert!(text.match_indices('&').all(|(at, _)| entities.iter().any(|e| text[at..].starts_with(e))), "{text}");
+        if let Some(closed) = tag.strip_prefix('/') {
+            assert_eq!(open.pop(), Some(closed), "{name}");
+        } else if !tag.ends_with('/') {
+            open.push(tag.split(' ').next().unwrap_or_default());
+        }
+    }
+    assert!(open.is_empty(), "{name}: {open:?}");
+    assert!(svg.trim_end().ends_with("</svg>"), "{name}");
+}
+
+fn all_drawn(scan: &Scan, estimate: &Estimate) {
+    for picture in Picture::ALL {
+        drawn(picture, scan, estimate, &SUBJECT);
+    }
+}
+
+#[test]
+fn every_picture_has_a_name_of_its_own() {
+    for picture in Picture::ALL {
+        assert_eq!(Picture::from_name(picture.name()), Some(picture));
+    }
+    assert_eq!(Picture::from_name("roll"), None);
+}
+
+#[test]
+fn a_made_part_is_drawn_and_equal_input_gives_equal_bytes() {
+    let (scan, estimate) = (PART.scan(), PART.estimate());
+    for picture in Picture::ALL {
+        let svg = drawn(picture, &scan, &estimate, &SUBJECT);
+        assert_eq!(svg, draw(picture, &scan, &estimate, &SUBJECT));
+        assert!(svg.contains("part &lt;7&gt; &amp; &quot;co&quot;"));
+    }
+}
+
+#[test]
+fn every_centre_is_marked_in_the_trend_and_in_the_deviation_of_both_directions() {
+    let svg = drawn(Picture::Centres, &PART.scan(), &PART.estimate(), &SUBJECT);
+    // 100 valid dots on four panels and one in the legend; 20 triangles likewise.
+    assert_eq!(svg.matches("h0").count(), 4 * 100 + 1);
+    assert_eq!(svg.matches("l3.6 6.4").count(), 4 * 20 + 1);
+    // Spoilt by 30 mm in z alone: arrows on the two panels of z.
+    assert!(svg.contains("valid: 100") && svg.contains("low_inlier_ratio: 20"));
+    assert!(svg.contains("deflection −0.8536°") && svg.contains("z_c0 0.845 mm"), "{svg}");
+}
+
+#[test]
+fn the_scale_of_the_deviation_follows_the_valid_centres() {
+    let svg = drawn(Picture::Centres, &PART.scan(), &PART.estimate(), &SUBJECT);
+    // They scatter by ± 0.1 mm in z, the spoilt ones lie 30 mm away.
+    assert!(svg.contains(">0.10<") && !svg.contains(">30<"), "{svg}");
+}
+
+#[test]
+fn every_reason_that_occurs_is_in_the_legend_with_its_count() {
+    let mut estimate = PART.estimate();
+    for (profile, reason) in estimate.profiles.iter_mut().zip(Reason::ALL) {
+        profile.rejected = Some(reason);
+    }
+    estimate.profiles[0].section = None;
+    let svg = drawn(Picture::Centres, &PART.scan(), &estimate, &SUBJECT);
+    assert!(svg.contains("too_few_points: 1 (1 without centre)"));
+    for reason in Reason::ALL {
+        assert!(svg.contains(&format!(">{}: ", reason.name())), "{}", reason.name());
+    }
+}
+
+#[test]
+fn the_map_shows_a_clamp_as_far_outside_and_the_sound_surface_as_near() {
+    let part = Made { clamp_every: 2, ..PART };
+    let svg = drawn(Picture::ResidualMap, &part.scan(), &part.estimate(), &SUBJECT);
+    let columns_of_clamps = svg.lines().filter(|l| l.contains("fill=\"#a50026\"") && l.contains("<path")).count();
+    assert!(columns_of_clamps >= 2, "the cells and the arrow of the colour bar");
+    assert!(svg.contains("profiles that were rejected"));
+}
+
+#[test]
+fn the_section_is_the_valid_one_nearest_to_the_middle_unless_one_is_named() {
+    let (scan, mut estimate) = (PART.scan(), PART.estimate());
+    // The middle of 0 … 238 mm is 119 mm; 118 mm is a clamped profile.
+    let svg = drawn(Picture::Section, &scan, &estimate, &SUBJECT);
+    assert!(svg.contains("Section at x = 120.00 mm"), "{svg}");
+    let svg = drawn(Picture::Section, &scan, &estimate, &Subject { profile: Some(5), ..SUBJECT });
+    assert!(svg.contains("Section at x = 10.00 mm") && svg.contains("rejected: low_inlier_ratio"));
+    let svg = drawn(Picture::Section, &scan, &estimate, &Subject { profile: Some(500), ..SUBJECT });
+    assert!(svg.contains("there is no profile 500"));
+    for profile in &mut estimate.profiles {
+        profile.rejected = Some(Reason::OffAxis);
+    }
+    let svg = drawn(Picture::Section, &scan, &estimate, &SUBJECT);
+    assert!(svg.contains("Section at x = 120.00 mm") && svg.contains("rejected: off_axis"));
+}
+
+#[test]
+fn every_point_of_the_section_is_marked_once_on_each_panel() {
+    let svg = drawn(Picture::Section, &PART.scan(), &PART.estimate(), &SUBJECT);
+    let markers: usize =
+        ["h0", "l4 4l-4 4l-4-4z", "l5.6 5.6m0-5.6"].map(|shape| svg.matches(shape).count()).iter().sum();
+    let in_the_legend = svg.matches("inner, weight").count() + svg.matches("outer, w").count();
+    assert_eq!(markers, 2 * PART.points + in_the_legend);
+}
+
+#[test]
+fn a_refused_scan_is_drawn_with_the_words_of_its_refusal() {
+    let scan = PART.scan();
+    for estimate in [refused(Vec::new()), refused(PART.profiles())] {
+        all_drawn(&scan, &estimate);
+        for picture in [Picture::Centres, Picture::ResidualMap, Picture::EndView] {
+            let svg = drawn(picture, &scan, &estimate, &SUBJECT);
+            assert!(svg.contains("too_few_profiles") && svg.contains("an axis needs"), "{}", picture.name());
+        }
+    }
+}
+
+#[test]
+fn odd_scans_are_drawn() {
+    for part in [
+        Made { profiles: 1, ..PART },
+        Made { profiles: 2, points: 1, ..PART },
+        Made { spacing: 0.0, profiles: 4, ..PART },
+        Made { clamp_every: 1, profiles: 9, ..PART },
+        Made { axis: AxisLine { p: 0.3, q: -0.2, y0: 1e9, z0: -1e12 }, ..PART },
+        Made { axis: AxisLine { p: 0.0, q: 0.0, y0: 1e300, z0: f64::MAX }, ..PART },
+        Made { spacing: 1e300, ..PART },
+    ] {
+        all_drawn(&part.scan(), &part.estimate());
+        all_drawn(&part.scan(), &refused(part.profiles()));
+    }
+}
+
+#[test]
+fn identical_points_are_drawn() {
+    let stations = (0..3).map(|i| Station { x: f64::from(i as i32), start: i * 10, end: i * 10 + 10 }).collect();
+    let columns = Columns::F32 { y: vec![3.0; 30], z: vec![4.0; 30] };
+    let scan = Scan::new(stations, columns, "made".to_owned()).expect("made in order");
+    let part = Made { profiles: 3, ..PART };
+    all_drawn(&scan, &part.estimate());
+    all_drawn(&scan, &refused(Vec::new()));
+}
+
+#[test]
+fn broken_numbers_in_an_estimate_do_not_reach_the_picture() {
+    let scan = PART.scan();
+    for poison in [f64::NAN, f64::INFINITY, 0.0, -1.0] {
+        let mut estimate = PART.estimate();
+        for profile in &mut estimate.profiles {
+            if let Some(section) = &mut profile.section {
+                (section.sigma, section.ellipse.semi_minor, section.ellipse.centre_y) = (poison, poison, poison);
+            }
+        }
+        if let Outcome::Accepted(pose) = &mut estimate.outcome {
+            (pose.radius, pose.axis.p) = (poison, poison);
+        }
+        for picture in Picture::ALL {
+            let subject = Subject { epsilon_mm: poison, ..SUBJECT };
+            drawn(picture, &scan, &estimate, &subject);
+        }
+    }
+}
+
+#[test]
+fn a_hundred_thousand_profiles_and_a_million_points_make_small_files() {
+    let many = Made { profiles: 100_000, points: 10, spacing: 0.01, ..PART };
+    let (scan, estimate) = (many.scan(), many.estimate());
+    all_drawn(&scan, &estimate);
+    assert!(drawn(Picture::Centres, &scan, &estimate, &SUBJECT).contains("drawn)"));
+    // All points in a single profile.
+    let one = Made { profiles: 1, points: 1_000_000, ..PART };
+    all_drawn(&one.scan(), &one.estimate());
+}
+
+#[test]
+fn hostile_titles_stay_text() {
+    let (scan, estimate) = (PART.scan(), PART.estimate());
+    let title = format!("</text><script>x</script>\u{0}\u{8}\"'&{}", "長".repeat(500));
+    for picture in Picture::ALL {
+        drawn(picture, &scan, &estimate, &Subject { title: &title, ..SUBJECT });
+    }
+}
+
+#[test]
+fn estimated_scans_are_drawn_by_every_method() {
+    let part = Part { profiles_count: 60, points_count: 160, drop_out_ratio: 0.1, ..Part::with_interference(3) };
+    for (scan, method) in [part, Part { profiles_count: 2, ..Part::smooth(4) }]
+        .iter()
+        .filter_map(|part| make(part).ok())
+        .flat_map(|(scan, _)| Method::ALL.map(|method| (scan.clone(), method)))
+    {
+        let estimate = estimation::estimate(&scan, &Settings { method, ..Settings::default() }, &Progress::default());
+        all_drawn(&scan, &estimate);
+    }
+}

@@ -1,0 +1,161 @@
+//! Why the store could not do what was asked: every failure of the database and of the files under one of a few reasons.
+//! Must not know what the records mean, nor how a reason is told to a client.
+
+use std::{io, path::PathBuf, sync::Arc};
+
+use sqlx::error::{DatabaseError, ErrorKind};
+
+/// A reason of the store. Cheap to clone, since one failed commit answers many writers.
+#[derive(Debug, Clone, thiserror::Error)]
+pub enum StoreError {
+    /// The disk, the quota or the database's own limit leaves no room; reads go on, and so do writes once there is room.
+    #[error("the store is full")]
+    Full,
+    /// The database cannot be used now: read-only, an I/O error, or locked by another program. Trying again may help.
+    #[error("the database is not available")]
+    Unavailable(#[source] Arc<sqlx::Error>),
+    /// A file or folder of the store cannot be used now. Trying again may help.
+    #[error("the store's file {} is not available", path.display())]
+    FileUnavailable {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the operating system said.
+        source: Arc<io::Error>,
+    },
+    /// The database file is not one, or holds what it cannot hold.
+    #[error("the database is damaged")]
+    Damaged(#[source] Arc<sqlx::Error>),
+    /// A later program has written this database.
+    #[error("the database has schema {found}, this program knows schemas up to {known}")]
+    NewerSchema {
+        /// Version in the file.
+        found: i64,
+        /// The last version that this program knows.
+        known: i64,
+    },
+    /// The database was made by another text of this migration than the program has.
+    #[error("migration {version} of the database is not the one that this program knows")]
+    MigrationDiffers {
+        /// Version of the migration.
+        version: i64,
+    },
+    /// Another process has this folder open.
+    #[error("the folder {} is in use by another process", folder.display())]
+    FolderInUse {
+        /// The store's folder.
+        folder: PathBuf,
+    },
+    /// The store was closed while this was asked, or before.
+    #[error("the store is closed")]
+    Closed,
+    /// More bytes than a scan may have.
+    #[error("the scan is larger than {bytes_max} bytes")]
+    ScanTooLarge {
+        /// The limit that was given.
+        bytes_max: u64,
+    },
+    /// The measurement names a scan that was never recorded.
+    #[error("no scan {scan_id} is recorded")]
+    ScanUnknown {
+        /// The scan's id.
+        scan_id: String,
+    },
+    /// The measurement's id belongs to another one already.
+    #[error("a measurement {id} is recorded already")]
+    IdTaken {
+        /// The measurement's id.
+        id: String,
+    },
+    /// The cursor did not come from a list of this store.
+    #[error("the cursor did not come from a list of this store")]
+    CursorMalformed,
+    /// A count or a time is beyond what the database holds.
+    #[error("the number {number} is beyond what the database holds")]
+    NumberTooLarge {
+        /// The number.
+        number: u64,
+    },
+}
+
+/// SQLite's primary result codes that we tell apart; an extended code carries its primary one in the lowest byte.
+mod sqlite {
+    /// A statement that the schema does not bear: the tables are not those that we made.
+    pub(super) const ERROR: u32 = 1;
+    pub(super) const CORRUPT: u32 = 11;
+    pub(super) const FULL: u32 = 13;
+    pub(super) const NOT_A_DATABASE: u32 = 26;
+}
+
+impl StoreError {
+    /// A stable short name, lower_snake.
+    #[must_use]
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Full => "store_full",
+            Self::Unavailable(_) | Self::FileUnavailable { .. } => "store_unavailable",
+            Self::Damaged(_) => "store_damaged",
+            Self::NewerSchema { .. } => "store_schema_newer",
+            Self::MigrationDiffers { .. } => "store_migration_differs",
+            Self::FolderInUse { .. } => "store_folder_in_use",
+            Self::Closed => "store_closed",
+            Self::ScanTooLarge { .. } => "scan_too_large",
+            Self::ScanUnknown { .. } => "scan_unknown",
+            Self::IdTaken { .. } => "id_taken",
+            Self::CursorMalformed => "cursor_malformed",
+            Self::NumberTooLarge { .. } => "number_too_large",
+        }
+    }
+
+    /// Whether the same call may succeed later, though nobody changes it.
+    #[must_use]
+    pub fn is_transient(&self) -> bool {
+        match self {
+            Self::Full | Self::Unavailable(_) | Self::FileUnavailable { .. } | Self::FolderInUse { .. } => true,
+            Self::Damaged(_)
+            | Self::NewerSchema { .. }
+            | Self::MigrationDiffers { .. }
+            | Self::Closed
+            | Self::ScanTooLarge { .. }
+            | Self::ScanUnknown { .. }
+            | Self::IdTaken { .. }
+            | Self::CursorMalformed
+            | Self::NumberTooLarge { .. } => false,
+        }
+    }
+
+    /// What went wrong with a file or folder.
+    pub(super) fn of_file(path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> Self {
+        let path = path.into();
+        |error| match error.kind() {
+            io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => Self::Full,
+            _ => Self::FileUnavailable { path, source: Arc::new(error) },
+        }
+    }
+}
+
+impl From<sqlx::Error> for StoreError {
+    fn from(error: sqlx::Error) -> Self {
+        use sqlx::Error as E;
+        match &error {
+            E::Database(refusal) => match primary_code(refusal.as_ref()) {
+                Some(sqlite::FULL) => Self::Full,
+                Some(sqlite::ERROR | sqlite::CORRUPT | sqlite::NOT_A_DATABASE) => Self::Damaged(Arc::new(error)),
+                _ => Self::Unavailable(Arc::new(error)),
+            },
+            E::PoolClosed => Self::Closed,
+            E::ColumnDecode { .. } | E::Decode(_) | E::ColumnNotFound(_) | E::RowNotFound => {
+                Self::Damaged(Arc::new(error))
+            }
+            _ => Self::Unavailable(Arc::new(error)),
+        }
+    }
+}
+
+/// What kind of constraint a statement broke, if it did.
+pub(super) fn broken_constraint(error: &sqlx::Error) -> Option<ErrorKind> {
+    error.as_database_error().map(DatabaseError::kind)
+}
+
+fn primary_code(refusal: &dyn DatabaseError) -> Option<u32> {
+    refusal.code()?.parse::<u32>().ok().map(|extended| extended & 0xff)
+}

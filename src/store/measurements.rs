@@ -1,0 +1,142 @@
+//! Measurements: how they are inserted once per request, read back and listed. Must not know what a document says.
+
+use sqlx::{FromRow, Row, SqliteConnection, error::ErrorKind, sqlite::SqliteRow};
+
+use super::{
+    Store, StoreError, broken_constraint,
+    columns::{micros, timestamp},
+    page::{self, Cursor, Listed, Listing, Page},
+    rows::{AnsweredRequest, Filter, Inserted, MeasurementRow, NewMeasurement, RequestKey},
+    scans, statements,
+    writer::Write,
+};
+
+impl Store {
+    /// Records a measurement with its profiles, its request and, where given, its scan: all or nothing, durable on return.
+    ///
+    /// # Errors
+    /// [`StoreError::ScanUnknown`], [`StoreError::IdTaken`], and what every write may meet: [`StoreError::Full`],
+    /// [`StoreError::Unavailable`]. After these two the record may exist nevertheless; a request id settles it.
+    pub async fn insert_measurement(&self, new: NewMeasurement) -> Result<Inserted, StoreError> {
+        self.writer.write(new).await
+    }
+
+    /// The measurement of this id.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn measurement(&self, id: &str) -> Result<Option<MeasurementRow>, StoreError> {
+        Ok(sqlx::query_as(statements::MEASUREMENT).bind(id).fetch_optional(&self.readers).await?)
+    }
+
+    /// What a request of this id was answered with.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn measurement_by_request(&self, request_id: &str) -> Result<Option<AnsweredRequest>, StoreError> {
+        Ok(sqlx::query_as(statements::ANSWERED_REQUEST).bind(request_id).fetch_optional(&self.readers).await?)
+    }
+
+    /// A page of the measurements that pass the filter, newest first.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn measurements(&self, filter: &Filter, page: &Page) -> Result<Listing<MeasurementRow>, StoreError> {
+        let conditions = [
+            ("scan_id", filter.scan_id.as_deref()),
+            ("verdict", filter.verdict.as_deref()),
+            ("recipe", filter.recipe.as_deref()),
+        ];
+        page::list(&self.readers, &conditions, page).await
+    }
+
+    /// The diagnostics that were inserted with the measurement of this id.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn profiles(&self, id: &str) -> Result<Option<Vec<u8>>, StoreError> {
+        Ok(sqlx::query_scalar(statements::PROFILES).bind(id).fetch_optional(&self.readers).await?)
+    }
+}
+
+impl Write for NewMeasurement {
+    type Outcome = Inserted;
+
+    async fn apply(&self, database: &mut SqliteConnection) -> Result<Inserted, StoreError> {
+        if let Some(request) = &self.request
+            && let Some(earlier) = answer_to(request, database).await?
+        {
+            return Ok(earlier);
+        }
+        if let Some(scan) = &self.scan {
+            scans::insert(scan, database).await?;
+        }
+        insert_row(&self.row, database).await?;
+        let id = &self.row.id;
+        sqlx::query(statements::INSERT_PROFILES).bind(id).bind(&self.profiles).execute(&mut *database).await?;
+        if let Some(RequestKey { id: request_id, fingerprint }) = &self.request {
+            let insert = sqlx::query(statements::INSERT_REQUEST).bind(request_id).bind(fingerprint).bind(id);
+            insert.execute(database).await?;
+        }
+        Ok(Inserted::New)
+    }
+}
+
+async fn answer_to(request: &RequestKey, database: &mut SqliteConnection) -> Result<Option<Inserted>, StoreError> {
+    let earlier: Option<AnsweredRequest> =
+        sqlx::query_as(statements::ANSWERED_REQUEST).bind(&request.id).fetch_optional(database).await?;
+    Ok(earlier.map(|earlier| {
+        if earlier.fingerprint == request.fingerprint {
+            Inserted::Replayed(Box::new(earlier.measurement))
+        } else {
+            Inserted::RequestMismatch
+        }
+    }))
+}
+
+async fn insert_row(row: &MeasurementRow, database: &mut SqliteConnection) -> Result<(), StoreError> {
+    let insert = sqlx::query(statements::INSERT_MEASUREMENT)
+        .bind(&row.id)
+        .bind(micros(row.created_at))
+        .bind(&row.verdict)
+        .bind(&row.method)
+        .bind(&row.scan_id)
+        .bind(&row.recipe)
+        .bind(&row.document);
+    match insert.execute(database).await {
+        Ok(_) => Ok(()),
+        Err(error) => Err(match broken_constraint(&error) {
+            Some(ErrorKind::ForeignKeyViolation) => StoreError::ScanUnknown { scan_id: row.scan_id.clone() },
+            Some(ErrorKind::UniqueViolation) => StoreError::IdTaken { id: row.id.clone() },
+            _ => error.into(),
+        }),
+    }
+}
+
+impl Listed for MeasurementRow {
+    const LIST: statements::List = statements::MEASUREMENTS;
+
+    fn cursor(&self) -> Cursor {
+        Cursor::new(self.created_at, &self.id)
+    }
+}
+
+impl FromRow<'_, SqliteRow> for MeasurementRow {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            id: row.try_get("id")?,
+            created_at: timestamp(row, "created_at")?,
+            verdict: row.try_get("verdict")?,
+            method: row.try_get("method")?,
+            scan_id: row.try_get("scan_id")?,
+            recipe: row.try_get("recipe")?,
+            document: row.try_get("document")?,
+        })
+    }
+}
+
+impl FromRow<'_, SqliteRow> for AnsweredRequest {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok(Self { fingerprint: row.try_get("fingerprint")?, measurement: MeasurementRow::from_row(row)? })
+    }
+}

@@ -1,0 +1,82 @@
+//! The records of raw scans: one row for the same bytes, however often they come. Must not know how the bytes are kept.
+
+use sqlx::{FromRow, Row, SqliteConnection, sqlite::SqliteRow};
+
+use super::{
+    Store, StoreError,
+    columns::{count, integer, micros, optional_count, timestamp},
+    page::{self, Cursor, Listed, Listing, Page},
+    rows::{RecordedScan, ScanRow},
+    statements,
+    writer::Write,
+};
+
+impl Store {
+    /// Records a scan; the row of the first time stays. Durable on return.
+    ///
+    /// # Errors
+    /// What every write may meet: [`StoreError::Full`], [`StoreError::Unavailable`].
+    pub async fn record_scan(&self, scan: &ScanRow) -> Result<RecordedScan, StoreError> {
+        self.writer.write(scan.clone()).await
+    }
+
+    /// The record of the scan of this id.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn scan(&self, id: &str) -> Result<Option<ScanRow>, StoreError> {
+        Ok(sqlx::query_as(statements::SCAN).bind(id).fetch_optional(&self.readers).await?)
+    }
+
+    /// A page of the recorded scans, newest first.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn scans(&self, page: &Page) -> Result<Listing<ScanRow>, StoreError> {
+        page::list(&self.readers, &[], page).await
+    }
+}
+
+/// Inserts the row unless there is one of its id, within the caller's transaction.
+pub(super) async fn insert(scan: &ScanRow, database: &mut SqliteConnection) -> Result<RecordedScan, StoreError> {
+    let insert = sqlx::query(statements::INSERT_SCAN)
+        .bind(&scan.id)
+        .bind(micros(scan.created_at))
+        .bind(integer(scan.bytes_count)?)
+        .bind(&scan.format)
+        .bind(scan.points_count.map(integer).transpose()?)
+        .bind(&scan.description);
+    if insert.execute(&mut *database).await?.rows_affected() > 0 {
+        return Ok(RecordedScan::New);
+    }
+    Ok(RecordedScan::Known(sqlx::query_as(statements::SCAN).bind(&scan.id).fetch_one(database).await?))
+}
+
+impl Write for ScanRow {
+    type Outcome = RecordedScan;
+
+    async fn apply(&self, database: &mut SqliteConnection) -> Result<RecordedScan, StoreError> {
+        insert(self, database).await
+    }
+}
+
+impl Listed for ScanRow {
+    const LIST: statements::List = statements::SCANS;
+
+    fn cursor(&self) -> Cursor {
+        Cursor::new(self.created_at, &self.id)
+    }
+}
+
+impl FromRow<'_, SqliteRow> for ScanRow {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            id: row.try_get("id")?,
+            created_at: timestamp(row, "created_at")?,
+            bytes_count: count(row, "bytes_count")?,
+            format: row.try_get("format")?,
+            points_count: optional_count(row, "points_count")?,
+            description: row.try_get("description")?,
+        })
+    }
+}

@@ -1,0 +1,77 @@
+//! Every statement of the store, in SQL that SQLite and PostgreSQL both take: numbered placeholders, ON CONFLICT, no types.
+//! What differs between the two (types, pragmas) stands in the migrations and in `connection`. Must not run anything.
+
+macro_rules! scan_columns {
+    () => {
+        "id, created_at, bytes_count, format, points_count, description"
+    };
+}
+macro_rules! measurement_columns {
+    () => {
+        "measurements.id, created_at, verdict, method, scan_id, recipe, document"
+    };
+}
+macro_rules! recipe_columns {
+    () => {
+        "name, revision, document, created_at, updated_at"
+    };
+}
+
+pub(super) const INSERT_SCAN: &str =
+    concat!("INSERT INTO scans (", scan_columns!(), ") VALUES ($1, $2, $3, $4, $5, $6) ON CONFLICT (id) DO NOTHING");
+pub(super) const SCAN: &str = concat!("SELECT ", scan_columns!(), " FROM scans WHERE id = $1");
+pub(super) const SCANS: List = List { select: concat!("SELECT ", scan_columns!(), " FROM scans"), key: "id" };
+
+pub(super) const INSERT_MEASUREMENT: &str = "INSERT INTO measurements \
+    (id, created_at, verdict, method, scan_id, recipe, document) VALUES ($1, $2, $3, $4, $5, $6, $7)";
+pub(super) const INSERT_PROFILES: &str = "INSERT INTO profiles (measurement_id, content) VALUES ($1, $2)";
+pub(super) const INSERT_REQUEST: &str = "INSERT INTO requests (id, fingerprint, measurement_id) VALUES ($1, $2, $3)";
+pub(super) const MEASUREMENT: &str = concat!("SELECT ", measurement_columns!(), " FROM measurements WHERE id = $1");
+pub(super) const ANSWERED_REQUEST: &str = concat!(
+    "SELECT ",
+    measurement_columns!(),
+    ", requests.fingerprint FROM requests JOIN measurements ON measurements.id = requests.measurement_id \
+     WHERE requests.id = $1"
+);
+pub(super) const PROFILES: &str = "SELECT content FROM profiles WHERE measurement_id = $1";
+pub(super) const MEASUREMENTS: List =
+    List { select: concat!("SELECT ", measurement_columns!(), " FROM measurements"), key: "id" };
+
+pub(super) const INSERT_RECIPE: &str =
+    concat!("INSERT INTO recipes (", recipe_columns!(), ") VALUES ($1, $2, $3, $4, $5)");
+pub(super) const REPLACE_RECIPE: &str =
+    "UPDATE recipes SET revision = $2, document = $3, updated_at = $4 WHERE name = $1";
+pub(super) const RECIPE: &str = concat!("SELECT ", recipe_columns!(), " FROM recipes WHERE name = $1");
+pub(super) const RECIPES: List = List { select: concat!("SELECT ", recipe_columns!(), " FROM recipes"), key: "name" };
+
+pub(super) const PROBE: &str = "INSERT INTO probes (id, writes_count) VALUES (1, 1) \
+    ON CONFLICT (id) DO UPDATE SET writes_count = probes.writes_count + 1";
+pub(super) const COUNTS: &str = "SELECT (SELECT COUNT(*) FROM scans) AS scans_count, \
+    (SELECT COUNT(*) FROM measurements) AS measurements_count, (SELECT COUNT(*) FROM recipes) AS recipes_count";
+
+pub(super) const CREATE_MIGRATIONS: &str = "CREATE TABLE IF NOT EXISTS migrations \
+    (version BIGINT NOT NULL PRIMARY KEY, checksum TEXT NOT NULL)";
+pub(super) const INSERT_MIGRATION: &str = "INSERT INTO migrations (version, checksum) VALUES ($1, $2)";
+pub(super) const MIGRATIONS: &str = "SELECT version, checksum FROM migrations ORDER BY version";
+
+/// A list of rows by (created_at, key), newest first.
+pub(super) struct List {
+    select: &'static str,
+    key: &'static str,
+}
+
+impl List {
+    /// The statement for one page. $1 is the number of rows, then comes a value for each column that must be equal, then
+    /// the cursor's time and key. An index on (column, created_at, key) serves it without sorting.
+    pub(super) fn page(&self, equal: &[&'static str], behind_cursor: bool) -> String {
+        let Self { select, key } = self;
+        let mut conditions: Vec<String> =
+            equal.iter().zip(2..).map(|(column, number)| format!("{column} = ${number}")).collect();
+        if behind_cursor {
+            let number = equal.len() + 2;
+            conditions.push(format!("(created_at, {key}) < (${number}, ${})", number + 1));
+        }
+        let filter = if conditions.is_empty() { String::new() } else { format!(" WHERE {}", conditions.join(" AND ")) };
+        format!("{select}{filter} ORDER BY created_at DESC, {key} DESC LIMIT $1")
+    }
+}

@@ -1,0 +1,98 @@
+//! What the store promises, seen from outside: a file per promise. Rows are made here, on folders of their own.
+
+mod crash;
+mod failures;
+mod pages;
+mod records;
+mod scan_files;
+mod schema;
+
+use std::{
+    env, fs,
+    path::{Path, PathBuf},
+    sync::atomic::{AtomicU64, Ordering},
+};
+
+use jiff::Timestamp;
+
+use super::{MeasurementRow, NewMeasurement, RequestKey, ScanRow, Store};
+
+/// A folder of one test, removed at its end.
+struct TempFolder(PathBuf);
+
+impl TempFolder {
+    fn new() -> Self {
+        static COUNT: AtomicU64 = AtomicU64::new(0);
+        let number = COUNT.fetch_add(1, Ordering::Relaxed);
+        let path = env::temp_dir().join(format!("coaxis-store-{}-{number}", std::process::id()));
+        fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+
+    async fn open(&self) -> Store {
+        Store::open(self.path()).await.unwrap()
+    }
+
+    fn path(&self) -> &Path {
+        &self.0
+    }
+
+    /// Names of the scans that are still coming in.
+    fn incoming(&self) -> Vec<String> {
+        let entries = fs::read_dir(self.0.join("scans/tmp")).unwrap();
+        entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
+    }
+}
+
+impl Drop for TempFolder {
+    fn drop(&mut self) {
+        // A store that was not closed takes its log away by itself, perhaps just between our listing and our removing.
+        let _ = (0..100).find(|_| fs::remove_dir_all(&self.0).is_ok());
+    }
+}
+
+fn at(second: i64) -> Timestamp {
+    Timestamp::from_second(1_800_000_000 + second).unwrap()
+}
+
+/// The id of a scan that nobody sent.
+fn scan_id(digit: char) -> String {
+    format!("s-{}", digit.to_string().repeat(64))
+}
+
+fn scan_row(digit: char) -> ScanRow {
+    ScanRow {
+        id: scan_id(digit),
+        created_at: at(0),
+        bytes_count: 77_000_000,
+        format: "ply".into(),
+        points_count: Some(2_000_000),
+        description: None,
+    }
+}
+
+fn measurement_row(id: &str, second: i64) -> MeasurementRow {
+    MeasurementRow {
+        id: id.into(),
+        created_at: at(second),
+        verdict: "accepted".into(),
+        method: "cylinder".into(),
+        scan_id: scan_id('a'),
+        recipe: None,
+        document: format!(r#"{{"id":"{id}"}}"#),
+    }
+}
+
+/// A measurement of scan `a`, which comes along.
+fn new_measurement(id: &str, second: i64) -> NewMeasurement {
+    NewMeasurement {
+        row: measurement_row(id, second),
+        scan: Some(scan_row('a')),
+        profiles: id.as_bytes().to_vec(),
+        request: None,
+    }
+}
+
+fn request(id: &str, fingerprint: &str) -> Option<RequestKey> {
+    Some(RequestKey { id: id.into(), fingerprint: fingerprint.into() })
+}

@@ -1,0 +1,209 @@
+//! The one task that writes. Writes wait in a queue; the task takes all that wait into one transaction and answers each
+//! when the commit is on the disk, so that many clients share one wait for the disk and none ever meets a lock.
+//!
+//! ```text
+//! write ─┐
+//! write ─┼─> queue ──> begin, apply, apply, …, commit ──> answers
+//! write ─┘                        │ failed
+//!                                 └──> roll back, then each write in a transaction of its own
+//! ```
+//!
+//! A caller that goes away does not stop its write: a write is done or not done, never half. Must not know what is written.
+
+use std::{future::Future, pin::Pin, sync::Arc};
+
+use sqlx::{Connection, SqliteConnection};
+use tokio::sync::{mpsc, oneshot};
+
+use super::{StoreError, StoreLimits, connection, folder::Folder};
+
+/// Something that is written within a transaction.
+pub(super) trait Write: Send + Sync + 'static {
+    /// What the caller is told once it is durable.
+    type Outcome: Send;
+
+    /// Runs its statements. May run again after a roll-back, so it must not change itself.
+    fn apply(&self, database: &mut SqliteConnection) -> impl Future<Output = Result<Self::Outcome, StoreError>> + Send;
+}
+
+/// The callers' end of the queue.
+#[derive(Debug, Clone)]
+pub(super) struct Writer {
+    queue: mpsc::Sender<Order>,
+}
+
+/// Writes that wait at most; beyond that callers wait to get in.
+const QUEUE: usize = 256;
+
+/// Writes that share a commit at most: bounds what one failure makes us repeat.
+const BATCH: usize = 64;
+
+enum Order {
+    Write(Box<dyn Job>),
+    Close(oneshot::Sender<()>),
+}
+
+impl Writer {
+    /// Starts the task on a migrated connection. It holds on to the folder, whose lock thus outlives the last write.
+    pub(super) fn start(folder: Arc<Folder>, limits: StoreLimits, connection: SqliteConnection) -> Self {
+        let (queue, orders) = mpsc::channel(QUEUE);
+        let task = Task { folder, limits, connection: Some(connection) };
+        tokio::spawn(task.run(orders));
+        Self { queue }
+    }
+
+    /// Returns when the write is durable.
+    pub(super) async fn write<W: Write>(&self, write: W) -> Result<W::Outcome, StoreError> {
+        let (answer, answered) = oneshot::channel();
+        let job = Pending { write, outcome: None, answer };
+        self.queue.send(Order::Write(Box::new(job))).await.map_err(|_| StoreError::Closed)?;
+        answered.await.map_err(|_| StoreError::Closed)?
+    }
+
+    /// Finishes what waits, then closes the connection; later writes are refused.
+    pub(super) async fn close(&self) {
+        let (answer, answered) = oneshot::channel();
+        if self.queue.send(Order::Close(answer)).await.is_ok() {
+            // No answer means that the task has ended by itself.
+            let _ = answered.await;
+        }
+    }
+}
+
+/// A write whose kind is forgotten, so that different ones share a queue.
+trait Job: Send {
+    fn apply<'a>(&'a mut self, database: &'a mut SqliteConnection) -> Applying<'a>;
+    fn acknowledge(self: Box<Self>);
+    fn refuse(self: Box<Self>, error: StoreError);
+}
+
+type Applying<'a> = Pin<Box<dyn Future<Output = Result<(), StoreError>> + Send + 'a>>;
+
+struct Pending<W: Write> {
+    write: W,
+    outcome: Option<W::Outcome>,
+    answer: oneshot::Sender<Result<W::Outcome, StoreError>>,
+}
+
+impl<W: Write> Job for Pending<W> {
+    fn apply<'a>(&'a mut self, database: &'a mut SqliteConnection) -> Applying<'a> {
+        Box::pin(async move {
+            self.outcome = Some(self.write.apply(database).await?);
+            Ok(())
+        })
+    }
+
+    // In both, a caller that has gone away needs no answer.
+    fn acknowledge(self: Box<Self>) {
+        if let Some(outcome) = self.outcome {
+            let _ = self.answer.send(Ok(outcome));
+        }
+    }
+
+    fn refuse(self: Box<Self>, error: StoreError) {
+        let _ = self.answer.send(Err(error));
+    }
+}
+
+struct Task {
+    folder: Arc<Folder>,
+    limits: StoreLimits,
+    /// `None` after a failure; the next write opens it again.
+    connection: Option<SqliteConnection>,
+}
+
+impl Task {
+    async fn run(mut self, mut orders: mpsc::Receiver<Order>) {
+        let mut batch = Vec::with_capacity(BATCH);
+        let mut closers = Vec::new();
+        while orders.recv_many(&mut batch, BATCH).await > 0 {
+            let mut jobs = Vec::with_capacity(batch.len());
+            for order in batch.drain(..) {
+                match order {
+                    Order::Write(job) => jobs.push(job),
+                    Order::Close(answer) => {
+                        orders.close();
+                        closers.push(answer);
+                    }
+                }
+            }
+            self.settle(jobs).await;
+        }
+        if let Some(connection) = self.connection.take() {
+            // Everything acknowledged is in the log already; what fails here is only its tidying up.
+            let _ = connection.close().await;
+        }
+        drop(self);
+        for answer in closers {
+            let _ = answer.send(());
+        }
+    }
+
+    /// All in one transaction; if that fails for a reason that one of them may have brought in, each in its own.
+    async fn settle(&mut self, mut jobs: Vec<Box<dyn Job>>) {
+        if jobs.is_empty() {
+            return;
+        }
+        match self.commit(&mut jobs).await {
+            Ok(()) => jobs.into_iter().for_each(Job::acknowledge),
+            Err(error) if jobs.len() == 1 || concerns_all(&error) => {
+                jobs.into_iter().for_each(|job| job.refuse(error.clone()));
+            }
+            Err(_) => {
+                for job in jobs {
+                    Box::pin(self.settle(vec![job])).await;
+                }
+            }
+        }
+    }
+
+    /// After a failure the connection is kept only where it is known to be in order: SQLite ends some transactions by
+    /// itself, and then connection and driver disagree about whether one is open.
+    async fn commit(&mut self, jobs: &mut [Box<dyn Job>]) -> Result<(), StoreError> {
+        let mut connection = match self.connection.take() {
+            Some(connection) => connection,
+            None => connection::writer(&self.folder.database(), self.limits.database_bytes_max).await?,
+        };
+        match transact(&mut connection, jobs).await {
+            Ok(()) => {
+                self.connection = Some(connection);
+                Ok(())
+            }
+            Err(Failure { error, rolled_back }) => {
+                if rolled_back && !concerns_all(&error) {
+                    self.connection = Some(connection);
+                } else {
+                    let _ = connection.close().await;
+                }
+                Err(error)
+            }
+        }
+    }
+}
+
+struct Failure {
+    error: StoreError,
+    rolled_back: bool,
+}
+
+impl From<sqlx::Error> for Failure {
+    fn from(error: sqlx::Error) -> Self {
+        Self { error: error.into(), rolled_back: false }
+    }
+}
+
+async fn transact(connection: &mut SqliteConnection, jobs: &mut [Box<dyn Job>]) -> Result<(), Failure> {
+    let mut transaction = connection.begin_with(connection::BEGIN).await?;
+    for job in jobs {
+        if let Err(error) = job.apply(&mut transaction).await {
+            let rolled_back = transaction.rollback().await.is_ok();
+            return Err(Failure { error, rolled_back });
+        }
+    }
+    Ok(transaction.commit().await?)
+}
+
+/// Whether trying the writes one by one is pointless. A full disk is not among these: a small write may still fit.
+fn concerns_all(error: &StoreError) -> bool {
+    matches!(error, StoreError::Unavailable(_) | StoreError::Damaged(_) | StoreError::Closed)
+}

@@ -1,0 +1,119 @@
+//! Holds the code to the house: which room may know which, where waiting, HTTP, clock and chance may stand, and how long
+//! a file may be. Reads the sources as text; must not know what they do.
+
+#![expect(clippy::expect_used, reason = "a test may fail")]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Each room with the rooms that it may import from.
+const ROOMS: [(&str, &[&str]); 9] = [
+    ("geometry", &[]),
+    ("scan", &["geometry"]),
+    ("estimation", &["geometry", "scan"]),
+    ("plot", &["geometry", "scan", "estimation"]),
+    ("store", &[]),
+    ("config", &["scan", "estimation"]),
+    ("service", &["geometry", "scan", "estimation", "plot", "store", "config"]),
+    ("http", &["geometry", "scan", "estimation", "plot", "store", "config", "service"]),
+    ("cli", &["geometry", "scan", "estimation", "plot", "store", "config", "service", "http"]),
+];
+
+/// Crates and calls with the rooms that may use them.
+const RESERVED: [(&str, &[&str]); 9] = [
+    ("tokio::", &["store", "service", "http", "cli"]),
+    ("axum::", &["http"]),
+    ("axum_server::", &["http"]),
+    ("utoipa", &["http"]),
+    ("sqlx::", &["store"]),
+    ("clap::", &["cli"]),
+    ("tracing::", &["store", "service", "http", "cli"]),
+    ("Timestamp::now", &["service"]),
+    ("now_v7", &["service"]),
+];
+
+const LINES_BEFORE_TESTS_MAX: usize = 500;
+
+struct Source {
+    room: String,
+    path: PathBuf,
+    /// The text before the file's tests.
+    text: String,
+}
+
+fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).expect("readable folder") {
+        let path = entry.expect("readable entry").path();
+        if path.is_dir() {
+            sources(&path, found);
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            found.push(path);
+        }
+    }
+}
+
+/// Every source file that is not a test, with its room.
+fn house() -> Vec<Source> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let mut paths = Vec::new();
+    sources(&root, &mut paths);
+    paths
+        .into_iter()
+        .filter_map(|path| {
+            let inside = path.strip_prefix(&root).expect("below src").to_path_buf();
+            let tests = inside.components().any(|part| part.as_os_str() == "tests" || part.as_os_str() == "tests.rs");
+            let room = inside.components().next()?.as_os_str().to_string_lossy().trim_end_matches(".rs").to_owned();
+            let whole = fs::read_to_string(&path).expect("readable source");
+            let text = whole.split("\n#[cfg(test)]").next().unwrap_or_default().to_owned();
+            (!tests).then_some(Source { room, path: inside, text })
+        })
+        .collect()
+}
+
+/// The rooms that a line of code imports from.
+fn imported(line: &str) -> impl Iterator<Item = &str> {
+    let code = line.split("//").next().unwrap_or_default();
+    code.match_indices("crate::").map(move |(at, found)| {
+        let rest = code.get(at + found.len()..).unwrap_or_default();
+        rest.split(|c: char| !(c.is_alphanumeric() || c == '_')).next().unwrap_or_default()
+    })
+}
+
+#[test]
+fn no_room_knows_more_than_it_may() {
+    for Source { room, path, text } in house() {
+        let Some((_, allowed)) = ROOMS.iter().find(|(name, _)| *name == room) else {
+            assert!(["lib", "main"].contains(&room.as_str()), "{} is in no room of the house", path.display());
+            continue;
+        };
+        for (number, line) in text.lines().enumerate() {
+            for other in imported(line).filter(|other| *other != room) {
+                let place = format!("{}:{}", path.display(), number + 1);
+                assert!(
+                    !other.is_empty(),
+                    "{place}: import rooms by name, one a line, so that this test can read them"
+                );
+                assert!(allowed.contains(&other), "{place}: {room} must not know {other}");
+            }
+        }
+    }
+}
+
+#[test]
+fn waiting_http_clock_and_chance_stay_in_their_rooms() {
+    for Source { room, path, text } in house().iter().filter(|source| source.room != "main") {
+        for (reserved, rooms) in RESERVED {
+            let used = text.lines().any(|line| line.split("//").next().is_some_and(|code| code.contains(reserved)));
+            assert!(!used || rooms.contains(&room.as_str()), "{}: {reserved} is not for {room}", path.display());
+        }
+    }
+}
+
+#[test]
+fn every_file_says_what_it_is_for_and_stays_short() {
+    for Source { path, text, .. } in house() {
+        assert!(text.starts_with("//!"), "{} must open with what it is for", path.display());
+        let lines_count = text.lines().count();
+        assert!(lines_count <= LINES_BEFORE_TESTS_MAX, "{} has {lines_count} lines before its tests", path.display());
+    }
+}
