@@ -1,5 +1,7 @@
 //! Every file of `tests/data` is read with the counts that its header or its truth states.
 
+#![expect(clippy::expect_used, clippy::indexing_slicing, reason = "a test that panics has failed, as it should")]
+
 use coaxis::geometry::Frame;
 use coaxis::scan::decode::{FormatClaims, Limits, Request, Unit, decode, find_format};
 use coaxis::scan::slice::{Region, SliceRequest, slice};

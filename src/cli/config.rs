@@ -50,6 +50,11 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
 }
 
 impl Sources {
+    /// A file, if any, and the environment, without flags.
+    pub(super) fn of_file(config: Option<PathBuf>) -> Self {
+        Self { config, listen: None, data: None, insecure_lan: false, set: Vec::new() }
+    }
+
     /// The configuration that results, checked.
     pub(super) fn config(&self) -> Result<Config, ConfigError> {
         let mut layers = Layers::default();

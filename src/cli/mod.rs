@@ -1,9 +1,15 @@
 //! The `coaxis` command: the service and its verbs offline, a file a command. Must not calculate itself.
 
+mod bar;
+mod client;
 mod config;
+mod demo;
 mod health;
+mod measure;
 mod openapi;
 mod serve;
+mod simulate;
+mod table;
 
 use clap::{Parser, Subcommand};
 use std::error::Error;
@@ -19,7 +25,11 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Demo(demo::Arguments),
     Serve(serve::Arguments),
+    Measure(measure::Arguments),
+    #[command(subcommand)]
+    Simulate(simulate::Subject),
     Openapi(openapi::Arguments),
     Config(config::Arguments),
     Health(health::Arguments),
@@ -27,6 +37,8 @@ enum Command {
 
 /// Anything but fine (0) and refused (2).
 const FAILED: u8 = 1;
+/// Measured, and no pose could be had.
+const REFUSED: u8 = 2;
 
 /// Runs the command that the process was started with.
 #[must_use]
@@ -40,7 +52,10 @@ pub fn run() -> ExitCode {
         }
     };
     let outcome = match arguments.command {
+        Command::Demo(arguments) => demo::run(&arguments),
         Command::Serve(arguments) => serve::run(&arguments),
+        Command::Measure(arguments) => measure::run(&arguments),
+        Command::Simulate(subject) => simulate::run(&subject),
         Command::Openapi(arguments) => openapi::run(&arguments),
         Command::Config(arguments) => config::run(&arguments),
         Command::Health(arguments) => health::run(&arguments),

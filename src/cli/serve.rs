@@ -42,7 +42,7 @@ async fn serve(config: &Config) -> Result<(), Box<dyn Error>> {
 }
 
 /// SIGTERM and SIGINT end the service; a second one changes nothing, the time for it is bounded anyway.
-async fn stop_on_signal(stopper: Stopper) {
+pub(super) async fn stop_on_signal(stopper: Stopper) {
     let (terminate, interrupt) = (signal(SignalKind::terminate()), signal(SignalKind::interrupt()));
     let (Ok(mut terminate), Ok(mut interrupt)) = (terminate, interrupt) else {
         tracing::error!("signals cannot be received; the service has to be killed to end");
@@ -55,7 +55,7 @@ async fn stop_on_signal(stopper: Stopper) {
     stopper.stop();
 }
 
-fn start_log(log: &Log) -> Result<(), Box<dyn Error>> {
+pub(super) fn start_log(log: &Log) -> Result<(), Box<dyn Error>> {
     let filter = EnvFilter::try_new(&log.filter).map_err(|error| format!("log.filter = {:?}: {error}", log.filter))?;
     let lines = tracing_subscriber::fmt()
         .with_env_filter(filter)

@@ -48,7 +48,6 @@ fn longest(scan: &Scan) -> usize {
 }
 
 /// Whether single precision holds every coordinate.
-#[expect(clippy::cast_possible_truncation, reason = "whether this loses anything is the question")]
 fn is_single(scan: &Scan) -> bool {
     let exact = |x: f64| f64::from(x as f32) == x;
     matches!(scan.columns(), Columns::F32 { .. }) && scan.stations().iter().all(|station| exact(station.x))

@@ -11,7 +11,7 @@
 //! |---|---|
 //! | `column` | the file has a profile column |
 //! | `row` | it is organised in rows, and x varies along every row by at most a tenth of the usual step between rows |
-//! | `x_value` | x takes few values: eight points or more for each, on average |
+//! | `x_value` | x takes few values, eight points or more for each on average; or the cloud has less than 1000 points |
 //! | `x_pitch_mm` | else; slabs of about a hundred points, their thickness the next 1, 2, 2.5 or 5·10ⁿ mm below |
 
 mod choose;
@@ -130,11 +130,14 @@ impl SliceError {
 pub fn slice(cloud: Cloud, request: &SliceRequest, limits: &Limits) -> Result<Scan, SliceError> {
     let mut cloud = cloud;
     if let Some(frame) = &request.frame {
-        cloud = place::move_into(cloud, frame)?;
+        cloud = place::move_into(&cloud, frame)?;
     }
     if let Some(region) = &request.region {
-        cloud = place::cut_to(cloud, region)?;
+        cloud = place::cut_to(&cloud, region)?;
     }
     let (key, rule) = choose::choose_key(&cloud, request.rule.as_ref(), limits)?;
     group::group(cloud, key, rule, limits)
 }
+
+#[cfg(test)]
+mod tests;

@@ -104,7 +104,7 @@ impl Service {
             scan_sha256: scan_id.trim_start_matches("s-").to_owned(),
             recipe_name: order.recipe.map(RecipeName::into_string),
         };
-        let (measurement, profiles) = Measurement::record(identity, measured, &resolved);
+        let (measurement, profiles) = Measurement::record(identity, &measured.prepared, measured.estimate, &resolved);
         let scan = match source {
             Source::Arrived(scan) => Some(self.place(scan, &measurement, &origin).await?),
             Source::Kept(_) => None,

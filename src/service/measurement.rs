@@ -1,7 +1,7 @@
 //! A measurement as it is kept: what was measured, with what, and what came out. The profiles lie beside it, since a list
 //! of measurements has no use for them. Must not know how it is sent.
 
-use super::{Measured, Recipe, Resolved};
+use super::{Prepared, Recipe, Resolved};
 use crate::estimation::{Conditioning, Estimate, Method, Outcome, Profile, Reason, Residuals};
 use crate::scan::decode::{Format, Unit};
 use jiff::Timestamp;
@@ -100,9 +100,13 @@ pub struct Identity {
 impl Measurement {
     /// The record of what was measured, and its profiles.
     #[must_use]
-    pub fn record(identity: Identity, measured: Measured, resolved: &Resolved) -> (Self, Vec<Profile>) {
+    pub fn record(
+        identity: Identity,
+        prepared: &Prepared,
+        estimate: Estimate,
+        resolved: &Resolved,
+    ) -> (Self, Vec<Profile>) {
         let Identity { id, created_at, duration_ms, scan_sha256, recipe_name } = identity;
-        let Measured { prepared, estimate } = measured;
         let Estimate { method, outcome, profiles, conditioning, residuals } = estimate;
         let measurement = Self {
             id,

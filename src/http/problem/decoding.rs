@@ -12,87 +12,106 @@ fn count(value: usize) -> Value {
 
 impl From<DecodeError> for Problem {
     fn from(error: DecodeError) -> Self {
-        use DecodeError as E;
-        let text = error.to_string();
-        let problem = |code| Self::new(code, text.clone());
         match error {
-            E::Empty => problem(Code::FileEmpty),
-            E::UnknownFormat => problem(Code::FormatUnknown),
-            E::FormatConflict { declared, found } => {
-                problem(Code::FormatConflict).with("declared", declared.name()).with("found", found.name())
-            }
-            E::NotThisFormat { format } => problem(Code::FormatMismatch).with("format", format.name()),
-            E::Truncated { expected, found } => {
-                problem(Code::FileTruncated).with("points_expected_count", expected).with("points_found_count", found)
-            }
-            E::EndsEarly { format } => problem(Code::FileTruncated).with("format", format.name()),
-            E::HeaderLine { format, line, field } => {
-                problem(Code::HeaderInvalidInFile).with("format", format.name()).with("line", line).with("field", field)
-            }
-            E::HeaderMissing { format, field } => {
-                problem(Code::HeaderInvalidInFile).with("format", format.name()).with("field", field)
-            }
-            E::HeaderTooLong { format, limit } => {
-                problem(Code::HeaderTooLong).with("format", format.name()).with("limit", count(limit))
-            }
-            E::SizeMismatch { format, field, stated, expected } => problem(Code::SizeMismatch)
-                .with("format", format.name())
-                .with("field", field)
-                .with("stated", stated)
-                .with("expected", expected),
-            E::DamagedPoints { format } => problem(Code::FileDamaged).with("format", format.name()),
-            E::Unsupported { format, what: _ } => problem(Code::FormatUnsupported).with("format", format.name()),
-            E::ArrayShape { shape } => problem(Code::ArrayShape).with("shape", shape),
-            E::ArraysMissing { found } => problem(Code::ArraysMissing).with("found", found),
-            E::DamagedArchive => problem(Code::FileDamaged),
-            E::TooManyEntries { found, limit } => {
-                problem(Code::TooManyEntries).with("found_count", count(found)).with("limit", count(limit))
-            }
-            E::NotText { line } => problem(Code::NotText).with("line", line),
-            E::NotATable { line } => problem(Code::NotATable).with("line", line),
-            E::LineTooLong { line, limit } => problem(Code::LineTooLong).with("line", line).with("limit", count(limit)),
-            E::TooManyColumns { limit } => problem(Code::TooManyColumns).with("limit", count(limit)),
-            E::UnknownColumn { wanted, found } => {
-                problem(Code::ColumnUnknown).with("wanted", wanted).with("found", found)
-            }
-            E::DoubleColumn { wanted, first, second } => {
-                problem(Code::ColumnAmbiguous).with("wanted", wanted).with("first", first).with("second", second)
-            }
-            E::HeaderNeeded { columns } => problem(Code::HeaderNeeded).with("columns_count", count(columns)),
-            E::RaggedRow { line, expected, found } => problem(Code::RowRagged)
-                .with("line", line)
-                .with("expected_count", count(expected))
-                .with("found_count", count(found)),
-            E::BadNumber { line, column } => {
-                problem(Code::NumberInvalid).with("line", line).with("column", count(column))
-            }
-            E::UnitConflict { declared, found } => {
-                problem(Code::UnitConflict).with("declared", declared.name()).with("found", found.name())
-            }
-            E::SectionMissing => problem(Code::SectionMissing),
-            E::SectionIncomplete { line, field } => {
-                problem(Code::SectionMissing).with("line", line).with("field", field)
-            }
-            E::TravelMissing { line } => problem(Code::TravelMissing).with("line", line),
-            E::JsonSyntax { line, column } => {
-                problem(Code::JsonSyntax).with("line", count(line)).with("column", count(column))
-            }
-            E::JsonShape { line, column } => {
-                problem(Code::JsonShape).with("line", count(line)).with("column", count(column))
-            }
-            E::NoPoints { missing_count } => problem(Code::NoPoints).with("missing_count", missing_count),
-            E::TooManyPoints { limit } => problem(Code::TooManyPoints).with("points_max", count(limit)),
-            E::CoordinateOutOfRange { index, value, limit } => problem(Code::CoordinateOutOfRange)
-                .with("index", count(index))
-                .with("value_mm", value)
-                .with("limit_mm", limit),
-            E::InflateRatio { limit } => problem(Code::InflateRatio).with("ratio_max", limit),
-            E::InflatedTooLarge { limit } => problem(Code::InflatedTooLarge).with("bytes_max", limit),
-            E::BadCompression => problem(Code::CompressionInvalid),
             // The bytes are read from the store's own file, so this is no fault of the client.
-            E::Io(cause) => Self::new(Code::StoreUnavailable, "the scan cannot be read from the store now; try again")
-                .because(cause.to_string()),
+            DecodeError::Io(cause) => {
+                Self::new(Code::StoreUnavailable, "the scan cannot be read from the store now; try again")
+                    .because(cause.to_string())
+            }
+            error => with_numbers(Self::new(code_of(&error), error.to_string()), error),
         }
+    }
+}
+
+/// What a reader's reason is called.
+const fn code_of(error: &DecodeError) -> Code {
+    use DecodeError as E;
+    match error {
+        E::Empty => Code::FileEmpty,
+        E::UnknownFormat => Code::FormatUnknown,
+        E::FormatConflict { .. } => Code::FormatConflict,
+        E::NotThisFormat { .. } => Code::FormatMismatch,
+        E::Truncated { .. } | E::EndsEarly { .. } => Code::FileTruncated,
+        E::HeaderLine { .. } | E::HeaderMissing { .. } => Code::HeaderInvalidInFile,
+        E::HeaderTooLong { .. } => Code::HeaderTooLong,
+        E::SizeMismatch { .. } => Code::SizeMismatch,
+        E::DamagedPoints { .. } | E::DamagedArchive => Code::FileDamaged,
+        E::Unsupported { .. } => Code::FormatUnsupported,
+        E::ArrayShape { .. } => Code::ArrayShape,
+        E::ArraysMissing { .. } => Code::ArraysMissing,
+        E::TooManyEntries { .. } => Code::TooManyEntries,
+        E::NotText { .. } => Code::NotText,
+        E::NotATable { .. } => Code::NotATable,
+        E::LineTooLong { .. } => Code::LineTooLong,
+        E::TooManyColumns { .. } => Code::TooManyColumns,
+        E::UnknownColumn { .. } => Code::ColumnUnknown,
+        E::DoubleColumn { .. } => Code::ColumnAmbiguous,
+        E::HeaderNeeded { .. } => Code::HeaderNeeded,
+        E::RaggedRow { .. } => Code::RowRagged,
+        E::BadNumber { .. } => Code::NumberInvalid,
+        E::UnitConflict { .. } => Code::UnitConflict,
+        E::SectionMissing | E::SectionIncomplete { .. } => Code::SectionMissing,
+        E::TravelMissing { .. } => Code::TravelMissing,
+        E::JsonSyntax { .. } => Code::JsonSyntax,
+        E::JsonShape { .. } => Code::JsonShape,
+        E::NoPoints { .. } => Code::NoPoints,
+        E::TooManyPoints { .. } => Code::TooManyPoints,
+        E::CoordinateOutOfRange { .. } => Code::CoordinateOutOfRange,
+        E::InflateRatio { .. } => Code::InflateRatio,
+        E::InflatedTooLarge { .. } => Code::InflatedTooLarge,
+        E::BadCompression => Code::CompressionInvalid,
+        E::Io(_) => Code::StoreUnavailable,
+    }
+}
+
+/// The numbers and words behind a reader's reason, as members.
+fn with_numbers(problem: Problem, error: DecodeError) -> Problem {
+    use DecodeError as E;
+    match error {
+        E::Empty | E::UnknownFormat | E::DamagedArchive | E::SectionMissing | E::BadCompression | E::Io(_) => problem,
+        E::FormatConflict { declared, found } => problem.with("declared", declared.name()).with("found", found.name()),
+        E::NotThisFormat { format }
+        | E::EndsEarly { format }
+        | E::DamagedPoints { format }
+        | E::Unsupported { format, what: _ } => problem.with("format", format.name()),
+        E::Truncated { expected, found } => {
+            problem.with("points_expected_count", expected).with("points_found_count", found)
+        }
+        E::HeaderLine { format, line, field } => {
+            problem.with("format", format.name()).with("line", line).with("field", field)
+        }
+        E::HeaderMissing { format, field } => problem.with("format", format.name()).with("field", field),
+        E::HeaderTooLong { format, limit } => problem.with("format", format.name()).with("limit", count(limit)),
+        E::SizeMismatch { format, field, stated, expected } => {
+            problem.with("format", format.name()).with("field", field).with("stated", stated).with("expected", expected)
+        }
+        E::ArrayShape { shape } => problem.with("shape", shape),
+        E::ArraysMissing { found } => problem.with("found", found),
+        E::TooManyEntries { found, limit } => problem.with("found_count", count(found)).with("limit", count(limit)),
+        E::NotText { line } | E::NotATable { line } | E::TravelMissing { line } => problem.with("line", line),
+        E::LineTooLong { line, limit } => problem.with("line", line).with("limit", count(limit)),
+        E::TooManyColumns { limit } => problem.with("limit", count(limit)),
+        E::UnknownColumn { wanted, found } => problem.with("wanted", wanted).with("found", found),
+        E::DoubleColumn { wanted, first, second } => {
+            problem.with("wanted", wanted).with("first", first).with("second", second)
+        }
+        E::HeaderNeeded { columns } => problem.with("columns_count", count(columns)),
+        E::RaggedRow { line, expected, found } => {
+            problem.with("line", line).with("expected_count", count(expected)).with("found_count", count(found))
+        }
+        E::BadNumber { line, column } => problem.with("line", line).with("column", count(column)),
+        E::UnitConflict { declared, found } => problem.with("declared", declared.name()).with("found", found.name()),
+        E::SectionIncomplete { line, field } => problem.with("line", line).with("field", field),
+        E::JsonSyntax { line, column } | E::JsonShape { line, column } => {
+            problem.with("line", count(line)).with("column", count(column))
+        }
+        E::NoPoints { missing_count } => problem.with("missing_count", missing_count),
+        E::TooManyPoints { limit } => problem.with("points_max", count(limit)),
+        E::CoordinateOutOfRange { index, value, limit } => {
+            problem.with("index", count(index)).with("value_mm", value).with("limit_mm", limit)
+        }
+        E::InflateRatio { limit } => problem.with("ratio_max", limit),
+        E::InflatedTooLarge { limit } => problem.with("bytes_max", limit),
     }
 }
 
@@ -120,6 +139,39 @@ impl From<SliceError> for Problem {
                 .with("points_per_profile_max", count(limit)),
             // The reader promised finite points in order.
             E::Scan(cause) => Self::internal(cause.to_string()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan::decode::Format;
+
+    /// The offline command prints the reader's own name of a reason, the service the problem's: they are the same.
+    #[test]
+    fn a_reason_has_the_same_name_offline_and_over_http() {
+        let format = Format::Ply;
+        for error in [
+            DecodeError::Empty,
+            DecodeError::NotThisFormat { format },
+            DecodeError::EndsEarly { format },
+            DecodeError::HeaderMissing { format, field: "vertex" },
+            DecodeError::DamagedArchive,
+            DecodeError::DoubleColumn { wanted: "x", first: String::new(), second: String::new() },
+            DecodeError::RaggedRow { line: 1, expected: 2, found: 3 },
+            DecodeError::BadNumber { line: 1, column: 1 },
+            DecodeError::SectionMissing,
+            DecodeError::JsonSyntax { line: 1, column: 1 },
+            DecodeError::TooManyPoints { limit: 1 },
+            DecodeError::BadCompression,
+        ] {
+            assert_eq!(error.code(), code_of(&error).name());
+        }
+        for error in
+            [SliceError::NoRows, SliceError::RegionEmpty { points: 1 }, SliceError::TooManyProfiles { limit: 1 }]
+        {
+            assert_eq!(error.code(), Problem::from(error).code().name());
         }
     }
 }

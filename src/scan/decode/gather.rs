@@ -1,6 +1,7 @@
 //! The one place where points enter a cloud: scales them, drops the missing, refuses the impossible, codes the stripes.
 //! Comes from every reader; goes out as a [`Cloud`]. Must not know about bytes or formats.
 
+use super::packed::Run;
 use super::{DecodeError, Limits, Unit};
 use crate::scan::{Cloud, Columns, Labels, Stripe};
 
@@ -11,16 +12,6 @@ pub(super) enum Precision {
     Single,
     /// Some are not.
     Double,
-}
-
-/// Points of one precision whose x is one and the same; their y and z in step.
-pub(super) trait Stretch {
-    /// The common x.
-    fn x(&self) -> f64;
-    /// The number of points.
-    fn len(&self) -> usize;
-    /// Appends y and z to columns of the same precision; false where `columns` are of the other.
-    fn append_to(&self, columns: &mut Columns) -> bool;
 }
 
 /// A cloud in the making.
@@ -43,17 +34,18 @@ impl<'a> Gather<'a> {
         Self { limits, scale: unit.in_mm(), seen: 0, missing: 0, stripes: Vec::new(), columns }
     }
 
-    /// Makes room for `points` more; the caller has seen that many in the input.
+    /// Makes room for `points` more, which the caller has seen in the input; not exactly that much, as there may be many
+    /// such calls.
     pub(super) fn reserve(&mut self, points: usize) {
         let points = points.min(self.limits.points_max);
         match &mut self.columns {
             Columns::F32 { y, z } => {
-                y.reserve_exact(points);
-                z.reserve_exact(points);
+                y.reserve(points);
+                z.reserve(points);
             }
             Columns::F64 { y, z } => {
-                y.reserve_exact(points);
-                z.reserve_exact(points);
+                y.reserve(points);
+                z.reserve(points);
             }
         }
     }
@@ -79,7 +71,6 @@ impl<'a> Gather<'a> {
             return self.turn_away(index, label, point);
         }
         let end = match &mut self.columns {
-            #[expect(clippy::cast_possible_truncation, reason = "single columns are filled from single coordinates")]
             Columns::F32 { y: ys, z: zs } => {
                 ys.push(y as f32);
                 zs.push(z as f32);
@@ -95,19 +86,45 @@ impl<'a> Gather<'a> {
         Ok(())
     }
 
-    /// Takes a stretch of points that were found to be finite, within [`Self::plain_limit`], and in millimetres.
-    ///
-    /// False where the columns are of another precision and nothing was taken.
-    pub(super) fn push_stretch(&mut self, label: f64, stretch: &impl Stretch) -> Result<bool, DecodeError> {
-        if stretch.len() > self.limits.points_max.saturating_sub(self.seen) {
-            return Err(DecodeError::TooManyPoints { limit: self.limits.points_max });
+    /// Whether as many points more are within the limit, so that only one of them can be refused.
+    pub(super) fn admits_at_once(&self, points: usize) -> bool {
+        points <= self.limits.points_max.saturating_sub(self.seen)
+    }
+
+    /// Appends points that were found to be finite, within [`Self::plain_limit`] and in millimetres, out of `seen`.
+    pub(super) fn append(&mut self, columns: Columns, runs: &[Run], seen: usize) -> Result<(), DecodeError> {
+        self.count(seen)?;
+        self.missing += seen.saturating_sub(columns.len()) as u64;
+        let mut end = self.columns.len();
+        for run in runs {
+            end += run.count;
+            self.extend_stripe(run.label, run.x, end);
         }
-        let taken = stretch.append_to(&mut self.columns);
-        if taken {
-            self.seen += stretch.len();
-            self.extend_stripe(label, stretch.x(), self.columns.len());
+        if self.columns.is_empty() {
+            self.columns = columns;
+            return Ok(());
         }
-        Ok(taken)
+        match (&mut self.columns, columns) {
+            (Columns::F32 { y, z }, Columns::F32 { y: more_y, z: more_z }) => {
+                y.extend_from_slice(&more_y);
+                z.extend_from_slice(&more_z);
+            }
+            (Columns::F64 { y, z }, Columns::F64 { y: more_y, z: more_z }) => {
+                y.extend_from_slice(&more_y);
+                z.extend_from_slice(&more_z);
+            }
+            // A reader keeps to one precision; a cloud of two would be double.
+            (mine, more) => {
+                let (mut y, mut z) = (Vec::new(), Vec::new());
+                let all = |columns: &Columns| (0..columns.len()).filter_map(|i| columns.get(i)).collect::<Vec<_>>();
+                for [point_y, point_z] in all(mine).into_iter().chain(all(&more)) {
+                    y.push(point_y);
+                    z.push(point_z);
+                }
+                *mine = Columns::F64 { y, z };
+            }
+        }
+        Ok(())
     }
 
     /// The cloud.

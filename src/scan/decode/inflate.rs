@@ -155,6 +155,7 @@ fn name_damage(error: io::Error) -> io::Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scan::decode::{Format, decode};
     use std::io::Write;
 
     fn gzip(bytes: &[u8]) -> Vec<u8> {
@@ -199,5 +200,18 @@ mod tests {
             let error = read(&packed[..packed.len() / 2], &Limits::default()).expect_err("ends early");
             assert_eq!(error.code(), "compression_invalid");
         }
+    }
+
+    #[test]
+    fn a_reader_that_meets_a_bomb_gives_its_reason() {
+        let limits = Limits::default();
+        let request = crate::scan::decode::Request { unit: None, profile_column: None, limits: &limits };
+        let packed = gzip(&b"0 1 2\n".repeat(1 << 20));
+        for (format, code) in [(Format::Csv, "inflate_ratio"), (Format::Npz, "inflate_ratio")] {
+            let mut reader = inflate(Encoding::Gzip, packed.as_slice(), &limits).expect("begins");
+            assert_eq!(decode(format, &mut reader, &request).expect_err("bomb").code(), code, "{format}");
+        }
+        let mut reader = inflate(Encoding::Gzip, &packed[..20], &limits).expect("begins");
+        assert_eq!(decode(Format::Csv, &mut reader, &request).expect_err("cut").code(), "compression_invalid");
     }
 }

@@ -29,6 +29,7 @@ mod names;
 mod npy;
 mod npz;
 mod number;
+mod packed;
 mod pcd;
 mod pcd_header;
 mod ply;

@@ -60,7 +60,7 @@ pub(super) fn read_header(reader: &mut dyn BufRead) -> Result<ArrayHeader, Decod
     reader.read_exact(size_bytes).map_err(|error| ends_early(error, FORMAT))?;
     let size = usize::try_from(u32::from_le_bytes(size)).unwrap_or(usize::MAX);
     if size > HEADER_MAX {
-        return Err(DecodeError::HeaderTooLong { format: FORMAT, limit: 1 });
+        return Err(DecodeError::LineTooLong { line: 1, limit: HEADER_MAX });
     }
     let mut header = vec![0; size];
     reader.read_exact(&mut header).map_err(|error| ends_early(error, FORMAT))?;

@@ -118,3 +118,84 @@ fn read_size(reader: &mut dyn BufRead) -> Result<u64, DecodeError> {
     reader.read_exact(&mut bytes).map_err(|error| ends_early(error, FORMAT))?;
     Ok(u64::from(u32::from_le_bytes(bytes)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan::{Columns, Stripe};
+
+    fn read(bytes: &[u8]) -> Result<Cloud, DecodeError> {
+        let limits = Limits { points_max: 1000, ..Limits::default() };
+        decode(&mut &*bytes, &Request { unit: None, profile_column: None, limits: &limits })
+    }
+
+    /// Three by two points of x, a normal of two numbers, z and y.
+    fn file(data: &str, body: &[u8]) -> Vec<u8> {
+        let header = format!(
+            "# .PCD v0.7\nVERSION 0.7\nFIELDS x normal z y\nSIZE 4 1 8 2\nTYPE F U F I\nCOUNT 1 2 1 1\nWIDTH 3\n\
+             HEIGHT 2\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 6\nDATA {data}\n"
+        );
+        [header.as_bytes(), body].concat()
+    }
+
+    const POINTS: [(f32, f64, i16); 6] =
+        [(1.0, 0.1, 1), (1.0, f64::NAN, 2), (1.0, 0.3, 3), (2.0, 0.4, 4), (2.0, 0.5, 5), (2.0, 0.6, 6)];
+
+    /// Field after field, as literals of up to 32 bytes.
+    fn packed() -> Vec<u8> {
+        let mut plain: Vec<u8> = POINTS.iter().flat_map(|(x, ..)| x.to_le_bytes()).collect();
+        plain.extend([9; 12]);
+        plain.extend(POINTS.iter().flat_map(|(_, z, _)| z.to_le_bytes()));
+        plain.extend(POINTS.iter().flat_map(|(_, _, y)| y.to_le_bytes()));
+        let packed: Vec<u8> = plain.chunks(32).flat_map(|part| [&[part.len() as u8 - 1], part].concat()).collect();
+        let size = |bytes: &[u8]| (bytes.len() as u32).to_le_bytes();
+        [&size(&packed)[..], &size(&plain), &packed].concat()
+    }
+
+    #[test]
+    fn every_storage_gives_the_same_rows() {
+        let ascii: String = POINTS.iter().map(|(x, z, y)| format!("{x} 9 9 {z} {y}\n")).collect();
+        let binary: Vec<u8> = POINTS
+            .iter()
+            .flat_map(|(x, z, y)| [&x.to_le_bytes()[..], &[9, 9], &z.to_le_bytes(), &y.to_le_bytes()].concat())
+            .collect();
+        for bytes in [file("ascii", ascii.as_bytes()), file("binary", &binary), file("binary_compressed", &packed())] {
+            let cloud = read(&bytes).expect("reads");
+            let stripes = [Stripe { label: 0.0, x: 1.0, end: 2 }, Stripe { label: 1.0, x: 2.0, end: 5 }];
+            assert_eq!((&*cloud.stripes, cloud.labels, cloud.missing_count), (&stripes[..], Labels::Row, 1));
+            let (y, z) = (vec![1.0, 3.0, 4.0, 5.0, 6.0], vec![0.1, 0.3, 0.4, 0.5, 0.6]);
+            assert_eq!(cloud.columns, Columns::F64 { y, z });
+        }
+    }
+
+    #[test]
+    fn each_wrong_file_has_its_own_reason() {
+        let whole = String::from_utf8(file("ascii", b"")).expect("text");
+        for (from, to, code) in [
+            ("# .PCD", "%PDF", "format_mismatch"),
+            ("POINTS 6", "POINTS 7", "size_mismatch"),
+            ("WIDTH 3", "WIDTH 18446744073709551615", "size_mismatch"),
+            ("WIDTH 3\nHEIGHT 2\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 6", "WIDTH 5000\nHEIGHT 5000", "too_many_points"),
+            ("WIDTH 3\n", "", "header_invalid"),
+            ("SIZE 4 1", "SIZE 3 1", "header_invalid"),
+            ("COUNT 1 2", "COUNT 1 99999999999", "header_invalid"),
+            ("COUNT 1 2", "COUNT 0 2", "header_invalid"),
+            ("FIELDS x", "FIELDS w", "column_unknown"),
+            ("DATA ascii", "DATA morse", "header_invalid"),
+            ("DATA ascii\n", "", "file_truncated"),
+            ("", "", "file_truncated"),
+        ] {
+            let text = whole.replacen(from, to, 1);
+            assert_eq!(read(text.as_bytes()).expect_err("wrong").code(), code, "{from} -> {to}");
+        }
+        let mut body = packed();
+        assert_eq!(read(&file("binary_compressed", &body[..20])).expect_err("cut").code(), "file_truncated");
+        body[4] ^= 1;
+        assert_eq!(read(&file("binary_compressed", &body)).expect_err("lies").code(), "size_mismatch");
+        body[4] ^= 1;
+        body[8] = 255;
+        assert_eq!(read(&file("binary_compressed", &body)).expect_err("damaged").code(), "file_damaged");
+        let short = read(&file("binary", &[0; 40]));
+        assert!(matches!(short, Err(DecodeError::Truncated { expected: 6, found: 2 })));
+    }
+}

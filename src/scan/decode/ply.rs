@@ -136,11 +136,6 @@ fn skip_records(reader: &mut dyn BufRead, element: &Element, endian: Endian) -> 
                     reader.read_exact(counted).map_err(|error| ends_early(error, FORMAT))?;
                     let items = Scalar { kind: count, endian }.read(&bytes, 0).filter(|items| *items >= 0.0);
                     let items = items.ok_or(DecodeError::EndsEarly { format: FORMAT })?;
-                    #[expect(
-                        clippy::cast_possible_truncation,
-                        clippy::cast_sign_loss,
-                        reason = "saturates; skip ends with the input"
-                    )]
                     skip(reader, (items as u64).saturating_mul(item.size() as u64))?;
                 }
             }
@@ -161,4 +156,89 @@ fn skip(reader: &mut dyn BufRead, bytes: u64) -> Result<(), DecodeError> {
         left -= used as u64;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan::decode::{Limits, Unit};
+    use crate::scan::{Columns, Stripe};
+
+    fn read(bytes: &[u8]) -> Result<Cloud, DecodeError> {
+        let limits = Limits { points_max: 1000, ..Limits::default() };
+        decode(&mut &*bytes, &Request { unit: None, profile_column: None, limits: &limits })
+    }
+
+    /// Two vertices with y, a colour, x (double), z and a label, behind an element with a list.
+    fn file(encoding: &str, body: &[u8]) -> Vec<u8> {
+        let header = format!(
+            "ply\r\nformat {encoding} 1.0\ncomment made by hand\nelement face 2\nproperty list uchar ushort corners\n\
+             property char kind\nelement vertex 2\nproperty float y\nproperty uchar red\nproperty double x\n\
+             property int z\nproperty short frame\nelement edge 1\nproperty int a\nend_header\n"
+        );
+        [header.as_bytes(), body].concat()
+    }
+
+    fn binary(order: impl Fn(&[u8]) -> Vec<u8>) -> Vec<u8> {
+        let mut body = [&[2][..], &order(&7u16.to_le_bytes()), &order(&8u16.to_le_bytes()), &[1, 0, 1]].concat();
+        for (y, x, z, frame) in [(1.5f32, 0.1f64, -3i32, 4i16), (2.5, 0.1, 9, 5)] {
+            body.extend(order(&y.to_le_bytes()));
+            body.push(200);
+            body.extend(order(&x.to_le_bytes()));
+            body.extend(order(&z.to_le_bytes()));
+            body.extend(order(&frame.to_le_bytes()));
+        }
+        body
+    }
+
+    #[test]
+    fn every_encoding_gives_the_same_points_from_among_other_elements() {
+        let little = file("binary_little_endian", &binary(<[u8]>::to_vec));
+        let big = file("binary_big_endian", &binary(|bytes| bytes.iter().rev().copied().collect()));
+        let ascii = file("ascii", b"2 7 8 1\n0 1\n1.5 200 0.1 -3 4\n2.5 200 0.1 9 5\n1\n");
+        for bytes in [little, big, ascii] {
+            let cloud = read(&bytes).expect("reads");
+            let stripes = [Stripe { label: 4.0, x: 0.1, end: 1 }, Stripe { label: 5.0, x: 0.1, end: 2 }];
+            assert_eq!((&*cloud.stripes, cloud.labels), (&stripes[..], Labels::Column("frame".to_owned())));
+            assert_eq!(cloud.columns, Columns::F64 { y: vec![1.5, 2.5], z: vec![-3.0, 9.0] });
+        }
+    }
+
+    #[test]
+    fn a_reader_that_gives_a_few_bytes_at_a_time_gives_the_same_cloud() {
+        let bytes = file("binary_little_endian", &binary(<[u8]>::to_vec));
+        let limits = Limits::default();
+        let request = Request { unit: Some(Unit::Inch), profile_column: None, limits: &limits };
+        let whole = decode(&mut bytes.as_slice(), &request).expect("reads");
+        let mut slow = std::io::BufReader::with_capacity(5, bytes.as_slice());
+        assert_eq!(decode(&mut slow, &request).expect("reads"), whole);
+    }
+
+    #[test]
+    fn each_wrong_file_has_its_own_reason() {
+        let xyz = "property float x\nproperty float y\nproperty float z\n";
+        let with = |count: &str, properties: &str, body: &str| {
+            format!("ply\nformat ascii 1.0\nelement vertex {count}\n{properties}end_header\n{body}")
+        };
+        for (text, code) in [
+            ("plx\n".to_owned(), "format_mismatch"),
+            ("ply\nformat ascii 1.0\n".to_owned(), "file_truncated"),
+            ("ply\nformat morse 1.0\nend_header\n".to_owned(), "header_invalid"),
+            ("ply\nformat ascii 1.0\nend_header\n".to_owned(), "header_invalid"),
+            (with("two", xyz, ""), "header_invalid"),
+            (with("1", "property float x\nproperty float y\n", "1 2\n"), "column_unknown"),
+            (with("1", &format!("{xyz}property list uchar int n\n"), "1 2 3 0\n"), "format_unsupported"),
+            (with("2", xyz, "1 2 3\n"), "file_truncated"),
+            (with("1", xyz, "1 2\n"), "row_ragged"),
+            (with("1", xyz, "1 2 c\n"), "number_invalid"),
+            (with("1", xyz, "1 2 1e308\n"), "coordinate_out_of_range"),
+            (with("2", xyz, "nan nan nan\n1 inf 2\n"), "no_points"),
+            (with("0", xyz, ""), "no_points"),
+            (with("18446744073709551615", xyz, "1 2 3\n"), "too_many_points"),
+        ] {
+            assert_eq!(read(text.as_bytes()).expect_err("wrong").code(), code, "{text}");
+        }
+        let short = file("binary_little_endian", &binary(<[u8]>::to_vec)[..30]);
+        assert!(matches!(read(&short), Err(DecodeError::Truncated { expected: 2, found: 1 })));
+    }
 }

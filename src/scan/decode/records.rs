@@ -1,18 +1,13 @@
 //! Binary points, record after record, into a cloud. What PLY, PCD and NPY share once their headers are read.
 //! Must not know which of them it serves.
 //!
-//! A scan of millions of points has to pass in a few memory sweeps, so records of exactly three little-endian floats
-//! go block by block: one branch-free pass asks whether a block shares one x and is clean, a second takes it apart.
-//! Any other record, and any block that is not clean, goes point by point.
+//! Records of exactly three little-endian floats take the fast way of [`packed`](super::packed); others go point by point.
 
-use super::gather::{Gather, Stretch};
+use super::gather::Gather;
+use super::packed::take_packed;
 use super::scalar::{Endian, Kind, Scalar};
 use super::{DecodeError, Precision};
-use crate::scan::Columns;
 use std::io::BufRead;
-
-/// Records of a block: 12 KiB in single precision, so that the second pass finds it in the first-level cache.
-const BLOCK: usize = 1024;
 
 /// Where one number of every record lies: that of record i at `start` + i·`step`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -76,9 +71,6 @@ pub(super) fn read_records(
         let bytes = reader.fill_buf()?;
         let whole = (bytes.len() / stride.max(1)).min(count - done);
         if whole > 0 {
-            if done == 0 {
-                gather.reserve(whole);
-            }
             let used = whole * stride;
             take_block(bytes.get(..used).unwrap_or_default(), layout, stride, gather)?;
             reader.consume(used);
@@ -120,8 +112,8 @@ pub(super) fn take_points(
     Ok(())
 }
 
-#[expect(clippy::cast_precision_loss, reason = "rows are far fewer than 2^53")]
-fn row_of(index: usize, row_length: Option<usize>) -> f64 {
+/// The number of the row that the point at `index` lies in.
+pub(super) fn row_of(index: usize, row_length: Option<usize>) -> f64 {
     row_length.map_or(0.0, |length| (index / length.max(1)) as f64)
 }
 
@@ -143,138 +135,13 @@ fn read_split(reader: &mut dyn BufRead, split: &mut Vec<u8>, stride: usize) -> R
 
 /// Takes whole records, the fast way where there is one.
 fn take_block(bytes: &[u8], layout: &Layout, stride: usize, gather: &mut Gather<'_>) -> Result<(), DecodeError> {
+    let (row_length, count) = (layout.row_length, bytes.len() / stride.max(1));
     match (layout.packed_kind(stride), gather.plain_limit()) {
-        (Some(Kind::F32), Some(limit)) => {
-            take_packed::<[u8; 12]>(bytes.as_chunks().0, layout.row_length, limit, gather)
-        }
-        (Some(Kind::F64), Some(limit)) => {
-            take_packed::<[u8; 24]>(bytes.as_chunks().0, layout.row_length, limit, gather)
-        }
-        _ => take_points(bytes, layout, bytes.len() / stride.max(1), gather),
-    }
-}
-
-/// A record of three floats and nothing else.
-trait Packed: Sized + Copy {
-    /// The float.
-    type Real: Copy + PartialEq + Into<f64>;
-    /// x, y, z.
-    fn point(&self) -> [Self::Real; 3];
-    /// Whether no coordinate is NaN or larger than `limit`.
-    fn is_within(&self, limit: f64) -> bool;
-    /// The columns that hold this float.
-    fn columns(columns: &mut Columns) -> Option<(&mut Vec<Self::Real>, &mut Vec<Self::Real>)>;
-}
-
-impl Packed for [u8; 12] {
-    type Real = f32;
-
-    #[inline]
-    fn point(&self) -> [f32; 3] {
-        let [a, b, c, d, e, f, g, h, i, j, k, l] = *self;
-        [f32::from_le_bytes([a, b, c, d]), f32::from_le_bytes([e, f, g, h]), f32::from_le_bytes([i, j, k, l])]
-    }
-
-    #[inline]
-    fn is_within(&self, limit: f64) -> bool {
-        let [x, y, z] = self.point();
-        #[expect(clippy::cast_possible_truncation, reason = "a limit half a step off refuses nothing that matters")]
-        let limit = limit as f32;
-        (x.abs() <= limit) & (y.abs() <= limit) & (z.abs() <= limit)
-    }
-
-    fn columns(columns: &mut Columns) -> Option<(&mut Vec<f32>, &mut Vec<f32>)> {
-        match columns {
-            Columns::F32 { y, z } => Some((y, z)),
-            Columns::F64 { .. } => None,
+        (Some(Kind::F32), Some(limit)) => take_packed::<[u8; 12]>(bytes.as_chunks().0, row_length, limit, gather),
+        (Some(Kind::F64), Some(limit)) => take_packed::<[u8; 24]>(bytes.as_chunks().0, row_length, limit, gather),
+        _ => {
+            gather.reserve(count);
+            take_points(bytes, layout, count, gather)
         }
     }
-}
-
-impl Packed for [u8; 24] {
-    type Real = f64;
-
-    #[inline]
-    fn point(&self) -> [f64; 3] {
-        let (words, _) = self.as_chunks::<8>();
-        let [x, y, z] = words else { return [f64::NAN; 3] };
-        [f64::from_le_bytes(*x), f64::from_le_bytes(*y), f64::from_le_bytes(*z)]
-    }
-
-    #[inline]
-    fn is_within(&self, limit: f64) -> bool {
-        let [x, y, z] = self.point();
-        (x.abs() <= limit) & (y.abs() <= limit) & (z.abs() <= limit)
-    }
-
-    fn columns(columns: &mut Columns) -> Option<(&mut Vec<f64>, &mut Vec<f64>)> {
-        match columns {
-            Columns::F64 { y, z } => Some((y, z)),
-            Columns::F32 { .. } => None,
-        }
-    }
-}
-
-/// Packed records that share their x.
-struct PackedStretch<'a, P>(&'a [P]);
-
-impl<P: Packed> Stretch for PackedStretch<'_, P> {
-    fn x(&self) -> f64 {
-        self.0.first().map_or(f64::NAN, |record| record.point()[0].into())
-    }
-
-    fn len(&self) -> usize {
-        self.0.len()
-    }
-
-    fn append_to(&self, columns: &mut Columns) -> bool {
-        let Some((y, z)) = P::columns(columns) else { return false };
-        y.extend(self.0.iter().map(|record| record.point()[1]));
-        z.extend(self.0.iter().map(|record| record.point()[2]));
-        true
-    }
-}
-
-/// Splits records at the ends of rows, then into blocks.
-fn take_packed<P: Packed>(
-    mut records: &[P],
-    row_length: Option<usize>,
-    limit: f64,
-    gather: &mut Gather<'_>,
-) -> Result<(), DecodeError> {
-    while !records.is_empty() {
-        let left = row_length.map_or(BLOCK, |length| length.max(1) - gather.seen() % length.max(1));
-        let (block, rest) = records.split_at(left.min(BLOCK).min(records.len()));
-        take_packed_block(block, row_of(gather.seen(), row_length), limit, gather)?;
-        records = rest;
-    }
-    Ok(())
-}
-
-/// Takes a block of one row at once where it is clean and of one x, run by run where it is not.
-fn take_packed_block<P: Packed>(
-    mut block: &[P],
-    label: f64,
-    limit: f64,
-    gather: &mut Gather<'_>,
-) -> Result<(), DecodeError> {
-    while let Some(first) = block.first() {
-        let [x, _, _] = first.point();
-        let uniform = block.iter().fold(true, |all, record| all & (record.point()[0] == x));
-        let run = if uniform {
-            block.len()
-        } else {
-            // At least the first: NaN is not even equal to itself.
-            block.iter().position(|record| record.point()[0] != x).unwrap_or(block.len()).max(1)
-        };
-        let (stretch, rest) = block.split_at(run);
-        let clean = stretch.iter().fold(true, |all, record| all & record.is_within(limit));
-        if !clean || !gather.push_stretch(label, &PackedStretch(stretch))? {
-            for record in stretch {
-                gather.push(label, record.point().map(Into::into))?;
-            }
-        }
-        block = rest;
-    }
-    Ok(())
 }

@@ -57,7 +57,6 @@ impl Scalar {
     /// The number at `offset`; `None` where the bytes end before it does.
     pub(super) fn read(self, bytes: &[u8], offset: usize) -> Option<f64> {
         let rest = bytes.get(offset..)?;
-        #[expect(clippy::cast_precision_loss, reason = "coordinates of eight integer bytes are far below 2^53")]
         Some(match self.kind {
             Kind::I8 => f64::from(i8::from_le_bytes(*rest.first_chunk()?)),
             Kind::U8 => f64::from(*rest.first()?),

@@ -18,7 +18,6 @@ impl Float {
     }
 
     fn write(self, value: f64, out: &mut dyn Write) -> io::Result<()> {
-        #[expect(clippy::cast_possible_truncation, reason = "single is chosen where it loses nothing")]
         match self {
             Self::Single => out.write_all(&(value as f32).to_le_bytes()),
             Self::Double => out.write_all(&value.to_le_bytes()),

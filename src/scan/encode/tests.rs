@@ -37,7 +37,6 @@ fn any_scan() -> impl Strategy<Value = Scan> {
             let x = stations.last().map_or(-100.0, |last| last.x) + step;
             stations.push(Station { x, start, end: ys.len() });
         }
-        #[expect(clippy::cast_possible_truncation, reason = "the scan is made of what is left")]
         let narrow = |values: &[f64]| values.iter().map(|v| *v as f32).collect();
         let columns =
             if single { Columns::F32 { y: narrow(&ys), z: narrow(&zs) } } else { Columns::F64 { y: ys, z: zs } };

@@ -11,6 +11,9 @@ const ROW_SPREAD_MAX: f64 = 0.1;
 const POINTS_PER_VALUE_MIN: usize = 8;
 /// Mean points of a slab of chosen thickness: enough for a section, few enough to keep the slab thin.
 const POINTS_PER_SLAB: f64 = 100.0;
+/// Points below which slabs would be too few or too thick: moving a tracker's eight points to common planes would spoil
+/// them, and each is exact as a profile of its own.
+const SLAB_POINTS_MIN: usize = 1000;
 
 /// What stripes of one profile have in common.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,7 +55,7 @@ pub(super) fn choose_key(
         None => match &cloud.labels {
             Labels::Column(_) => by_column(cloud, None),
             Labels::Row if rows_are_profiles(&cloud.stripes) => Ok(by_row()),
-            _ if x_is_discrete(cloud) => Ok(by_value()),
+            _ if cloud.columns.len() < SLAB_POINTS_MIN || x_is_discrete(cloud) => Ok(by_value()),
             _ => Ok(by_chosen_pitch(cloud, limits)),
         },
     }
@@ -84,7 +87,6 @@ fn extent(cloud: &Cloud) -> (f64, f64) {
     cloud.stripes.iter().fold(bounds, |(least, most), stripe| (least.min(stripe.x), most.max(stripe.x)))
 }
 
-#[expect(clippy::cast_precision_loss, reason = "counts of points and profiles are far below 2^53")]
 fn by_pitch(cloud: &Cloud, pitch: f64, limits: &Limits) -> Result<(Key, String), SliceError> {
     if !(pitch.is_finite() && pitch > 0.0) {
         return Err(SliceError::PitchInvalid);
@@ -99,7 +101,6 @@ fn by_pitch(cloud: &Cloud, pitch: f64, limits: &Limits) -> Result<(Key, String),
 }
 
 /// Slabs of about [`POINTS_PER_SLAB`] points, not more than are allowed.
-#[expect(clippy::cast_precision_loss, reason = "counts of points and profiles are far below 2^53")]
 fn by_chosen_pitch(cloud: &Cloud, limits: &Limits) -> (Key, String) {
     let (least, most) = extent(cloud);
     let length = most - least;
@@ -123,7 +124,6 @@ fn round_up(value: f64) -> f64 {
 fn round(value: f64, fits: impl Fn(f64, f64) -> bool, better: impl Fn(f64, f64) -> f64) -> f64 {
     // Below any length that a scan can have; keeps the powers within what f64 divides exactly.
     let value = value.max(1e-9);
-    #[expect(clippy::cast_possible_truncation, reason = "the decade of a finite number above 1e-9")]
     let decade = value.log10().floor() as i32;
     let power = |exponent: i32, step: f64| {
         // Dividing by a power that is exact gives the nearest number to the decimal: 0.1 and not 0.1 + 1e-17.

@@ -29,14 +29,12 @@ impl Profile {
         Self { key, first_x, offsets: 0.0, points: 0 }
     }
 
-    #[expect(clippy::cast_precision_loss, reason = "counts of points are far below 2^53")]
     fn take(&mut self, x: f64, points: usize) {
         self.offsets += (x - self.first_x) * points as f64;
         self.points += points;
     }
 
     /// Its plane and its size, where that is allowed.
-    #[expect(clippy::cast_precision_loss, reason = "counts of points are far below 2^53")]
     fn close(&self, limits: &Limits) -> Result<f64, SliceError> {
         let x = self.first_x + self.offsets / self.points as f64;
         let limit = limits.points_per_profile_max;

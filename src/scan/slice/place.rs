@@ -60,24 +60,24 @@ fn collect(like: &Cloud, points: impl Iterator<Item = (f64, [f64; 3])>) -> Cloud
 }
 
 /// The cloud as seen from the rail frame that `frame` declares.
-pub(super) fn move_into(cloud: Cloud, frame: &Frame) -> Result<Cloud, SliceError> {
+pub(super) fn move_into(cloud: &Cloud, frame: &Frame) -> Result<Cloud, SliceError> {
     let rotation = frame.rotation()?;
     let origin = Vector3::from(frame.origin_mm);
-    let moved = each_point(&cloud).map(|(stripe, [y, z])| {
+    let moved = each_point(cloud).map(|(stripe, [y, z])| {
         let point = rotation * (Point3::new(stripe.x, y, z) - origin);
         (stripe.label, [point.x, point.y, point.z])
     });
-    Ok(collect(&cloud, moved))
+    Ok(collect(cloud, moved))
 }
 
 /// What of the cloud lies in a region.
-pub(super) fn cut_to(cloud: Cloud, region: &Region) -> Result<Cloud, SliceError> {
+pub(super) fn cut_to(cloud: &Cloud, region: &Region) -> Result<Cloud, SliceError> {
     region.check()?;
     let holds =
         |bound: Option<[f64; 2]>, value: f64| bound.is_none_or(|[lower, upper]| (lower..=upper).contains(&value));
     let inside = |x: f64, [y, z]: [f64; 2]| holds(region.x_mm, x) && holds(region.y_mm, y) && holds(region.z_mm, z);
-    let kept = each_point(&cloud).filter(|(stripe, point)| inside(stripe.x, *point));
-    let cut = collect(&cloud, kept.map(|(stripe, [y, z])| (stripe.label, [stripe.x, y, z])));
+    let kept = each_point(cloud).filter(|(stripe, point)| inside(stripe.x, *point));
+    let cut = collect(cloud, kept.map(|(stripe, [y, z])| (stripe.label, [stripe.x, y, z])));
     if cut.columns.is_empty() {
         return Err(SliceError::RegionEmpty { points: cloud.columns.len() });
     }
