@@ -1,7 +1,7 @@
 //! The OpenAPI document, its examples and the page that shows it.
 
 use crate::harness::{Running, start};
-use coaxis::http::{COMMITTED, openapi_json};
+use coaxis::http::{COMMITTED, Code, openapi_json};
 use serde_json::Value;
 
 /// Set, it makes the test write the document instead of comparing it.
@@ -19,6 +19,12 @@ fn the_committed_document_is_the_one_that_the_code_describes() {
         generated == COMMITTED,
         "openapi/coaxis.json is out of date; run the tests with {UPDATE}=1 once and read its diff"
     );
+}
+
+#[test]
+fn the_readme_has_the_table_of_problem_codes() {
+    let readme = include_str!("../../README.md");
+    assert!(readme.contains(&Code::table()), "write what `coaxis openapi --problems` prints into README.md");
 }
 
 #[test]
