@@ -12,6 +12,7 @@ mod cloud;
 mod columns;
 pub mod decode;
 pub mod encode;
+mod huge_pages;
 mod rule;
 pub mod slice;
 pub mod synthetic;

@@ -3,7 +3,7 @@
 
 use super::packed::Run;
 use super::{DecodeError, Limits, Unit};
-use crate::scan::{Cloud, Columns, Labels, Stripe};
+use crate::scan::{Cloud, Columns, Labels, Stripe, huge_pages};
 
 /// How precise a file's coordinates are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,12 +40,12 @@ impl<'a> Gather<'a> {
         let points = points.min(self.limits.points_max);
         match &mut self.columns {
             Columns::F32 { y, z } => {
-                y.reserve(points);
-                z.reserve(points);
+                huge_pages::reserve(y, points);
+                huge_pages::reserve(z, points);
             }
             Columns::F64 { y, z } => {
-                y.reserve(points);
-                z.reserve(points);
+                huge_pages::reserve(y, points);
+                huge_pages::reserve(z, points);
             }
         }
     }
@@ -106,10 +106,14 @@ impl<'a> Gather<'a> {
         }
         match (&mut self.columns, columns) {
             (Columns::F32 { y, z }, Columns::F32 { y: more_y, z: more_z }) => {
+                huge_pages::reserve(y, more_y.len());
+                huge_pages::reserve(z, more_z.len());
                 y.extend_from_slice(&more_y);
                 z.extend_from_slice(&more_z);
             }
             (Columns::F64 { y, z }, Columns::F64 { y: more_y, z: more_z }) => {
+                huge_pages::reserve(y, more_y.len());
+                huge_pages::reserve(z, more_z.len());
                 y.extend_from_slice(&more_y);
                 z.extend_from_slice(&more_z);
             }

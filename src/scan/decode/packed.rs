@@ -9,7 +9,7 @@
 use super::DecodeError;
 use super::gather::Gather;
 use super::records::row_of;
-use crate::scan::Columns;
+use crate::scan::{Columns, huge_pages};
 
 /// Records of a block: what is read and what is written stay in the first-level cache.
 const BLOCK: usize = 512;
@@ -19,13 +19,11 @@ const RUN_MIN: usize = 16;
 /// A record of three floats and nothing else.
 pub(super) trait Packed: Copy {
     /// The float.
-    type Real: Copy + PartialEq + Into<f64>;
+    type Real: Copy + Default + PartialEq + Into<f64>;
     /// x, y, z.
     fn point(&self) -> [Self::Real; 3];
     /// Whether no value is NaN or of a magnitude above `limit`.
     fn all_within(values: &[Self::Real], limit: f64) -> bool;
-    /// Zeros in memory that the system has not handed out yet.
-    fn zeros(count: usize) -> Vec<Self::Real>;
     /// Columns of this float.
     fn columns(y: Vec<Self::Real>, z: Vec<Self::Real>) -> Columns;
 }
@@ -45,10 +43,6 @@ impl Packed for [u8; 12] {
         values.iter().fold(true, |all, value| all & (value.abs() <= limit))
     }
 
-    fn zeros(count: usize) -> Vec<f32> {
-        vec![0.0; count]
-    }
-
     fn columns(y: Vec<f32>, z: Vec<f32>) -> Columns {
         Columns::F32 { y, z }
     }
@@ -66,10 +60,6 @@ impl Packed for [u8; 24] {
 
     fn all_within(values: &[f64], limit: f64) -> bool {
         values.iter().fold(true, |all, value| all & (value.abs() <= limit))
-    }
-
-    fn zeros(count: usize) -> Vec<f64> {
-        vec![0.0; count]
     }
 
     fn columns(y: Vec<f64>, z: Vec<f64>) -> Columns {
@@ -93,7 +83,7 @@ pub(super) fn take_packed<P: Packed>(
     gather: &mut Gather<'_>,
 ) -> Result<(), DecodeError> {
     if gather.admits_at_once(records.len()) {
-        let (mut y, mut z) = (P::zeros(records.len()), P::zeros(records.len()));
+        let (mut y, mut z) = (huge_pages::zeros(records.len()), huge_pages::zeros(records.len()));
         let target = Target::new(row_length, limit, &mut y, &mut z);
         if let Some((kept, runs)) = target.fill(records, gather.seen()) {
             y.truncate(kept);
