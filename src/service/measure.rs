@@ -3,7 +3,7 @@
 
 use super::Resolved;
 use crate::estimation::{Estimate, Progress, estimate};
-use crate::scan::decode::{DecodeError, Format, FormatClaims, Limits, Request, decode, find_format};
+use crate::scan::decode::{DecodeError, Format, FormatClaims, Limits, Request, Unit, decode, find_format};
 use crate::scan::slice::{SliceError, slice};
 use crate::scan::{Cloud, Scan};
 use std::io::BufRead;
@@ -13,6 +13,8 @@ use std::io::BufRead;
 pub struct Prepared {
     /// What the file turned out to be.
     pub format: Format,
+    /// The unit that its coordinates were read in.
+    pub unit: Unit,
     /// Its profiles.
     pub scan: Scan,
     /// Points that the file holds.
@@ -77,9 +79,9 @@ pub fn prepare(
 ) -> Result<Prepared, MeasureError> {
     let Decoded { format, cloud } = read(reader, claims, resolved, limits)?;
     let points_count = u64::try_from(cloud.columns.len()).unwrap_or(u64::MAX);
-    let missing_count = cloud.missing_count;
+    let (unit, missing_count) = (cloud.unit, cloud.missing_count);
     let scan = slice(cloud, &resolved.slicing, limits)?;
-    Ok(Prepared { format, scan, points_count, missing_count })
+    Ok(Prepared { format, unit, scan, points_count, missing_count })
 }
 
 /// Bytes to an estimate.

@@ -24,8 +24,8 @@ pub struct Measurement {
     pub scan_sha256: String,
     /// What the scan was read as.
     pub format: Format,
-    /// Unit that was declared for the file's coordinates; `None` where it was left to the file.
-    pub unit: Option<Unit>,
+    /// Unit that the file's coordinates were read in.
+    pub unit: Unit,
     /// How its profiles were told apart, in words.
     pub profile_rule: String,
     /// Points that the file holds.
@@ -114,7 +114,7 @@ impl Measurement {
             duration_ms,
             scan_sha256,
             format: prepared.format,
-            unit: resolved.unit,
+            unit: prepared.unit,
             profile_rule: prepared.scan.rule().to_owned(),
             points_count: prepared.points_count,
             missing_count: prepared.missing_count,

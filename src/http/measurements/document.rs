@@ -156,10 +156,9 @@ pub struct ProvenanceDocument {
     /// What the scan was read as.
     #[schema(example = "ply")]
     pub format: &'static str,
-    /// Unit that the request or its recipe declared for the file; null where that was left to the file, which is in
-    /// millimetres unless it says otherwise.
+    /// Unit that the file's coordinates were read in: as declared by request, recipe or file, millimetres where none does.
     #[schema(example = "mm")]
-    pub unit: Option<&'static str>,
+    pub unit: &'static str,
     /// Points that the file holds.
     pub points_count: u64,
     /// Points that the file marks as missing, besides.
@@ -277,7 +276,7 @@ impl From<&Measurement> for ProvenanceDocument {
             scan_id: measurement.scan_id(),
             scan_sha256: measurement.scan_sha256.clone(),
             format: measurement.format.name(),
-            unit: measurement.unit.map(|unit| unit.name()),
+            unit: measurement.unit.name(),
             points_count: measurement.points_count,
             missing_count: measurement.missing_count,
             profile_rule: measurement.profile_rule.clone(),

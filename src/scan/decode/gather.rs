@@ -17,6 +17,7 @@ pub(super) enum Precision {
 /// A cloud in the making.
 pub(super) struct Gather<'a> {
     limits: &'a Limits,
+    unit: Unit,
     scale: f64,
     seen: usize,
     missing: u64,
@@ -31,7 +32,7 @@ impl<'a> Gather<'a> {
             (Unit::Millimetre, Precision::Single) => Columns::F32 { y: Vec::new(), z: Vec::new() },
             _ => Columns::F64 { y: Vec::new(), z: Vec::new() },
         };
-        Self { limits, scale: unit.in_mm(), seen: 0, missing: 0, stripes: Vec::new(), columns }
+        Self { limits, unit, scale: unit.in_mm(), seen: 0, missing: 0, stripes: Vec::new(), columns }
     }
 
     /// Makes room for `points` more, which the caller has seen in the input; not exactly that much, as there may be many
@@ -139,7 +140,7 @@ impl<'a> Gather<'a> {
         if self.columns.is_empty() {
             return Err(DecodeError::NoPoints { missing_count: self.missing });
         }
-        Ok(Cloud { stripes: self.stripes, columns: self.columns, labels, missing_count: self.missing })
+        Ok(Cloud { stripes: self.stripes, columns: self.columns, labels, unit: self.unit, missing_count: self.missing })
     }
 
     fn count(&mut self, points: usize) -> Result<(), DecodeError> {

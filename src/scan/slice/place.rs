@@ -56,7 +56,7 @@ fn collect(like: &Cloud, points: impl Iterator<Item = (f64, [f64; 3])>) -> Cloud
         }
     }
     let columns = Columns::F64 { y: ys, z: zs };
-    Cloud { stripes, columns, labels: like.labels.clone(), missing_count: like.missing_count }
+    Cloud { stripes, columns, labels: like.labels.clone(), unit: like.unit, missing_count: like.missing_count }
 }
 
 /// The cloud as seen from the rail frame that `frame` declares.

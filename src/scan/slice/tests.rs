@@ -1,6 +1,7 @@
 //! The rules, one after the other, and what they refuse.
 
 use super::*;
+use crate::scan::decode::Unit;
 use crate::scan::{Columns, Labels, Stripe};
 
 /// A cloud of points (label, x, y), z = −y.
@@ -8,7 +9,7 @@ fn cloud(labels: Labels, points: &[(f64, f64, f64)]) -> Cloud {
     let stripes = (1..).zip(points).map(|(end, (label, x, _))| Stripe { label: *label, x: *x, end }).collect();
     let y: Vec<f64> = points.iter().map(|(_, _, y)| *y).collect();
     let z = y.iter().map(|y| -y).collect();
-    Cloud { stripes, columns: Columns::F64 { y, z }, labels, missing_count: 0 }
+    Cloud { stripes, columns: Columns::F64 { y, z }, labels, unit: Unit::Millimetre, missing_count: 0 }
 }
 
 /// `profiles` at steps of `step`, ten points each; x within a profile varies by up to `spread`.
