@@ -20,8 +20,12 @@
 //! The rooms below stand in the order in which data pass them. Nothing points back: `tests/house.rs` reads the
 //! imports and holds us to it. Left of `store` nothing waits, logs, reads a clock or draws a random number.
 
+pub mod cli;
+pub mod config;
 pub mod estimation;
 pub mod geometry;
+pub mod http;
 pub mod plot;
 pub mod scan;
+pub mod service;
 pub mod store;

@@ -1,3 +1,7 @@
-//! The `coaxis` command.
+//! The `coaxis` command; all of it stands in the library.
 
-fn main() {}
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    coaxis::cli::run()
+}

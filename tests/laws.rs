@@ -141,6 +141,7 @@ fn scan_of(profiles: &[Vec<[f64; 2]>]) -> Scan {
     Scan::new(stations, Columns::F64 { y, z }, "made".to_owned()).expect("valid")
 }
 
+/// Why profiles 5 mm apart are refused.
 fn refusal(profiles: &[Vec<[f64; 2]>]) -> Refusal {
     match run(&scan_of(profiles), &Settings::default()).outcome {
         Outcome::Refused(refusal) => refusal,
@@ -157,6 +158,8 @@ fn what_cannot_give_an_axis_is_refused_by_name() {
     assert_eq!(refusal(&[circle(50.0)]).code(), "too_few_profiles");
     assert_eq!(refusal(&vec![vec![[1.0, 2.0], [2.0, 2.5], [3.0, 2.0]]; 9]).code(), "too_few_valid_profiles");
     assert_eq!(refusal(&[circle(50.0), circle(50.0), line]).code(), "too_few_valid_profiles");
+    let cone: Vec<_> = [50.0, 60.0, 70.0, 80.0, 90.0].map(circle).to_vec();
+    assert_eq!(refusal(&cone).code(), "sections_disagree");
     let close = Settings { axial_length_min_mm: 50.0, ..Settings::default() };
     let refused = run(&scan_of(&vec![circle(50.0); 9]), &close).outcome;
     assert_eq!(

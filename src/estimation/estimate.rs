@@ -193,6 +193,17 @@ pub enum Refusal {
         /// Least span.
         axial_length_min_mm: f64,
     },
+    /// The sections are not those of one cylinder.
+    #[error(
+        "the radii of the valid sections scatter by {radius_spread_mm:.3} mm about {radius_mm:.3} mm: they are not sections \
+         of one cylinder; check the frame and the region, and that the rail is X"
+    )]
+    SectionsDisagree {
+        /// Median radius.
+        radius_mm: f64,
+        /// Robust spread of the radii.
+        radius_spread_mm: f64,
+    },
 }
 
 impl Refusal {
@@ -205,6 +216,7 @@ impl Refusal {
             Self::PointsCollinear { .. } => "points_collinear",
             Self::TooFewValidProfiles { .. } => "too_few_valid_profiles",
             Self::AxialLengthTooShort { .. } => "axial_length_too_short",
+            Self::SectionsDisagree { .. } => "sections_disagree",
         }
     }
 }

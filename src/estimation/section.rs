@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 /// A residual spread below this share of the profile's size is rounding, not noise.
 const SPREAD_FLOOR: f64 = 1e-9;
 /// Re-weighting has settled when the ellipse moves by less than this share of ε.
-const SETTLED: f64 = 1e-4;
+const SETTLED: f64 = 1e-3;
 
 /// Room for one profile, kept between profiles.
 #[derive(Debug, Default)]

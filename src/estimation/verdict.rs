@@ -4,7 +4,7 @@
 use super::axis::{Centre, Fit};
 use super::{
     Component, Conditioning, Estimate, Method, Outcome, Pose, Profile, RadiusSource, Reason, Refusal, Residuals,
-    Section, Settings, Uncertainty, Warning,
+    Section, Settings, Uncertainty, Warning, robust,
 };
 use crate::geometry::Angle;
 use crate::scan::{Scan, Station};
@@ -13,6 +13,9 @@ use crate::scan::{Scan, Station};
 const ARC_OF_BIAS_DEG: f64 = 120.0;
 /// A section whose arc stays below this is a straight line for every purpose.
 const STRAIGHT_DEG: f64 = 0.5;
+/// Radii of sections that scatter by more than this share of their median do not belong to one cylinder: on the shortest
+/// arc that is accepted by default, 60°, noise makes them scatter by a few hundredths.
+const RADIUS_SPREAD: f64 = 0.1;
 /// A fitted radius this far from the nominal one, relative to it, is warned of.
 const RADIUS_TOLERANCE: f64 = 0.02;
 
@@ -52,12 +55,23 @@ pub(super) fn before_fitting(scan: &Scan, profiles: &[Profile], settings: &Setti
 
 /// Refusals that the finished axis gives rise to.
 pub(super) fn after_fitting(profiles: &[Profile], settings: &Settings) -> Option<Refusal> {
-    too_few_valid(profiles, settings).or_else(|| {
-        let axial_length_mm = axial_length(profiles);
-        let axial_length_min_mm = settings.axial_length_min_mm;
-        (axial_length_mm < axial_length_min_mm)
-            .then_some(Refusal::AxialLengthTooShort { axial_length_mm, axial_length_min_mm })
-    })
+    too_few_valid(profiles, settings)
+        .or_else(|| too_short(profiles, settings))
+        .or_else(|| (settings.method == Method::SectionLine).then(|| disagreement(profiles)).flatten())
+}
+
+fn too_short(profiles: &[Profile], settings: &Settings) -> Option<Refusal> {
+    let (axial_length_mm, axial_length_min_mm) = (axial_length(profiles), settings.axial_length_min_mm);
+    (axial_length_mm < axial_length_min_mm)
+        .then_some(Refusal::AxialLengthTooShort { axial_length_mm, axial_length_min_mm })
+}
+
+fn disagreement(profiles: &[Profile]) -> Option<Refusal> {
+    let radii = || profiles.iter().filter_map(centre).map(|centre| centre.radius);
+    let radius_mm = median(radii())?;
+    let squared: Vec<f64> = radii().map(|radius| (radius - radius_mm).powi(2)).collect();
+    let radius_spread_mm = robust::sigma(&squared, &mut Vec::new());
+    (radius_spread_mm > RADIUS_SPREAD * radius_mm).then_some(Refusal::SectionsDisagree { radius_mm, radius_spread_mm })
 }
 
 /// The refusal where the valid centres allow no line at all.

@@ -13,9 +13,9 @@ use super::notice::{MARGIN, page, paragraph};
 use super::palette::{EXCLUDED, FAINT_INK, FITTED, VALID, reason_colour};
 use super::panel::Panel;
 use super::spread::{half_width, quantile};
-use super::svg::{Svg, Type};
+use super::svg::{Anchor, Svg, Type};
 use super::ticks::{Range, fixed};
-use crate::estimation::{Estimate, Outcome, Pose, Reason};
+use crate::estimation::{Estimate, Outcome, Pose, Profile, Reason};
 
 /// Most markers of one kind on one panel.
 const MARKS_MAX: usize = 2500;
@@ -55,28 +55,35 @@ pub(super) fn centres(estimate: &Estimate, subject: &Subject<'_>) -> String {
     let centres: Vec<Centre> = estimate.profiles.iter().filter_map(centre).collect();
     let x = Range::around(estimate.profiles.iter().map(|profile| profile.x)).padded(0.03);
     let mut svg = page("Profile centres", subject.title, &caption(estimate));
+    let mut beyond = 0;
     match &estimate.outcome {
         Outcome::Accepted(pose) => {
             for direction in DIRECTIONS {
-                trend(&mut svg, direction, Area::new(direction.left, 92.0, WIDTH, 150.0), x, &centres, Some(pose));
-                deviation(&mut svg, direction, x, &centres, pose);
+                beyond +=
+                    trend(&mut svg, direction, Area::new(direction.left, 92.0, WIDTH, 150.0), x, &centres, Some(pose));
+                beyond += deviation(&mut svg, direction, x, &centres, pose);
             }
         }
         Outcome::Refused(refusal) => {
             let look = Type::sized(13.0).colour(EXCLUDED);
             let words = format!("Refused ({}): {refusal}.", refusal.code());
             let end = paragraph(&mut svg, Area::new(MARGIN, 64.0, 952.0, 60.0), look, &words);
-            for direction in DIRECTIONS {
-                let area = Area::new(direction.left, end + 32.0, WIDTH, 496.0 - end - 32.0);
-                trend(&mut svg, direction, area, x, &centres, None);
+            if centres.is_empty() {
+                let words = "No profile has a centre that could be drawn.";
+                paragraph(&mut svg, Area::new(MARGIN, 280.0, 952.0, 40.0), Type::sized(16.0), words);
+            } else {
+                for direction in DIRECTIONS {
+                    let area = Area::new(direction.left, end + 32.0, WIDTH, 496.0 - end - 32.0);
+                    beyond += trend(&mut svg, direction, area, x, &centres, None);
+                }
             }
         }
     }
-    legend(&mut svg, Area::new(MARGIN, 548.0, 952.0, 40.0), &entries(estimate));
+    legend(&mut svg, Area::new(MARGIN, 548.0, 952.0, 40.0), &entries(estimate, beyond));
     svg.finish()
 }
 
-fn centre(profile: &crate::estimation::Profile) -> Option<Centre> {
+fn centre(profile: &Profile) -> Option<Centre> {
     let ellipse = profile.section?.ellipse;
     let at = [ellipse.centre_y, ellipse.centre_z];
     let finite = profile.x.is_finite() && at.iter().all(|v| v.is_finite());
@@ -101,18 +108,19 @@ fn caption(estimate: &Estimate) -> String {
     )
 }
 
-/// The centres along x and the axis.
-fn trend(svg: &mut Svg, direction: Direction, area: Area, x: Range, centres: &[Centre], pose: Option<&Pose>) {
+/// The centres along x and the axis; returns how many lie off the scale.
+fn trend(svg: &mut Svg, direction: Direction, area: Area, x: Range, centres: &[Centre], pose: Option<&Pose>) -> usize {
     let line = |x: f64| pose.map(|pose| direction.of(pose.axis.at(x)));
     let panel = Panel::new(area, x, trend_range(direction, x, centres, pose));
     let words = if pose.is_some() { "Centres and axis" } else { "Centres" };
     heading(svg, area, &format!("{words}, X{}", direction.name.to_uppercase()), "");
-    panel.draw(svg, "", &format!("{} (mm)", direction.name));
-    marks(svg, &panel, centres, |centre| direction.of(centre.at));
+    panel.draw(svg, if pose.is_some() { "" } else { "x (mm)" }, &format!("{} (mm)", direction.name));
+    let beyond = marks(svg, &panel, centres, |centre| direction.of(centre.at));
     if let (Some(from), Some(to)) = (line(x.lo), line(x.hi)) {
         let paint = format!("stroke=\"{FITTED}\" stroke-width=\"1.2\"");
         svg.line(panel.place([x.lo, from]), panel.place([x.hi, to]), paint);
     }
+    beyond
 }
 
 /// Room for the whole axis and the valid centres; where there is no axis, for most of the centres.
@@ -132,8 +140,8 @@ fn trend_range(direction: Direction, x: Range, centres: &[Centre], pose: Option<
     Range::new(middle - half, middle + half)
 }
 
-/// How far the centres lie from the axis.
-fn deviation(svg: &mut Svg, direction: Direction, x: Range, centres: &[Centre], pose: &Pose) {
+/// How far the centres lie from the axis; returns how many lie off the scale.
+fn deviation(svg: &mut Svg, direction: Direction, x: Range, centres: &[Centre], pose: &Pose) -> usize {
     let from_axis = |centre: &Centre| direction.of(centre.at) - direction.of(pose.axis.at(centre.x));
     let valid: Vec<f64> = centres.iter().filter(|centre| centre.rejected.is_none()).map(from_axis).collect();
     let area = Area::new(direction.left, 300.0, WIDTH, 196.0);
@@ -144,18 +152,19 @@ fn deviation(svg: &mut Svg, direction: Direction, x: Range, centres: &[Centre], 
     panel.draw(svg, "x (mm)", &format!("{} less axis (mm)", direction.name));
     let paint = format!("stroke=\"{FITTED}\" stroke-width=\"1.2\"");
     svg.line(panel.place([x.lo, 0.0]), panel.place([x.hi, 0.0]), paint);
-    marks(svg, &panel, centres, from_axis);
+    marks(svg, &panel, centres, from_axis)
 }
 
 /// What a panel shows, above it; arrows of what lies beyond the border keep clear of it.
 fn heading(svg: &mut Svg, area: Area, words: &str, note: &str) {
     svg.text([area.left, area.top - 12.0], Type::sized(12.0).bold(), words);
-    let look = Type::sized(11.0).colour(FAINT_INK).anchor(super::svg::Anchor::End);
+    let look = Type::sized(11.0).colour(FAINT_INK).anchor(Anchor::End);
     svg.text([area.right(), area.top - 12.0], look, note);
 }
 
-/// The markers of all kinds; the rejected ones lie on top because they are few.
-fn marks(svg: &mut Svg, panel: &Panel, centres: &[Centre], value: impl Fn(&Centre) -> f64) {
+/// The markers of all kinds, the rejected ones on top because they are few; returns how many lie off the scale.
+fn marks(svg: &mut Svg, panel: &Panel, centres: &[Centre], value: impl Fn(&Centre) -> f64) -> usize {
+    let mut beyond = 0;
     for kind in [None].into_iter().chain(Reason::ALL.map(Some)) {
         let (symbol, colour) = look(kind);
         let of_kind = || centres.iter().filter(|centre| centre.rejected == kind);
@@ -163,8 +172,9 @@ fn marks(svg: &mut Svg, panel: &Panel, centres: &[Centre], value: impl Fn(&Centr
         for centre in of_kind().step_by(stride(of_kind().count(), MARKS_MAX)) {
             marks.add(panel, [centre.x, value(centre)]);
         }
-        marks.draw(svg);
+        beyond += marks.draw(svg);
     }
+    beyond
 }
 
 /// Shape and colour of the valid ones (`None`) and of each reason.
@@ -183,7 +193,7 @@ const fn look(kind: Option<Reason>) -> (Symbol, &'static str) {
 }
 
 /// The legend with how many of each kind there are, and how many of them have no centre to be drawn.
-fn entries(estimate: &Estimate) -> Vec<Entry> {
+fn entries(estimate: &Estimate, beyond: usize) -> Vec<Entry> {
     let mut entries = Vec::new();
     for kind in [None].into_iter().chain(Reason::ALL.map(Some)) {
         let of_kind = || estimate.profiles.iter().filter(|profile| profile.rejected == kind);
@@ -205,6 +215,8 @@ fn entries(estimate: &Estimate) -> Vec<Entry> {
     if pose(estimate).is_some() {
         entries.push(Entry::new(Symbol::Stroke, FITTED, "fitted axis"));
     }
-    entries.push(Entry::new(Symbol::Arrow, FAINT_INK, "off the scale"));
+    if beyond > 0 {
+        entries.push(Entry::new(Symbol::Arrow, FAINT_INK, "off the scale"));
+    }
     entries
 }

@@ -18,6 +18,8 @@ use crate::scan::Scan;
 
 /// Most points drawn.
 const POINTS_MAX: usize = 8000;
+/// Degrees from which a part counts as seen from all sides.
+const ALL_AROUND: f64 = 350.0;
 const VIEW: Area = Area::new(90.0, 72.0, 560.0, 476.0);
 const SIDE: Area = Area::new(676.0, 84.0, 300.0, 440.0);
 
@@ -62,23 +64,39 @@ fn draw_about_axis(svg: &mut Svg, scan: &Scan, estimate: &Estimate, cylinder: Cy
     let radius = cylinder.radius;
     let panel = Panel::equal(VIEW, [0.0, 0.0], (1.05 * far).max(1.15 * radius).min(2.0 * radius));
     panel.draw(svg, "y from the axis (mm)", "z from the axis (mm)");
-    let mut entries = draw_points(svg, &panel, &points, scan.columns().len());
 
     let near = points.iter().filter(|p| p.valid).map(|Point { at: [y, z], .. }| z.atan2(*y).to_degrees());
     let arc = Seen::new(near).window();
     svg.clipped("end-view", panel.area, |svg| draw_circle(svg, &panel, radius, arc));
+    let mut entries = draw_points(svg, &panel, &points, scan.columns().len());
     draw_centre(svg, &panel, radius);
     panel.frame(svg);
     entries.push(Entry::new(Symbol::Stroke, FITTED, format!("fitted circle, R = {} mm", fixed(radius, 3))));
-    entries.push(Entry::new(
-        Symbol::Dashes,
-        FAINT_INK,
-        format!("side seen by valid profiles: {}°", fixed(arc.width(), 0)),
-    ));
-    legend(svg, SIDE, &entries);
+    let side = format!("side seen by valid profiles: {}°", fixed(arc.width(), 0));
+    if arc.width() < ALL_AROUND {
+        entries.push(Entry::new(Symbol::Dashes, FAINT_INK, side));
+    }
+    let end = legend(svg, SIDE, &entries);
+    let area = Area { top: end + 14.0, ..SIDE };
+    paragraph(svg, area, Type::sized(12.0).colour(FAINT_INK), &nearness(&points, radius));
 }
 
-/// The circle over the points, and two radii between which the part was seen.
+/// In words what cannot be seen in true proportion.
+fn nearness(points: &[Point], radius: f64) -> String {
+    let valid = points.iter().filter(|point| point.valid);
+    let mut distances: Vec<f64> = valid.map(|Point { at: [y, z], .. }| (y.hypot(*z) - radius).abs()).collect();
+    let within = [0.5, 0.95].map(|part| quantile(&mut distances, part));
+    let [Some(half), Some(most)] = within else {
+        return "No profile is valid.".to_owned();
+    };
+    format!(
+        "Of the drawn points of valid profiles, half lie within ±{} mm of the circle, 95 % within ±{} mm.",
+        fixed(half, 3),
+        fixed(most, 3)
+    )
+}
+
+/// The circle below the points, and two radii between which the part was seen.
 fn draw_circle(svg: &mut Svg, panel: &Panel, radius: f64, arc: Range) {
     let on_circle = |degrees: f64, distance: f64| {
         let (sin, cos) = degrees.to_radians().sin_cos();
@@ -86,17 +104,12 @@ fn draw_circle(svg: &mut Svg, panel: &Panel, radius: f64, arc: Range) {
     };
     let circle = polyline((0..=360).map(|degrees| on_circle(f64::from(degrees), radius)));
     svg.path(&circle, format_args!("fill=\"none\" stroke=\"{FITTED}\" stroke-width=\"0.9\""));
-    if arc.width() < 359.0 {
-        for side in [arc.lo, arc.hi] {
-            let paint = format!("stroke=\"{FAINT_INK}\" stroke-width=\"0.9\" stroke-dasharray=\"4 3\"");
-            svg.line(on_circle(side, 0.0), on_circle(side, radius), paint);
-        }
+    if arc.width() < ALL_AROUND {
         let steps = 0..=60;
         let bow = polyline(steps.map(|i| on_circle(arc.lo + arc.width() * f64::from(i) / 60.0, 0.25 * radius)));
-        svg.path(
-            &bow,
-            format_args!("fill=\"none\" stroke=\"{FAINT_INK}\" stroke-width=\"0.9\" stroke-dasharray=\"4 3\""),
-        );
+        let sides = [arc.lo, arc.hi].map(|side| polyline([on_circle(side, 0.0), on_circle(side, radius)].into_iter()));
+        let paint = format!("fill=\"none\" stroke=\"{FAINT_INK}\" stroke-width=\"0.9\" stroke-dasharray=\"4 3\"");
+        svg.path(&(bow + &sides.concat()), paint);
     }
 }
 
@@ -110,14 +123,8 @@ fn draw_centre(svg: &mut Svg, panel: &Panel, radius: f64) {
 fn draw_in_rail_frame(svg: &mut Svg, scan: &Scan, estimate: &Estimate, refusal: &Refusal) {
     let points: Vec<Point> =
         thinned(scan, POINTS_MAX).map(|(index, _, at)| Point { at, valid: is_valid(estimate, index) }).collect();
-    let along = |axis: fn(&Point) -> f64| {
-        let mut values: Vec<f64> = points.iter().map(axis).collect();
-        let [lo, hi] = [0.005, 0.995].map(|part| quantile(&mut values, part).unwrap_or(0.0));
-        Range::new(lo, hi)
-    };
-    let (y, z) = (along(|point| point.at[0]), along(|point| point.at[1]));
-    let half = (0.6 * y.width()).max(0.6 * z.width());
-    let panel = Panel::equal(VIEW, [y.middle(), z.middle()], half);
+    let places: Vec<[f64; 2]> = points.iter().map(|point| point.at).collect();
+    let panel = Panel::around(VIEW, &places);
     panel.draw(svg, "y (mm)", "z (mm)");
     let entries = draw_points(svg, &panel, &points, scan.columns().len());
     let end = legend(svg, SIDE, &entries);
@@ -134,22 +141,22 @@ fn draw_points(svg: &mut Svg, panel: &Panel, points: &[Point], total: usize) -> 
     for (valid, colour, words) in
         [(false, REJECTED, "points of rejected profiles"), (true, VALID, "points of valid profiles")]
     {
-        let mut marks = Marks::new(Symbol::Speck, colour);
+        let symbol = if points.len() > 1000 { Symbol::Speck } else { Symbol::Dot };
+        let mut marks = Marks::new(symbol, colour);
         for point in points.iter().filter(|point| point.valid == valid) {
             marks.add_inside(panel, point.at);
         }
-        marks.draw(svg);
-        beyond += marks.beyond_count;
+        beyond += marks.draw(svg);
         if points.iter().any(|point| point.valid == valid) {
             entries.insert(0, Entry::new(Symbol::Dot, colour, words));
         }
     }
     if total > points.len() {
         let words = format!("1 point in {} drawn", total.div_ceil(points.len().max(1)));
-        entries.push(Entry::new(Symbol::Speck, "#ffffff", words));
+        entries.push(Entry::remark(words));
     }
     if beyond > 0 {
-        entries.push(Entry::new(Symbol::Speck, "#ffffff", format!("{beyond} of them beyond the frame")));
+        entries.push(Entry::remark(format!("{beyond} of them beyond the frame")));
     }
     entries
 }

@@ -11,14 +11,19 @@ const ROW: f64 = 20.0;
 
 /// A marker and its meaning.
 pub(super) struct Entry {
-    pub(super) symbol: Symbol,
-    pub(super) colour: &'static str,
-    pub(super) text: String,
+    /// Shape and colour; a remark has none.
+    marker: Option<(Symbol, &'static str)>,
+    text: String,
 }
 
 impl Entry {
     pub(super) fn new(symbol: Symbol, colour: &'static str, text: impl Into<String>) -> Self {
-        Self { symbol, colour, text: text.into() }
+        Self { marker: Some((symbol, colour)), text: text.into() }
+    }
+
+    /// Words without a marker.
+    pub(super) fn remark(text: impl Into<String>) -> Self {
+        Self { marker: None, text: text.into() }
     }
 }
 
@@ -30,7 +35,9 @@ pub(super) fn legend(svg: &mut Svg, area: Area, entries: &[Entry]) -> f64 {
         if x > area.left && x + width > area.right() {
             (x, y) = (area.left, y + ROW);
         }
-        entry.symbol.draw(svg, [x + 9.0, y], entry.colour);
+        if let Some((symbol, colour)) = entry.marker {
+            symbol.draw(svg, [x + 9.0, y], colour);
+        }
         svg.text([x + 24.0, y + 4.0], LOOK, &entry.text);
         x += width;
     }

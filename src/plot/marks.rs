@@ -71,8 +71,7 @@ pub(super) struct Marks {
     colour: &'static str,
     inside: String,
     arrows: String,
-    /// How many lie beyond the border.
-    pub(super) beyond_count: usize,
+    beyond_count: usize,
 }
 
 impl Marks {
@@ -100,10 +99,11 @@ impl Marks {
         }
     }
 
-    /// Draws all of them.
-    pub(super) fn draw(&self, svg: &mut Svg) {
+    /// Draws all of them; returns how many lie beyond the border.
+    pub(super) fn draw(&self, svg: &mut Svg) -> usize {
         svg.path(&self.inside, self.symbol.paint(self.colour));
         svg.path(&self.arrows, Symbol::Arrow.paint(self.colour));
+        self.beyond_count
     }
 }
 

@@ -20,6 +20,7 @@ mod seen;
 mod spread;
 mod svg;
 mod ticks;
+mod unrolled;
 
 #[cfg(test)]
 mod tests;

@@ -3,8 +3,9 @@
 
 use super::area::Area;
 use super::palette::{FAINT_INK, GRID, INK};
+use super::spread::quantile;
 use super::svg::{Anchor, Svg, Type};
-use super::ticks::{Range, Ticks, fixed};
+use super::ticks::Range;
 
 /// Size of the numbers and labels along the axes.
 const SMALL: Type = Type::sized(11.0).colour(FAINT_INK);
@@ -37,6 +38,17 @@ impl Panel {
         Self::new(area, range(x, area.width), range(y, area.height))
     }
 
+    /// Equal scales on both axes with room for the bulk of the points: a few stray ones would shrink the rest to a dot.
+    pub(super) fn around(area: Area, points: &[[f64; 2]]) -> Self {
+        let bulk = |coordinate: fn(&[f64; 2]) -> f64| {
+            let mut values: Vec<f64> = points.iter().map(coordinate).collect();
+            let [lo, hi] = [0.005, 0.995].map(|part| quantile(&mut values, part).unwrap_or(0.0));
+            Range::new(lo, hi)
+        };
+        let (x, y) = (bulk(|[x, _]| *x), bulk(|[_, y]| *y));
+        Self::equal(area, [x.middle(), y.middle()], 0.6 * x.width().max(y.width()))
+    }
+
     /// Pixels of a pair of values, also outside the area.
     pub(super) fn place(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         [
@@ -63,18 +75,21 @@ impl Panel {
         for &value in &x_ticks.values {
             let [x, _] = self.place([value, self.y.lo]);
             svg.line([x, top], [x, bottom], &paint);
-            svg.text([x, bottom + 15.0], SMALL.anchor(Anchor::Middle), &x_ticks.label(value));
+            svg.text([x, bottom + 18.0], SMALL.anchor(Anchor::Middle), &x_ticks.label(value));
         }
         let y_ticks = self.y.ticks((height / 40.0).max(2.0));
+        let mut widest = 36.0;
         for &value in &y_ticks.values {
             let [_, y] = self.place([self.x.lo, value]);
             svg.line([left, y], [right, y], &paint);
-            svg.text([left - 6.0, y + 4.0], SMALL.anchor(Anchor::End), &y_ticks.label(value));
+            let number = y_ticks.label(value);
+            svg.text([left - 9.0, y + 4.0], SMALL.anchor(Anchor::End), &number);
+            widest = SMALL.width_of(&number).max(widest);
         }
         let [middle_x, middle_y] = self.area.middle();
         let label = SMALL.colour(INK).anchor(Anchor::Middle);
-        svg.text([middle_x, bottom + 31.0], label, &with_base(x_label, &x_ticks));
-        svg.text([left - 54.0, middle_y], label.turned(), &with_base(y_label, &y_ticks));
+        svg.text([middle_x, bottom + 34.0], label, &x_ticks.with_base(x_label));
+        svg.text([left - 18.0 - widest, middle_y], label.turned(), &y_ticks.with_base(y_label));
         self.frame(svg);
     }
 
@@ -82,10 +97,6 @@ impl Panel {
     pub(super) fn frame(&self, svg: &mut Svg) {
         svg.rect(self.area, format_args!("fill=\"none\" stroke=\"{FAINT_INK}\" stroke-width=\"0.8\""));
     }
-}
-
-fn with_base(label: &str, ticks: &Ticks) -> String {
-    if ticks.base == 0.0 { label.to_owned() } else { format!("{label} from {}", fixed(ticks.base, 3)) }
 }
 
 #[cfg(test)]

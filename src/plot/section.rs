@@ -12,7 +12,6 @@ use super::palette::{BAND, EXCLUDED, FAINT_INK, FITTED, GRID, VALID};
 use super::panel::Panel;
 use super::section_points::{Judged, Kind, judge};
 use super::seen::{Seen, turned_into};
-use super::spread::quantile;
 use super::svg::{Svg, Type};
 use super::ticks::{Range, fixed};
 use crate::estimation::{Estimate, Profile, Section};
@@ -37,14 +36,14 @@ pub(super) fn section(scan: &Scan, estimate: &Estimate, subject: &Subject<'_>) -
     let (mut y, mut z) = (Vec::new(), Vec::new());
     scan.load(station, &mut y, &mut z);
     let profile = estimate.profiles.get(index);
-    let what = format!("Section at x = {} mm", fixed(station.x, 2));
+    let what = format!("Section at x = {} mm, {}", fixed(station.x, 2), verdict(profile));
     let mut svg = page(&what, subject.title, &caption(scan, index, profile));
     match profile.and_then(|profile| profile.section).filter(|section| drawable(&section.ellipse)) {
         Some(section) => {
             let points = judge(&y, &z, &section, subject.epsilon_mm, estimate.method);
-            draw_shape(&mut svg, &section, &points);
-            draw_residuals(&mut svg, &section, &points, subject.epsilon_mm);
-            legend(&mut svg, Area::new(MARGIN, 546.0, 952.0, 40.0), &entries(&points, subject.epsilon_mm));
+            let beyond = draw_shape(&mut svg, &section, &points)
+                + draw_residuals(&mut svg, &section, &points, subject.epsilon_mm);
+            legend(&mut svg, Area::new(MARGIN, 546.0, 952.0, 40.0), &entries(&points, subject.epsilon_mm, beyond));
         }
         None => draw_points(&mut svg, station, &y, &z, profile),
     }
@@ -68,17 +67,24 @@ fn drawable(ellipse: &SectionEllipse) -> bool {
     lengths.iter().all(|v| v.abs() < 1e100) && rotation.radians().is_finite() && semi_minor > 0.0 && semi_major > 0.0
 }
 
+fn verdict(profile: Option<&Profile>) -> String {
+    match profile.map(|profile| profile.rejected) {
+        Some(Some(reason)) => format!("rejected: {}", reason.name()),
+        Some(None) => "valid".to_owned(),
+        None => "not looked at".to_owned(),
+    }
+}
+
 fn caption(scan: &Scan, index: usize, profile: Option<&Profile>) -> String {
-    let place = format!("profile {index} of 0 to {}", scan.stations().len().saturating_sub(1));
+    let place = format!("profile {index} (0 to {})", scan.stations().len().saturating_sub(1));
     let Some(profile) = profile else {
-        return format!("{place} · not looked at");
+        return place;
     };
-    let verdict = profile.rejected.map_or("valid".to_owned(), |reason| format!("rejected: {}", reason.name()));
     let Some(Section { ellipse, sigma, inlier_ratio, arc, .. }) = profile.section else {
-        return format!("{place} · {verdict} · {} points", profile.points_count);
+        return format!("{place} · {} points", profile.points_count);
     };
     format!(
-        "{place} · {verdict} · {} points · centre ({}, {}) mm · axes {} × {} mm · σ {} mm · inner {} % · arc {}°",
+        "{place} · {} points · centre ({}, {}) mm · axes {} × {} mm · σ {} mm · inner {} % · arc {}°",
         profile.points_count,
         fixed(ellipse.centre_y, 3),
         fixed(ellipse.centre_z, 3),
@@ -91,17 +97,17 @@ fn caption(scan: &Scan, index: usize, profile: Option<&Profile>) -> String {
 }
 
 /// The points and their ellipse in true proportion.
-fn draw_shape(svg: &mut Svg, section: &Section, points: &[Judged]) {
+fn draw_shape(svg: &mut Svg, section: &Section, points: &[Judged]) -> usize {
     let panel = shape_panel(&section.ellipse, points);
     panel.draw(svg, "y (mm)", "z (mm)");
     let seen = Seen::new(points.iter().filter(|p| p.kind != Kind::Excluded).map(|p| p.degrees));
-    draw_marks(svg, &panel, points, |point| point.at);
+    let beyond = draw_marks(svg, &panel, points, |point| point.at);
     svg.clipped("section-shape", panel.area, |svg| {
         let arc = |from: f64, to: f64| ellipse_arc(&panel, &section.ellipse, from, to);
         let arcs = seen.arcs();
         let after = arcs.iter().skip(1).map(|[from, _]| *from).chain(arcs.first().map(|[from, _]| from + 360.0));
         for ([from, to], next) in arcs.iter().zip(after) {
-            svg.path(&arc(*from, *to), format_args!("fill=\"none\" stroke=\"{FITTED}\" stroke-width=\"1\""));
+            svg.path(&arc(*from, *to), format_args!("fill=\"none\" stroke=\"{FITTED}\" stroke-width=\"0.8\""));
             let paint = format!("fill=\"none\" stroke=\"{FAINT_INK}\" stroke-width=\"1\" stroke-dasharray=\"5 4\"");
             if next - to > 0.0 && to - from < 360.0 {
                 svg.path(&arc(*to, if next < *to { next + 360.0 } else { next }), paint);
@@ -113,6 +119,7 @@ fn draw_shape(svg: &mut Svg, section: &Section, points: &[Judged]) {
         Symbol::Plus.draw(svg, panel.place(centre), FITTED);
     }
     panel.frame(svg);
+    beyond
 }
 
 /// The whole ellipse; where it dwarfs the points (a line that passed for an arc), the points.
@@ -139,7 +146,7 @@ fn ellipse_arc(panel: &Panel, ellipse: &SectionEllipse, from: f64, to: f64) -> S
 }
 
 /// The residuals against direction, in millimetres, with the band of the inner points.
-fn draw_residuals(svg: &mut Svg, section: &Section, points: &[Judged], epsilon: f64) {
+fn draw_residuals(svg: &mut Svg, section: &Section, points: &[Judged], epsilon: f64) -> usize {
     let window = Seen::new(points.iter().map(|point| point.degrees)).window();
     let half = (2.2 * epsilon).max(5.0 * section.sigma);
     let panel = Panel::new(RESIDUALS, window.padded(0.03), Range::about_zero(half));
@@ -147,17 +154,19 @@ fn draw_residuals(svg: &mut Svg, section: &Section, points: &[Judged], epsilon: 
     let [_, bottom] = panel.place([panel.x.lo, -epsilon]);
     svg.rect(Area::new(left, top, panel.area.width, bottom - top), format_args!("fill=\"{BAND}\""));
     panel.draw(svg, "direction from the centre, 0° = +Y, 90° = +Z (°)", "distance from the ellipse, outside + (mm)");
-    draw_marks(svg, &panel, points, |point| [turned_into(point.degrees, window.lo), point.residual]);
+    let beyond = draw_marks(svg, &panel, points, |point| [turned_into(point.degrees, window.lo), point.residual]);
     let paint = format!("stroke=\"{FITTED}\" stroke-width=\"1\"");
     svg.line(panel.place([panel.x.lo, 0.0]), panel.place([panel.x.hi, 0.0]), paint);
     for side in [epsilon, -epsilon] {
         let paint = format!("stroke=\"{VALID}\" stroke-width=\"0.8\" stroke-dasharray=\"5 4\"");
         svg.line(panel.place([panel.x.lo, side]), panel.place([panel.x.hi, side]), paint);
     }
+    beyond
 }
 
-/// The points by kind; the rare ones lie on top.
-fn draw_marks(svg: &mut Svg, panel: &Panel, points: &[Judged], values: impl Fn(&Judged) -> [f64; 2]) {
+/// The points by kind, the rare ones on top; returns how many lie beyond the border.
+fn draw_marks(svg: &mut Svg, panel: &Panel, points: &[Judged], values: impl Fn(&Judged) -> [f64; 2]) -> usize {
+    let mut beyond = 0;
     for kind in Kind::ALL {
         let (symbol, colour) = kind.look();
         let of_kind = || points.iter().filter(|point| point.kind == kind);
@@ -165,11 +174,12 @@ fn draw_marks(svg: &mut Svg, panel: &Panel, points: &[Judged], values: impl Fn(&
         for point in of_kind().step_by(stride(of_kind().count(), MARKS_MAX)) {
             marks.add(panel, values(point));
         }
-        marks.draw(svg);
+        beyond += marks.draw(svg);
     }
+    beyond
 }
 
-fn entries(points: &[Judged], epsilon: f64) -> Vec<Entry> {
+fn entries(points: &[Judged], epsilon: f64, beyond: usize) -> Vec<Entry> {
     let mut entries = Vec::new();
     for kind in Kind::ALL {
         let count = points.iter().filter(|point| point.kind == kind).count();
@@ -183,19 +193,20 @@ fn entries(points: &[Judged], epsilon: f64) -> Vec<Entry> {
     entries.push(Entry::new(Symbol::Stroke, FITTED, "ellipse, where seen"));
     entries.push(Entry::new(Symbol::Dashes, FAINT_INK, "where not"));
     entries.push(Entry::new(Symbol::Field, BAND, format!("inner: nearer than ε = {} mm", fixed(epsilon, 3))));
-    entries.push(Entry::new(Symbol::Arrow, FAINT_INK, "off the scale"));
+    if beyond > 0 {
+        entries.push(Entry::new(Symbol::Arrow, FAINT_INK, "off the scale"));
+    }
     entries
 }
 
 /// The points alone, and why there is no ellipse.
 fn draw_points(svg: &mut Svg, station: Station, y: &[f64], z: &[f64], profile: Option<&Profile>) {
-    let middle = |values: &[f64]| quantile(&mut values.to_vec(), 0.5).unwrap_or(0.0);
-    let extent = Range::around(y.iter().copied()).width().max(Range::around(z.iter().copied()).width());
-    let panel = Panel::equal(SHAPE, [middle(y), middle(z)], 0.6 * extent);
+    let points: Vec<[f64; 2]> = y.iter().copied().zip(z.iter().copied()).map(|(y, z)| [y, z]).collect();
+    let panel = Panel::around(SHAPE, &points);
     panel.draw(svg, "y (mm)", "z (mm)");
     let mut marks = Marks::new(Symbol::Dot, VALID);
-    for (&y, &z) in y.iter().zip(z).step_by(stride(y.len(), MARKS_MAX)) {
-        marks.add(&panel, [y, z]);
+    for point in points.iter().step_by(stride(points.len(), MARKS_MAX)) {
+        marks.add(&panel, *point);
     }
     marks.draw(svg);
     svg.rect(RESIDUALS, format_args!("fill=\"none\" stroke=\"{GRID}\""));

@@ -34,6 +34,11 @@ impl Seen {
         seen
     }
 
+    /// How many half degrees hold points.
+    pub(super) fn bins_count(&self) -> usize {
+        self.bins.iter().filter(|bin| **bin).count()
+    }
+
     /// The smallest window of degrees that holds all of them, its middle in (−180°, 180°].
     pub(super) fn window(&self) -> Range {
         let Some(gap) = self.gaps().into_iter().max_by_key(|gap| gap.length) else {

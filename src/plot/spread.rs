@@ -7,6 +7,15 @@ pub(super) fn quantile(values: &mut [f64], part: f64) -> Option<f64> {
     Some(*values.select_nth_unstable_by(index, f64::total_cmp).1)
 }
 
+/// The middle value, or the mean of the two middle ones: taking one of them would shift signed values to one side.
+pub(super) fn median(values: &mut [f64]) -> Option<f64> {
+    let is_even = values.len().is_multiple_of(2);
+    let (below, middle, _) =
+        values.select_nth_unstable_by(values.len().checked_sub(1)? / 2 + usize::from(is_even), f64::total_cmp);
+    let other = if is_even { below.iter().copied().max_by(f64::total_cmp)? } else { *middle };
+    Some(other + (*middle - other) / 2.0)
+}
+
 /// The half-width that shows the values about 0 as large as it can: the largest of them, or, where a few lie far out,
 /// six times the robust spread 1.4826·median|v|. At least `least`.
 pub(super) fn half_width(values: impl Iterator<Item = f64>, least: f64) -> f64 {
@@ -36,6 +45,13 @@ mod tests {
         assert!((0.09..1.0).contains(&width), "{width}");
         assert_eq!(half_width([0.0, 1e-15].into_iter(), 1e-3), 1e-3);
         assert_eq!(half_width(std::iter::empty(), 1e-3), 1e-3);
+    }
+
+    #[test]
+    fn the_median_of_symmetric_values_is_their_middle() {
+        let medians = [vec![3.0, -1.0, 1.0], vec![1.0, -1.0], vec![2.0, 9.0, 0.0, -7.0]].map(|mut v| median(&mut v));
+        assert_eq!(medians, [Some(1.0), Some(0.0), Some(1.0)]);
+        assert_eq!(median(&mut []), None);
     }
 
     #[test]

@@ -69,7 +69,7 @@ impl Type {
 
     /// About how wide a text is, pixels: no font is known here, so this is on the safe side.
     pub(super) fn width_of(&self, text: &str) -> f64 {
-        let ems: f64 = text.chars().map(|c| if c as u32 >= 0x2E80 { 1.0 } else { 0.565 }).sum();
+        let ems: f64 = text.chars().map(|c| if c as u32 >= 0x2E80 { 1.0 } else { 0.54 }).sum();
         ems * self.size * if self.bold { 1.08 } else { 1.0 }
     }
 

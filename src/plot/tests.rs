@@ -3,9 +3,11 @@
 
 use super::{Picture, Subject, draw};
 use crate::estimation::{
-    Conditioning, Estimate, Method, Outcome, Pose, Profile, RadiusSource, Reason, Refusal, Section, Uncertainty,
+    self, Conditioning, Estimate, Method, Outcome, Pose, Profile, Progress, RadiusSource, Reason, Refusal, Section,
+    Settings, Uncertainty,
 };
 use crate::geometry::{Angle, AxisLine};
+use crate::scan::synthetic::{Part, make};
 use crate::scan::{Columns, Scan, Station};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -289,5 +291,18 @@ fn hostile_titles_stay_text() {
     let title = format!("</text><script>x</script>\u{0}\u{8}\"'&{}", "長".repeat(500));
     for picture in Picture::ALL {
         drawn(picture, &scan, &estimate, &Subject { title: &title, ..SUBJECT });
+    }
+}
+
+#[test]
+fn estimated_scans_are_drawn_by_every_method() {
+    let part = Part { profiles_count: 60, points_count: 160, drop_out_ratio: 0.1, ..Part::with_interference(3) };
+    for (scan, method) in [part, Part { profiles_count: 2, ..Part::smooth(4) }]
+        .iter()
+        .filter_map(|part| make(part).ok())
+        .flat_map(|(scan, _)| Method::ALL.map(|method| (scan.clone(), method)))
+    {
+        let estimate = estimation::estimate(&scan, &Settings { method, ..Settings::default() }, &Progress::default());
+        all_drawn(&scan, &estimate);
     }
 }

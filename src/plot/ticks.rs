@@ -56,7 +56,8 @@ impl Range {
 
     /// About `count` round numbers inside.
     pub(super) fn ticks(&self, count: f64) -> Ticks {
-        let step = round_step(self.width() / count.max(1.0));
+        // Rounding down turns this into 0.6 to 1.5 times `count`.
+        let step = round_step(self.width() / (0.6 * count.max(1.5)));
         let (first, last) = ((self.lo / step).ceil(), (self.hi / step).floor());
         let values: Vec<f64> =
             (0..40).map(|i| first + f64::from(i)).take_while(|&n| n <= last).map(|n| n * step).collect();
@@ -64,10 +65,10 @@ impl Range {
     }
 }
 
-/// 1, 2 or 5 times a power of ten, not below `least` by more than rounding.
-fn round_step(least: f64) -> f64 {
-    let decade = 10f64.powf(least.log10().floor());
-    [1.0, 2.0, 5.0].map(|n| n * decade).into_iter().find(|&step| step >= least * 0.999).unwrap_or(10.0 * decade)
+/// 1, 2 or 5 times a power of ten, not above `most` by more than rounding.
+fn round_step(most: f64) -> f64 {
+    let decade = 10f64.powf((most * 1.001).log10().floor());
+    [5.0, 2.0, 1.0].map(|n| n * decade).into_iter().find(|&step| step <= most * 1.001).unwrap_or(decade)
 }
 
 /// Round numbers on an axis and how they are written.
@@ -75,19 +76,25 @@ fn round_step(least: f64) -> f64 {
 pub(super) struct Ticks {
     pub(super) values: Vec<f64>,
     /// What has to be added to every label: not 0 where the numbers would be too long to be told apart.
-    pub(super) base: f64,
+    base: f64,
     decimals: usize,
     scientific: bool,
 }
 
 impl Ticks {
     fn new(values: Vec<f64>, step: f64) -> Self {
-        let decimals = (-step.log10() + 1e-9).ceil().max(0.0) as usize;
+        let decimals = (-step.log10() - 1e-9).ceil().max(0.0) as usize;
         let largest = values.iter().fold(0.0, |size: f64, v| size.max(v.abs()));
         let digits = largest.max(1.0).log10().floor() as usize + 1;
-        let long = largest > 100.0 * step && digits + decimals > 8;
+        // What fits beside an axis: seven characters with sign and point.
+        let long = largest > 20.0 * step && digits + decimals > 5;
         let base = if long { values.get(values.len() / 2).copied().unwrap_or(0.0) } else { 0.0 };
-        Self { values, base, decimals, scientific: decimals > 6 || step >= 1e6 }
+        Self { values, base, decimals, scientific: decimals > 6 || step >= 1e5 }
+    }
+
+    /// The axis label, with the base where there is one.
+    pub(super) fn with_base(&self, label: &str) -> String {
+        if self.base == 0.0 { label.to_owned() } else { format!("{label} from {}", fixed(self.base, self.decimals)) }
     }
 
     /// What is written at `value`.

@@ -1,6 +1,7 @@
 //! What a scan file holds, before anyone decided which points make a profile. Must not know about formats.
 
 use super::Columns;
+use super::decode::Unit;
 
 /// Successive points of a file that share a label and an x: the laser's stripe, or a piece of it.
 ///
@@ -35,6 +36,8 @@ pub struct Cloud {
     pub columns: Columns,
     /// What the labels mean.
     pub labels: Labels,
+    /// The unit that the file's coordinates were read in.
+    pub unit: Unit,
     /// Points that the file marks as missing (NaN, infinite, empty cell); they are in no column.
     pub missing_count: u64,
 }

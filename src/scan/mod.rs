@@ -10,26 +10,16 @@
 
 mod cloud;
 mod columns;
+pub mod decode;
+pub mod encode;
+mod huge_pages;
+mod rule;
+pub mod slice;
 pub mod synthetic;
 
 pub use cloud::{Cloud, Labels, Stripe};
 pub use columns::Columns;
-
-use serde::{Deserialize, Serialize};
-
-/// Which points belong to one profile, as asked for.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ProfileRule {
-    /// Points that share a value of the profile column: the one named, or the one that the reader recognised.
-    Column(Option<String>),
-    /// Rows of organised data (PCD with HEIGHT > 1, NPY of three dimensions, JSON profiles, Gocator frames).
-    Row,
-    /// Slabs of this thickness along x, mm; `None` chooses one from the cloud.
-    XPitch(Option<f64>),
-    /// Points that share the same x.
-    XValue,
-}
+pub use rule::{ProfileRule, RuleError};
 
 /// Where one profile's points lie in the columns of its [`Scan`].
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -30,7 +30,7 @@ pub use rows::{
     AnsweredRequest, Counts, Filter, Inserted, MeasurementRow, NewMeasurement, Precondition, PutRecipe, RecipeRow,
     RecordedScan, RequestKey, ScanRow,
 };
-pub use scan_files::{ScanWriter, StoredScan};
+pub use scan_files::{CompleteScan, ScanWriter, StoredScan};
 
 use std::{fmt::Write as _, io::Write as _, path::Path, sync::Arc};
 

@@ -38,6 +38,17 @@ pub struct ScanWriter {
     part: PartState,
 }
 
+/// A raw scan that is here as a whole and may be looked into before it is kept. Dropped before [`CompleteScan::place`],
+/// it leaves nothing behind.
+#[derive(Debug)]
+pub struct CompleteScan {
+    folder: Arc<Folder>,
+    temporary: Temporary,
+    file: fs::File,
+    sha256_hex: String,
+    bytes_count: u64,
+}
+
 #[derive(Debug)]
 enum PartState {
     Idle(Part),
@@ -107,12 +118,21 @@ impl ScanWriter {
     ///
     /// # Errors
     /// [`StoreError::Full`], [`StoreError::FileUnavailable`].
-    pub async fn finish(mut self) -> Result<StoredScan, StoreError> {
+    pub async fn finish(self) -> Result<StoredScan, StoreError> {
+        self.complete().await?.place().await
+    }
+
+    /// Ends the writing; the file can be read, and has no place yet.
+    ///
+    /// # Errors
+    /// [`StoreError::Full`], [`StoreError::FileUnavailable`].
+    pub async fn complete(mut self) -> Result<CompleteScan, StoreError> {
         let (mut part, _) = self.idle_part().await?;
         let Self { folder, block, .. } = self;
         blocking(move || {
             part.append(&block)?;
-            part.place(&folder)
+            let Part { temporary, file, digest, bytes_count } = part;
+            Ok(CompleteScan { folder, temporary, file, sha256_hex: hex(&digest.finalize()), bytes_count })
         })
         .await
     }
@@ -138,6 +158,54 @@ impl ScanWriter {
     }
 }
 
+impl CompleteScan {
+    /// The id that it will be stored under.
+    #[must_use]
+    pub fn id(&self) -> String {
+        format!("s-{}", self.sha256_hex)
+    }
+
+    /// Length of the file.
+    #[must_use]
+    pub const fn bytes_count(&self) -> u64 {
+        self.bytes_count
+    }
+
+    /// Opens the file for reading, from its beginning.
+    ///
+    /// # Errors
+    /// [`StoreError::FileUnavailable`].
+    pub async fn open(&self) -> Result<fs::File, StoreError> {
+        let path = self.temporary.path().to_owned();
+        blocking(move || fs::File::open(&path).map_err(StoreError::of_file(path))).await
+    }
+
+    /// Gives the file its place. Durable on return.
+    ///
+    /// # Errors
+    /// [`StoreError::Full`], [`StoreError::FileUnavailable`].
+    pub async fn place(self) -> Result<StoredScan, StoreError> {
+        blocking(move || self.settle()).await
+    }
+
+    /// First the content, then the name: a file under its digest is always whole. A file that is there already stays,
+    /// unless its length shows that it was damaged; then these bytes mend it.
+    fn settle(self) -> Result<StoredScan, StoreError> {
+        let Self { folder, temporary, file, sha256_hex, bytes_count } = self;
+        let (shelf, place) = folder.scan(&sha256_hex).ok_or(StoreError::Closed)?;
+        let known = fs::metadata(&place).is_ok_and(|there| there.is_file() && there.len() == bytes_count);
+        if !known {
+            file.sync_all().map_err(StoreError::of_file(temporary.path()))?;
+            folder::create(&shelf)?;
+            fs::rename(temporary.path(), &place).map_err(StoreError::of_file(&place))?;
+        }
+        // A known file too: whoever put it there may not have come this far yet.
+        folder::sync(&shelf)?;
+        folder::sync(&folder.scans())?;
+        Ok(StoredScan { id: format!("s-{sha256_hex}"), sha256_hex, bytes_count })
+    }
+}
+
 /// The file of a scan that is coming in, with the digest of what it holds.
 #[derive(Debug)]
 struct Part {
@@ -157,24 +225,6 @@ impl Part {
         self.digest.update(block);
         self.bytes_count += u64::try_from(block.len()).unwrap_or(u64::MAX);
         self.file.write_all(block).map_err(StoreError::of_file(self.temporary.path()))
-    }
-
-    /// First the content, then the name: a file under its digest is always whole. A file that is there already stays,
-    /// unless its length shows that it was damaged; then these bytes mend it.
-    fn place(self, folder: &Folder) -> Result<StoredScan, StoreError> {
-        let Self { temporary, file, digest, bytes_count } = self;
-        let sha256_hex = hex(&digest.finalize());
-        let (shelf, place) = folder.scan(&sha256_hex).ok_or(StoreError::Closed)?;
-        let known = fs::metadata(&place).is_ok_and(|there| there.is_file() && there.len() == bytes_count);
-        if !known {
-            file.sync_all().map_err(StoreError::of_file(temporary.path()))?;
-            folder::create(&shelf)?;
-            fs::rename(temporary.path(), &place).map_err(StoreError::of_file(&place))?;
-        }
-        // A known file too: whoever put it there may not have come this far yet.
-        folder::sync(&shelf)?;
-        folder::sync(&folder.scans())?;
-        Ok(StoredScan { id: format!("s-{sha256_hex}"), sha256_hex, bytes_count })
     }
 }
 

@@ -1,0 +1,18 @@
+//! `coaxis openapi`: the document of the API, or the table of its problem codes.
+
+use super::{Outcome, print};
+use crate::http::{Code, openapi_json};
+use std::process::ExitCode;
+
+/// Print the OpenAPI document
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// Print the table of problem codes instead, as Markdown
+    #[arg(long)]
+    problems: bool,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Outcome {
+    print(&if arguments.problems { Code::table() } else { openapi_json()? });
+    Ok(ExitCode::SUCCESS)
+}

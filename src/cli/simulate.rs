@@ -1,0 +1,186 @@
+//! `coaxis simulate`: made data with their truth beside them, to try a client or a method against.
+
+use super::measure::format;
+use super::{Outcome, print};
+use crate::geometry::AxisLine;
+use crate::scan::decode::Format;
+use crate::scan::encode::encode;
+use crate::scan::synthetic::{Interference, Part, Truth, make};
+use std::error::Error;
+use std::fs::{self, File};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Make data with known truth
+#[derive(Debug, clap::Subcommand)]
+pub(super) enum Subject {
+    Scan(ScanArguments),
+}
+
+/// Write the scan of a made part, and its truth beside it (NAME.truth.json)
+#[derive(Debug, clap::Args)]
+pub(super) struct ScanArguments {
+    /// Where to; the ending decides the format: ply, pcd, npy, npz, csv, json
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// Format, where the ending is not to decide: csv, gocator_csv, ply, pcd, npy, npz, json
+    #[arg(long, value_parser = format)]
+    format: Option<Format>,
+    /// Radius of the part
+    #[arg(long, value_name = "MM", default_value_t = 200.0)]
+    radius_mm: f64,
+    /// From the first profile to the last
+    #[arg(long, value_name = "MM", default_value_t = 800.0)]
+    length_mm: f64,
+    /// Plane of the first profile
+    #[arg(long, value_name = "MM", default_value_t = 0.0, allow_hyphen_values = true)]
+    x_start_mm: f64,
+    /// Number of profiles
+    #[arg(long, value_name = "COUNT", default_value_t = 400)]
+    profiles: usize,
+    /// Points a profile
+    #[arg(long, value_name = "COUNT", default_value_t = 640)]
+    points: usize,
+    /// Arc seen of each section
+    #[arg(long, value_name = "DEG", default_value_t = 140.0)]
+    arc_deg: f64,
+    /// Tilt of the axis towards +Y
+    #[arg(long, value_name = "DEG", default_value_t = 0.3575, allow_hyphen_values = true)]
+    deflection_deg: f64,
+    /// Tilt of the axis towards +Z
+    #[arg(long, value_name = "DEG", default_value_t = 1.1127, allow_hyphen_values = true)]
+    pitch_deg: f64,
+    /// Where the axis meets the plane x = 0
+    #[arg(long, value_name = "MM", default_value_t = -8.272, allow_hyphen_values = true)]
+    y_c0_mm: f64,
+    /// Where the axis meets the plane x = 0
+    #[arg(long, value_name = "MM", default_value_t = 6.514, allow_hyphen_values = true)]
+    z_c0_mm: f64,
+    /// Noise in y and in z, one standard deviation
+    #[arg(long, value_name = "MM", default_value_t = 0.05)]
+    noise_mm: f64,
+    /// Share of the profiles with screw holes: two groups of 2 % of the points sunk by 10 and 20 mm
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    screw_holes: f64,
+    /// Share of the profiles through a straight hole: 15 % of the points sunk by 30 mm
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    straight_holes: f64,
+    /// Share of the profiles under a clamp
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    clamps: f64,
+    /// Share of the arc that a clamp covers
+    #[arg(long, value_name = "SHARE", default_value_t = 0.5)]
+    clamp_arc: f64,
+    /// Height of a clamp above the surface
+    #[arg(long, value_name = "MM", default_value_t = 25.0, allow_hyphen_values = true)]
+    clamp_height_mm: f64,
+    /// Share of the points that are missing
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    drop_outs: f64,
+    /// Share of the points that are thrown off by up to 10 mm
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    spikes: f64,
+    /// The same seed makes the same scan
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+pub(super) fn run(subject: &Subject) -> Outcome {
+    let Subject::Scan(arguments) = subject;
+    let part = arguments.part()?;
+    let format = arguments.format()?;
+    let truth_file = write_made(&part, format, &arguments.file)?;
+    print(&format!("{}\n{}\n", arguments.file.display(), truth_file.display()));
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Makes a scan, writes it to `file` and its truth beside it; where that is.
+pub(super) fn write_made(part: &Part, format: Format, file: &Path) -> Result<PathBuf, Box<dyn Error>> {
+    let (scan, truth) = make(part).map_err(|error| format!("these numbers make no scan: {error}"))?;
+    let open = |path: &Path| File::create(path).map_err(|error| format!("{}: {error}", path.display()));
+    let mut out = BufWriter::new(open(file)?);
+    encode(&scan, format, &mut out)
+        .and_then(|()| out.flush())
+        .map_err(|error| format!("{}: {error}", file.display()))?;
+    let truth_file = file.with_extension("truth.json");
+    fs::write(&truth_file, text(&truth)?).map_err(|error| format!("{}: {error}", truth_file.display()))?;
+    Ok(truth_file)
+}
+
+fn text(truth: &Truth) -> Result<String, serde_json::Error> {
+    serde_json::to_string_pretty(truth).map(|text| text + "\n")
+}
+
+impl ScanArguments {
+    fn format(&self) -> Result<Format, String> {
+        let ending = self.file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
+        let unknown = || format!("{}: no format has this ending; say --format", self.file.display());
+        self.format.or_else(|| Format::from_name(&ending.to_ascii_lowercase())).ok_or_else(unknown)
+    }
+
+    /// The part, refused where its numbers cannot be.
+    fn part(&self) -> Result<Part, Box<dyn Error>> {
+        self.check()?;
+        let slope = |degrees: f64| degrees.to_radians().tan();
+        Ok(Part {
+            radius_mm: self.radius_mm,
+            axis: AxisLine {
+                p: slope(self.deflection_deg),
+                q: slope(self.pitch_deg),
+                y0: self.y_c0_mm,
+                z0: self.z_c0_mm,
+            },
+            x_start_mm: self.x_start_mm,
+            length_mm: self.length_mm,
+            profiles_count: self.profiles,
+            points_count: self.points,
+            arc_deg: self.arc_deg,
+            noise_sigma_mm: self.noise_mm,
+            interference: Interference {
+                screw_holes: self.screw_holes,
+                straight_holes: self.straight_holes,
+                clamps: self.clamps,
+                clamp_arc: self.clamp_arc,
+                clamp_height_mm: self.clamp_height_mm,
+            },
+            drop_out_ratio: self.drop_outs,
+            spike_ratio: self.spikes,
+            seed: self.seed,
+        })
+    }
+
+    fn check(&self) -> Result<(), String> {
+        let shares = [
+            ("screw-holes", self.screw_holes),
+            ("straight-holes", self.straight_holes),
+            ("clamps", self.clamps),
+            ("screw-holes, straight-holes and clamps together", self.screw_holes + self.straight_holes + self.clamps),
+            ("clamp-arc", self.clamp_arc),
+            ("drop-outs", self.drop_outs),
+            ("spikes", self.spikes),
+        ];
+        // A little more than 1, so that shares that should add up to it may.
+        if let Some((name, value)) = shares.into_iter().find(|(_, share)| !(0.0..=1.0 + 1e-9).contains(share)) {
+            return Err(format!("{name} must be between 0 and 1, got {value}"));
+        }
+        let ranges = [
+            ("radius-mm", self.radius_mm, 1e-3, 1e5),
+            ("length-mm", self.length_mm, 0.0, 1e6),
+            ("x-start-mm", self.x_start_mm, -1e6, 1e6),
+            ("profiles", self.profiles as f64, 1.0, 1e5),
+            ("points", self.points as f64, 1.0, 1e4),
+            ("arc-deg", self.arc_deg, 0.0, 360.0),
+            ("deflection-deg", self.deflection_deg, -80.0, 80.0),
+            ("pitch-deg", self.pitch_deg, -80.0, 80.0),
+            ("y-c0-mm", self.y_c0_mm, -1e5, 1e5),
+            ("z-c0-mm", self.z_c0_mm, -1e5, 1e5),
+            ("noise-mm", self.noise_mm, 0.0, 1e4),
+            ("clamp-height-mm", self.clamp_height_mm, -1e4, 1e4),
+        ];
+        match ranges.into_iter().find(|(_, value, least, most)| !(least..=most).contains(&value)) {
+            Some((name, value, least, most)) => Err(format!("{name} must be between {least} and {most}, got {value}")),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,43 @@
+//! A measurement as a table for a person at a terminal. Must not know how it was made, nor round anything that a program
+//! would read.
+
+use crate::http::MeasurementDocument;
+use std::fmt::Write;
+
+/// The table of one measurement.
+pub(super) fn table(name: &str, document: &MeasurementDocument) -> String {
+    let mut text = String::new();
+    // Writing to a string cannot fail.
+    let _ = write_table(&mut text, name, document);
+    text
+}
+
+fn write_table(text: &mut String, name: &str, document: &MeasurementDocument) -> std::fmt::Result {
+    let counts = &document.profiles;
+    let verdict = if document.pose.is_some() { "accepted" } else { "REFUSED" };
+    writeln!(text, "{name}: {verdict} ({}, {} ms)", document.method, document.duration_ms)?;
+    if let (Some(pose), Some(uncertainty)) = (&document.pose, &document.uncertainty) {
+        let expanded = &uncertainty.expanded;
+        let rows = [
+            ("deflection", pose.deflection_deg, expanded.deflection_deg, "°"),
+            ("pitch", pose.pitch_deg, expanded.pitch_deg, "°"),
+            ("y at x = 0", pose.y_c0_mm, expanded.y_c0_mm, "mm"),
+            ("z at x = 0", pose.z_c0_mm, expanded.z_c0_mm, "mm"),
+            ("y at x_ref", pose.y_ref_mm, expanded.y_ref_mm, "mm"),
+            ("z at x_ref", pose.z_ref_mm, expanded.z_ref_mm, "mm"),
+            ("radius", pose.radius_mm, expanded.radius_mm, "mm"),
+        ];
+        for (quantity, value, half_width, unit) in rows {
+            writeln!(text, "  {quantity:<12} {value:>12.4} ± {half_width:.4} {unit}")?;
+        }
+        writeln!(text, "  x_ref        {:>12.4} mm; ± is the expanded uncertainty, k = 2", pose.x_ref_mm)?;
+    }
+    let rejected: Vec<String> = counts.rejected.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
+    let rejected = if rejected.is_empty() { "none rejected".to_owned() } else { rejected.join(", ") };
+    writeln!(text, "  profiles     {} of {} valid; {rejected}", counts.valid_count, counts.total_count)?;
+    let said = document.refusal.iter().map(|refusal| ("refused", refusal));
+    for (kind, reason) in said.chain(document.conditioning.warnings.iter().map(|warning| ("warning", warning))) {
+        writeln!(text, "  {kind:<12} {}: {}", reason.code, reason.detail)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,286 @@
+//! Every limit and default in one place: a TOML file, then the environment, then flags, each over the one before.
+//! Refuses nonsense with the key, its value and what is allowed. Must not know who uses a value.
+
+mod layers;
+
+pub use layers::{ENVIRONMENT_PREFIX, Layers};
+
+use crate::estimation::{SettingError, Settings};
+use crate::scan::decode::Limits as ScanLimits;
+use serde::{Deserialize, Serialize};
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+/// How the service is set up.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Address and port to listen on; port 0 takes a free one.
+    pub listen: SocketAddr,
+    /// Folder that holds records and scans; made where it is missing.
+    pub data: PathBuf,
+    /// Listen beyond this machine although there are neither tokens nor encryption: everybody on the network may
+    /// measure, read and delete.
+    pub insecure_lan: bool,
+    /// What is written to the log.
+    pub log: Log,
+    /// What is refused because it is too much.
+    pub limits: Limits,
+    /// What a scan file may cost.
+    pub scan: ScanLimits,
+    /// What is refused because it takes too long.
+    pub timeouts: Timeouts,
+    /// What holds for a measurement where neither the request nor its recipe says otherwise.
+    pub estimation: Settings,
+}
+
+/// What is written to the log, on standard error.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Log {
+    /// For people or for machines.
+    pub format: LogFormat,
+    /// Which lines: error, warn, info, debug, trace, or a filter such as `info,coaxis::http=debug`.
+    pub filter: String,
+}
+
+/// How a log line looks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LogFormat {
+    /// Lines to read.
+    #[default]
+    Text,
+    /// One JSON document a line.
+    Json,
+}
+
+/// What is refused because it is too much.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Limits {
+    /// Bytes of an upload as sent.
+    pub body_bytes_max: u64,
+    /// Bytes of a JSON request; a scan in JSON counts as an upload.
+    pub json_bytes_max: u64,
+    /// Characters of the address after the host.
+    pub url_bytes_max: u64,
+    /// Bytes of all header lines.
+    pub header_bytes_max: u64,
+    /// Connections at a time; a further one is closed.
+    pub connections_max: u64,
+    /// Measurements that are calculated at a time.
+    pub measurements_running_max: u64,
+    /// Measurements that wait for their turn; a further one is answered 503.
+    pub queue_max: u64,
+    /// Threads that calculate; 0 takes one a core.
+    pub threads: u64,
+}
+
+/// What is refused because it takes too long.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Timeouts {
+    /// From the first byte of a request, or the end of the one before, to the end of its header lines.
+    pub header_ms: u64,
+    /// Between two pieces of a body.
+    pub body_idle_ms: u64,
+    /// For the whole body.
+    pub body_total_ms: u64,
+    /// For requests under way when the service is told to stop.
+    pub shutdown_ms: u64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            listen: SocketAddr::from(([127, 0, 0, 1], 8080)),
+            data: PathBuf::from("data"),
+            insecure_lan: false,
+            log: Log::default(),
+            limits: Limits::default(),
+            scan: ScanLimits::default(),
+            timeouts: Timeouts::default(),
+            estimation: Settings::default(),
+        }
+    }
+}
+
+impl Default for Log {
+    fn default() -> Self {
+        Self { format: LogFormat::Text, filter: "info".to_owned() }
+    }
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            body_bytes_max: 256 << 20,
+            json_bytes_max: 64 << 10,
+            url_bytes_max: 4 << 10,
+            header_bytes_max: 16 << 10,
+            connections_max: 512,
+            measurements_running_max: 2,
+            queue_max: 16,
+            threads: 0,
+        }
+    }
+}
+
+impl Default for Timeouts {
+    fn default() -> Self {
+        Self { header_ms: 10_000, body_idle_ms: 10_000, body_total_ms: 120_000, shutdown_ms: 9_000 }
+    }
+}
+
+/// Why the service does not start with these settings.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("cannot read the configuration file {path}")]
+    Unreadable {
+        /// Which one.
+        path: PathBuf,
+        /// Why not.
+        source: std::io::Error,
+    },
+    /// Not TOML, an unknown key or a value of the wrong kind.
+    #[error("{origin}: {reason}")]
+    Invalid {
+        /// File, environment variable or flag.
+        origin: String,
+        /// What is wrong there, with the key.
+        reason: String,
+    },
+    /// A number beyond what the service can work with.
+    #[error("{key} must be between {min} and {max}, got {value}")]
+    OutOfRange {
+        /// Dotted name.
+        key: &'static str,
+        /// What was given.
+        value: u64,
+        /// Least.
+        min: u64,
+        /// Greatest.
+        max: u64,
+    },
+    /// A bound on coordinates that leaves nothing.
+    #[error("scan.coordinate_max_mm must be a finite length of at least 1 mm, got {value}")]
+    Coordinate {
+        /// What was given.
+        value: f64,
+    },
+    /// A value that is not one.
+    #[error("{key} must not be empty")]
+    Empty {
+        /// Dotted name.
+        key: &'static str,
+    },
+    /// A setting of the estimation beyond what it can work with.
+    #[error("estimation.{0}")]
+    Estimation(#[from] SettingError),
+    /// The service would be open to the network without anything to keep it.
+    #[error(
+        "listen = \"{listen}\" is reachable from other machines, and the service asks nobody for a token: everybody on \
+         the network could use it. Listen on 127.0.0.1, or say --insecure-lan (insecure_lan = true) where the network \
+         itself keeps strangers out"
+    )]
+    OpenToTheNetwork {
+        /// What was asked for.
+        listen: SocketAddr,
+    },
+}
+
+impl Config {
+    /// Checks every value against its range.
+    ///
+    /// # Errors
+    /// [`ConfigError`] names the first key that cannot be used, its value and what is allowed.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        if let Some(&(key, value, min, max)) =
+            self.ranges().iter().find(|(_, value, min, max)| !(min..=max).contains(&value))
+        {
+            return Err(ConfigError::OutOfRange { key, value, min, max });
+        }
+        let coordinate = self.scan.coordinate_max_mm;
+        if !(coordinate.is_finite() && coordinate >= 1.0) {
+            return Err(ConfigError::Coordinate { value: coordinate });
+        }
+        if self.data.as_os_str().is_empty() {
+            return Err(ConfigError::Empty { key: "data" });
+        }
+        if self.log.filter.trim().is_empty() {
+            return Err(ConfigError::Empty { key: "log.filter" });
+        }
+        self.estimation.check()?;
+        if !self.listen.ip().is_loopback() && !self.insecure_lan {
+            return Err(ConfigError::OpenToTheNetwork { listen: self.listen });
+        }
+        Ok(())
+    }
+
+    /// Every number of the configuration with its least and greatest value.
+    fn ranges(&self) -> [(&'static str, u64, u64, u64); 21] {
+        let (limits, scan, timeouts) = (&self.limits, &self.scan, &self.timeouts);
+        let wide = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
+        let hour = 3_600_000;
+        [
+            ("limits.body_bytes_max", limits.body_bytes_max, 1 << 10, 64 << 30),
+            ("limits.json_bytes_max", limits.json_bytes_max, 1 << 10, 16 << 20),
+            ("limits.url_bytes_max", limits.url_bytes_max, 256, 64_000),
+            ("limits.header_bytes_max", limits.header_bytes_max, 1 << 10, 256 << 10),
+            ("limits.connections_max", limits.connections_max, 1, 100_000),
+            ("scan.points_max", wide(scan.points_max), 6, 1 << 32),
+            ("scan.profiles_max", wide(scan.profiles_max), 2, 10_000_000),
+            ("scan.points_per_profile_max", wide(scan.points_per_profile_max), 6, 10_000_000),
+            ("scan.columns_max", wide(scan.columns_max), 3, 100_000),
+            ("scan.header_lines_max", wide(scan.header_lines_max), 16, 1_000_000),
+            ("scan.line_bytes_max", wide(scan.line_bytes_max), 256, 1 << 30),
+            ("scan.npz_entries_max", wide(scan.npz_entries_max), 1, 100_000),
+            ("scan.inflated_bytes_max", scan.inflated_bytes_max, 1 << 10, 64 << 30),
+            ("scan.inflate_ratio_max", scan.inflate_ratio_max, 1, 10_000),
+            ("limits.measurements_running_max", limits.measurements_running_max, 1, 1024),
+            ("limits.queue_max", limits.queue_max, 0, 100_000),
+            ("limits.threads", limits.threads, 0, 1024),
+            ("timeouts.header_ms", timeouts.header_ms, 10, hour),
+            ("timeouts.body_idle_ms", timeouts.body_idle_ms, 10, hour),
+            ("timeouts.body_total_ms", timeouts.body_total_ms, 10, 24 * hour),
+            ("timeouts.shutdown_ms", timeouts.shutdown_ms, 1, hour),
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_hold() {
+        Config::default().check().expect("the defaults are in range");
+    }
+
+    #[test]
+    fn every_number_of_the_configuration_has_a_range() {
+        let table = toml::Table::try_from(Config::default()).expect("writable");
+        let numbers: usize =
+            ["limits", "scan", "timeouts"].iter().map(|s| table[*s].as_table().expect("section").len()).sum();
+        // The one that is no integer is checked by itself.
+        assert_eq!(numbers, Config::default().ranges().len() + 1);
+    }
+
+    #[test]
+    fn nonsense_is_refused_with_key_value_and_what_is_allowed() {
+        let mut config = Config::default();
+        config.limits.measurements_running_max = 0;
+        let text = config.check().expect_err("refused").to_string();
+        assert_eq!(text, "limits.measurements_running_max must be between 1 and 1024, got 0");
+    }
+
+    #[test]
+    fn an_address_beyond_this_machine_has_to_be_asked_for_twice() {
+        let mut config = Config { listen: SocketAddr::from(([0, 0, 0, 0], 8080)), ..Config::default() };
+        assert!(matches!(config.check(), Err(ConfigError::OpenToTheNetwork { .. })));
+        config.insecure_lan = true;
+        config.check().expect("asked for");
+    }
+}

@@ -1,0 +1,162 @@
+//! Bodies piece by piece, within limits of size and time. Must not know what they hold.
+
+use super::app::App;
+use super::problem::{Code, Problem};
+use axum::body::{Body, Bytes};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, header};
+use http_body_util::BodyExt;
+use std::collections::VecDeque;
+use std::time::Duration;
+use tokio::time::{Instant, timeout, timeout_at};
+
+/// How much of a refused body is read and thrown away, so that its sender gets to read the refusal: one that is still
+/// writing when the connection closes would see a broken pipe instead.
+const DRAIN_BYTES_MAX: usize = 16 << 20;
+const DRAIN_TIME_MAX: Duration = Duration::from_secs(2);
+
+/// A body that is being read.
+#[derive(Debug)]
+pub(super) struct Pieces {
+    body: Option<Body>,
+    /// Pieces looked at before, to be handed out first.
+    ahead: VecDeque<Bytes>,
+    bytes_count: u64,
+    bytes_max: u64,
+    idle: Duration,
+    deadline: Instant,
+    total_ms: u64,
+    /// Nothing is to be thrown away: the client waits for a go-ahead, which reading on would give, or sends nothing.
+    silent: bool,
+}
+
+impl Pieces {
+    /// Begins to read a body of at most `bytes_max` bytes.
+    ///
+    /// # Errors
+    /// [`Code::BodyTooLarge`] where the announced length is beyond; nothing is read then.
+    pub(super) fn new(parts: &Parts, body: Body, app: &App, bytes_max: u64) -> Result<Self, Problem> {
+        let total = Duration::from_millis(app.timeouts.body_total_ms);
+        let pieces = Self {
+            body: Some(body),
+            ahead: VecDeque::new(),
+            bytes_count: 0,
+            bytes_max,
+            idle: Duration::from_millis(app.timeouts.body_idle_ms),
+            deadline: Instant::now() + total,
+            total_ms: app.timeouts.body_total_ms,
+            silent: parts.headers.contains_key(header::EXPECT),
+        };
+        match announced_bytes(&parts.headers) {
+            Some(announced) if announced > bytes_max => Err(too_large(bytes_max).with("announced_bytes", announced)),
+            _ => Ok(pieces),
+        }
+    }
+
+    /// The next piece; `None` at the end.
+    ///
+    /// # Errors
+    /// [`Code::BodyTooLarge`], [`Code::BodyTimeout`], [`Code::BodyInterrupted`].
+    pub(super) async fn next(&mut self) -> Result<Option<Bytes>, Problem> {
+        match self.ahead.pop_front() {
+            Some(piece) => Ok(Some(piece)),
+            None => self.receive().await,
+        }
+    }
+
+    /// Reads until `enough` bytes are here or the body ends; all of them will be handed out again. Says whether the body
+    /// ended.
+    ///
+    /// # Errors
+    /// Those of [`Pieces::next`].
+    pub(super) async fn look_ahead(&mut self, enough: usize) -> Result<(Vec<u8>, bool), Problem> {
+        let mut head: Vec<u8> = self.ahead.iter().flatten().copied().collect();
+        while head.len() < enough {
+            let Some(piece) = self.receive().await? else { return Ok((head, true)) };
+            head.extend_from_slice(&piece);
+            self.ahead.push_back(piece);
+        }
+        Ok((head, false))
+    }
+
+    /// The whole body.
+    ///
+    /// # Errors
+    /// Those of [`Pieces::next`].
+    pub(super) async fn all(&mut self) -> Result<Vec<u8>, Problem> {
+        let mut whole = Vec::new();
+        while let Some(piece) = self.next().await? {
+            whole.extend_from_slice(&piece);
+        }
+        Ok(whole)
+    }
+
+    /// Bytes received so far.
+    pub(super) const fn bytes_count(&self) -> u64 {
+        self.bytes_count
+    }
+
+    async fn receive(&mut self) -> Result<Option<Bytes>, Problem> {
+        while let Some(body) = &mut self.body {
+            self.silent = false;
+            let frame = match timeout_at(self.deadline, timeout(self.idle, body.frame())).await {
+                Ok(Ok(frame)) => frame,
+                Ok(Err(_)) => return Err(self.too_slow("nothing came for", "idle_ms", self.idle.as_millis())),
+                Err(_) => return Err(self.too_slow("it was not whole after", "total_ms", self.total_ms.into())),
+            };
+            match frame.transpose().map_err(|_| self.interrupted())?.map(|frame| frame.into_data()) {
+                Some(Ok(data)) if data.is_empty() => {}
+                Some(Ok(data)) => return self.count(data).map(Some),
+                // Trailers say nothing to us.
+                Some(Err(_)) => {}
+                None => self.body = None,
+            }
+        }
+        Ok(None)
+    }
+
+    fn count(&mut self, data: Bytes) -> Result<Bytes, Problem> {
+        self.bytes_count += u64::try_from(data.len()).unwrap_or(u64::MAX);
+        if self.bytes_count > self.bytes_max { Err(too_large(self.bytes_max)) } else { Ok(data) }
+    }
+
+    fn too_slow(&mut self, what: &str, member: &'static str, limit_ms: u128) -> Problem {
+        self.silent = true;
+        let limit_ms = u64::try_from(limit_ms).unwrap_or(u64::MAX);
+        Problem::new(Code::BodyTimeout, format!("the body came too slowly: {what} {limit_ms} ms; send it again"))
+            .with(member, limit_ms)
+            .with("received_bytes", self.bytes_count)
+    }
+
+    fn interrupted(&self) -> Problem {
+        Problem::new(Code::BodyInterrupted, "the body ended before its announced length; send it again")
+            .with("received_bytes", self.bytes_count)
+    }
+}
+
+impl Drop for Pieces {
+    fn drop(&mut self) {
+        if let Some(body) = self.body.take().filter(|_| !self.silent) {
+            tokio::spawn(timeout(DRAIN_TIME_MAX, drain(body)));
+        }
+    }
+}
+
+async fn drain(mut body: Body) {
+    let mut drained = 0;
+    while let Some(Ok(frame)) = body.frame().await {
+        drained += frame.data_ref().map_or(0, Bytes::len);
+        if drained > DRAIN_BYTES_MAX {
+            break;
+        }
+    }
+}
+
+fn too_large(bytes_max: u64) -> Problem {
+    let detail = format!("the body is larger than {bytes_max} bytes; thin it out, compress it or raise the limit");
+    Problem::new(Code::BodyTooLarge, detail).with("bytes_max", bytes_max)
+}
+
+fn announced_bytes(headers: &HeaderMap) -> Option<u64> {
+    headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
+}

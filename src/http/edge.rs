@@ -1,0 +1,170 @@
+//! What happens to every request and answer alike: an id, limits on address and headers, a line in the log, counters,
+//! problems rendered with the id, headers that keep browsers from guessing. Must not know any resource.
+
+use super::app::App;
+use super::problem::{Code, Problem};
+use axum::extract::{MatchedPath, Request, State};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use std::any::Any;
+
+/// Names a request in answers and in the log.
+pub(super) const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+
+/// Longest id that is taken over from a client.
+const REQUEST_ID_CHARACTERS_MAX: usize = 128;
+
+/// Nothing of the API is a page; what is one says so itself.
+const NO_CONTENT: HeaderValue = HeaderValue::from_static("default-src 'none'; frame-ancestors 'none'");
+
+/// The outermost layer.
+pub(super) async fn edge(State(app): State<App>, request: Request, next: Next) -> Response {
+    let watch = app.service.start_stopwatch();
+    let request_id = sane_id(request.headers()).unwrap_or_else(|| app.service.new_request_id());
+    let asked = Asked::of(&request);
+    let response = match refuse_size(&app, &request) {
+        Err(problem) => problem.into_response(),
+        Ok(()) => next.run(request).await,
+    };
+    let problem = problem_of(&response);
+    let response = finish(response, problem.clone(), &request_id);
+    let seconds = watch.elapsed().as_secs_f64();
+    app.metrics.answered(&asked.method, &asked.route, response.status(), seconds);
+    asked.log(response.status(), seconds * 1e3, &request_id, problem.as_ref());
+    response
+}
+
+/// What a handler's panic becomes.
+#[expect(clippy::needless_pass_by_value, reason = "the layer hands it over so")]
+pub(super) fn panicked(cause: Box<dyn Any + Send>) -> Response {
+    let text = cause.downcast_ref::<&str>().map(ToString::to_string);
+    let text = text.or_else(|| cause.downcast_ref::<String>().cloned()).unwrap_or_default();
+    Problem::internal(format!("a handler panicked: {text}")).into_response()
+}
+
+/// What an unknown address is answered with.
+pub(super) async fn route_unknown(uri: Uri) -> Problem {
+    let detail =
+        format!("there is nothing at {}; the addresses are in /openapi.json and, to read, at /docs", uri.path());
+    Problem::new(Code::RouteUnknown, detail)
+}
+
+/// What a method is answered with that the address does not take.
+pub(super) async fn method_not_allowed(method: Method, uri: Uri) -> Problem {
+    let detail = format!("{} does not take {method}; the header Allow says what it takes", uri.path());
+    Problem::new(Code::MethodNotAllowed, detail)
+}
+
+fn sane_id(headers: &HeaderMap) -> Option<String> {
+    let text = headers.get(&REQUEST_ID)?.to_str().ok()?;
+    let sane = |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'-' | b'_' | b'.' | b':');
+    (!text.is_empty() && text.len() <= REQUEST_ID_CHARACTERS_MAX && text.bytes().all(sane)).then(|| text.to_owned())
+}
+
+fn refuse_size(app: &App, request: &Request) -> Result<(), Problem> {
+    let wide = |length: usize| u64::try_from(length).unwrap_or(u64::MAX);
+    let url_bytes = wide(request.uri().path_and_query().map_or(0, |part| part.as_str().len()));
+    let (url_max, header_max) = (app.limits.url_bytes_max, app.limits.header_bytes_max);
+    if url_bytes > url_max {
+        let detail = format!("the address has {url_bytes} bytes, at most {url_max} are read; shorten the query");
+        return Err(Problem::new(Code::UrlTooLong, detail).with("url_bytes", url_bytes).with("url_bytes_max", url_max));
+    }
+    let header_bytes: u64 =
+        request.headers().iter().map(|(name, value)| wide(name.as_str().len() + value.len() + 4)).sum();
+    if header_bytes > header_max {
+        let detail = format!("the header lines have {header_bytes} bytes, at most {header_max} are read");
+        return Err(Problem::new(Code::HeadersTooLarge, detail)
+            .with("header_bytes", header_bytes)
+            .with("header_bytes_max", header_max));
+    }
+    Ok(())
+}
+
+/// The problem that an answer carries; an error that some layer made without one is a failure of ours.
+fn problem_of(response: &Response) -> Option<Problem> {
+    let status = response.status();
+    let known = response.extensions().get::<Problem>().cloned();
+    let is_error = status.is_client_error() || status.is_server_error();
+    known.or_else(|| is_error.then(|| Problem::internal(format!("a layer answered {status} without a problem"))))
+}
+
+fn finish(response: Response, problem: Option<Problem>, request_id: &str) -> Response {
+    let mut response = match problem {
+        None => response,
+        Some(problem) => {
+            let mut rendered = problem.render(request_id);
+            if let Some(allow) = response.headers().get(header::ALLOW) {
+                rendered.headers_mut().insert(header::ALLOW, allow.clone());
+            }
+            rendered
+        }
+    };
+    let headers = response.headers_mut();
+    if let Ok(id) = HeaderValue::from_str(request_id) {
+        headers.insert(REQUEST_ID, id);
+    }
+    headers.insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    headers.insert(header::REFERRER_POLICY, HeaderValue::from_static("no-referrer"));
+    headers.entry(header::CONTENT_SECURITY_POLICY).or_insert(NO_CONTENT);
+    headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
+    response
+}
+
+/// What the log and the counters say about a request.
+struct Asked {
+    method: Method,
+    path: String,
+    /// The pattern, not the address: one series of numbers a route.
+    route: String,
+}
+
+/// What machines ask all day; the log need not tell when it went well.
+const POLLED: [&str; 4] = ["/v1/status", "/health/live", "/health/ready", "/metrics"];
+
+impl Asked {
+    fn of(request: &Request) -> Self {
+        let route = request.extensions().get::<MatchedPath>().map_or("none", |path| path.as_str()).to_owned();
+        Self { method: request.method().clone(), path: request.uri().path().to_owned(), route }
+    }
+
+    /// One line a request: what was asked, what was answered, how long it took.
+    fn log(&self, status: StatusCode, duration_ms: f64, request_id: &str, problem: Option<&Problem>) {
+        let Self { method, path, route } = self;
+        let status = status.as_u16();
+        match problem.map(|problem| (problem.code().name(), problem.log())) {
+            Some((code, Some(cause))) => tracing::error!(
+                %method, path, status, duration_ms, request_id, code, cause, "{method} {path} {status}: {cause}"
+            ),
+            Some((code, None)) => {
+                tracing::info!(%method, path, status, duration_ms, request_id, code, "{method} {path} {status} {code}");
+            }
+            None if POLLED.contains(&route.as_str()) => {
+                tracing::debug!(%method, path, status, duration_ms, request_id, "{method} {path} {status}");
+            }
+            None => tracing::info!(%method, path, status, duration_ms, request_id, "{method} {path} {status}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_tells_the_client_nothing_but_that_it_happened() {
+        let response = panicked(Box::new("the secret".to_owned()));
+        let problem = problem_of(&response).expect("a problem");
+        assert_eq!((problem.code(), problem.log()), (Code::Internal, Some("a handler panicked: the secret")));
+        let response = finish(response, Some(problem), "line-7");
+        assert_eq!(response.status(), StatusCode::INTERNAL_SERVER_ERROR);
+        assert_eq!(response.headers()[&REQUEST_ID], "line-7");
+    }
+
+    #[test]
+    fn an_error_that_some_layer_made_becomes_a_problem() {
+        let response = StatusCode::SERVICE_UNAVAILABLE.into_response();
+        assert_eq!(problem_of(&response).map(|problem| problem.code()), Some(Code::Internal));
+        assert_eq!(problem_of(&StatusCode::OK.into_response()), None);
+    }
+}

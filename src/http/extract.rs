@@ -1,0 +1,115 @@
+//! Query, path and JSON body as typed values; what does not fit is a problem, never the framework's plain text.
+
+use super::app::App;
+use super::body::Pieces;
+use super::problem::{Code, Problem};
+use axum::extract::{FromRequest, FromRequestParts, Request};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, HeaderName, header};
+use serde::de::DeserializeOwned;
+use serde_json::error::Category;
+
+/// The query; unknown and repeated parameters are refused.
+#[derive(Debug)]
+pub(super) struct Query<T>(pub(super) T);
+
+/// The variable parts of the path.
+#[derive(Debug)]
+pub(super) struct Path<T>(pub(super) T);
+
+/// A JSON body of at most `limits.json_bytes_max` bytes; unknown fields are refused.
+#[derive(Debug)]
+pub(super) struct Json<T>(pub(super) T);
+
+impl<T: DeserializeOwned, S: Sync> FromRequestParts<S> for Query<T> {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
+        query(parts).map(Self)
+    }
+}
+
+/// The query as a value.
+pub(super) fn query<T: DeserializeOwned>(parts: &Parts) -> Result<T, Problem> {
+    match axum::extract::Query::<T>::try_from_uri(&parts.uri) {
+        Ok(axum::extract::Query(value)) => Ok(value),
+        Err(rejection) => {
+            let text = rejection.body_text();
+            let reason = text.strip_prefix("Failed to deserialize query string: ").unwrap_or(&text);
+            Err(Problem::new(Code::QueryInvalid, format!("the query cannot be read: {reason}")))
+        }
+    }
+}
+
+impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for Path<T> {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        // What cannot be read as text names nothing that we have.
+        match axum::extract::Path::<T>::from_request_parts(parts, state).await {
+            Ok(axum::extract::Path(value)) => Ok(Self(value)),
+            Err(_) => Err(Problem::new(Code::RouteUnknown, "the address cannot be read as text")),
+        }
+    }
+}
+
+impl<T: DeserializeOwned> FromRequest<App> for Json<T> {
+    type Rejection = Problem;
+
+    async fn from_request(request: Request, app: &App) -> Result<Self, Problem> {
+        let (parts, body) = request.into_parts();
+        let mut pieces = Pieces::new(&parts, body, app, app.limits.json_bytes_max)?;
+        if !is_json(&parts.headers) {
+            return Err(Problem::new(
+                Code::ContentTypeUnsupported,
+                "send JSON with the header Content-Type: application/json",
+            ));
+        }
+        refuse_encoding(&parts.headers)?;
+        json(&pieces.all().await?).map(Self)
+    }
+}
+
+/// A value from the bytes of a JSON document.
+pub(super) fn json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
+    serde_json::from_slice(bytes).map_err(|error| match error.classify() {
+        Category::Io | Category::Syntax | Category::Eof => {
+            Problem::new(Code::JsonMalformed, format!("the body is not a JSON document: {error}"))
+        }
+        Category::Data => Problem::new(Code::JsonInvalid, format!("the body has another shape: {error}")),
+    })
+}
+
+/// Whether the body is declared as JSON.
+pub(super) fn is_json(headers: &HeaderMap) -> bool {
+    media_type(headers).is_some_and(|kind| {
+        let essence = kind.split(';').next().unwrap_or_default().trim();
+        essence.eq_ignore_ascii_case("application/json")
+    })
+}
+
+/// The declared media type.
+pub(super) fn media_type(headers: &HeaderMap) -> Option<&str> {
+    headers.get(header::CONTENT_TYPE)?.to_str().ok()
+}
+
+/// A header's text; `None` where it is absent.
+///
+/// # Errors
+/// [`Code::HeaderInvalid`] where it is no text.
+pub(super) fn header_text(headers: &HeaderMap, name: &HeaderName) -> Result<Option<String>, Problem> {
+    let Some(value) = headers.get(name) else { return Ok(None) };
+    match value.to_str() {
+        Ok(text) => Ok(Some(text.to_owned())),
+        Err(_) => Err(Problem::new(Code::HeaderInvalid, format!("the header {name} is not plain text"))),
+    }
+}
+
+fn refuse_encoding(headers: &HeaderMap) -> Result<(), Problem> {
+    match header_text(headers, &header::CONTENT_ENCODING)? {
+        Some(encoding) if !encoding.eq_ignore_ascii_case("identity") => {
+            Err(Problem::new(Code::EncodingUnsupported, "send this JSON without Content-Encoding"))
+        }
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,260 @@
+//! Measures: a scan in the body with options in the query, or a JSON order that names a kept scan. Must not know how a scan
+//! is read.
+
+use super::super::app::App;
+use super::super::body::Pieces;
+use super::super::extract::{is_json, json, query};
+use super::super::names::{FormatName, MethodName, UnitName};
+use super::super::problem::{Code, Problem};
+use super::super::receive::{content_encoding, origin, receive, request_id};
+use super::MeasurementDocument;
+use crate::service::{Answer, Order, Recipe, RecipeName};
+use axum::Json;
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use serde::de::{Deserializer as _, IgnoredAny, MapAccess, Visitor};
+use std::fmt;
+use utoipa::{IntoParams, ToSchema};
+
+/// What is said about the scan and its measurement. What the query says holds over the recipe.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in super::super) struct CreateQuery {
+    /// Format of the scan; found by Content-Type and first bytes where nothing is said.
+    #[param(inline)]
+    format: Option<FormatName>,
+    /// Unit of its coordinates; what the file says, or mm, where nothing is said.
+    #[param(inline)]
+    unit: Option<UnitName>,
+    /// Which points belong to one profile: `column`, `column=NAME`, `row`, `x_pitch_mm`, `x_pitch_mm=NUMBER`, `x_value`;
+    /// the first that fits where nothing is said.
+    #[param(example = "x_value")]
+    profile_by: Option<String>,
+    /// How the pose is found.
+    #[param(inline)]
+    method: Option<MethodName>,
+    /// Name of a stored recipe.
+    #[param(pattern = "^[a-z0-9][a-z0-9_-]{0,63}$")]
+    recipe: Option<String>,
+    /// The radius that the drawing gives.
+    #[param(exclusive_minimum = 0.0, maximum = 100000.0)]
+    nominal_radius_mm: Option<f64>,
+    /// The same as the header Idempotency-Key: a repeated request of the same id gets the first answer again.
+    #[param(pattern = "^[A-Za-z0-9._:-]{1,128}$")]
+    request_id: Option<String>,
+}
+
+/// A measurement of a kept scan.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = MeasurementOrder, example = json!({
+    "scan_id": "s-0000000000000000000000000000000000000000000000000000000000000000", "method": "section_line"
+}))]
+pub(in super::super) struct OrderDocument {
+    /// Which scan.
+    scan_id: String,
+    /// Name of a stored recipe.
+    #[schema(pattern = "^[a-z0-9][a-z0-9_-]{0,63}$")]
+    recipe: Option<String>,
+    /// How the pose is found.
+    method: Option<MethodName>,
+    /// The radius that the drawing gives.
+    #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
+    nominal_radius_mm: Option<f64>,
+    /// Unit of the scan's coordinates.
+    unit: Option<UnitName>,
+    /// Which points belong to one profile.
+    profile_by: Option<String>,
+    /// A repeated request of the same id gets the first answer again.
+    #[schema(pattern = "^[A-Za-z0-9._:-]{1,128}$")]
+    request_id: Option<String>,
+}
+
+/// What a JSON body can be.
+#[derive(Debug, ToSchema)]
+#[serde(untagged)]
+#[expect(dead_code, reason = "only its schema is used; a scan in JSON is read as a stream")]
+pub(in super::super) enum JsonBody {
+    /// A measurement of a kept scan.
+    Order(OrderDocument),
+    /// A scan.
+    Scan(JsonScan),
+}
+
+/// A scan in JSON.
+#[derive(Debug, ToSchema)]
+#[schema(example = json!({"profiles": [{"x_mm": 0.0, "points": [[-1.0, 199.9], [0.0, 200.0], [1.0, 199.9]]}]}))]
+#[serde(deny_unknown_fields)]
+#[expect(dead_code, reason = "only its schema is used; a scan in JSON is read as a stream")]
+pub(in super::super) struct JsonScan {
+    /// The profiles, in any order.
+    profiles: Vec<JsonProfile>,
+}
+
+/// A profile of a scan in JSON.
+#[derive(Debug, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[expect(dead_code, reason = "only its schema is used; a scan in JSON is read as a stream")]
+pub(in super::super) struct JsonProfile {
+    /// Its plane.
+    x_mm: f64,
+    /// Its points, each `[y, z]` in mm.
+    points: Vec<[f64; 2]>,
+}
+
+const REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
+
+/// Measure a scan
+///
+/// The body is a scan file, its format told by `?format=`, by Content-Type or by its first bytes; gzip and zstd are
+/// undone (Content-Encoding). Or it is JSON that names a kept scan: an object with `scan_id`, where what the body says
+/// holds over the query. A JSON body with `profiles`, or of more than 64 KiB, is a scan.
+///
+/// 201 with verdict `accepted` or `refused`: a refusal is a result, with its reason and numbers. Repeating a request of the
+/// same `request_id` gives the first answer again, with status 200 and `Idempotency-Replayed: true`.
+#[utoipa::path(
+    post, path = "/v1/measurements", tag = "measurements",
+    params(
+        CreateQuery,
+        ("Idempotency-Key" = Option<String>, Header, description = "The same as `request_id`", pattern = "^[A-Za-z0-9._:-]{1,128}$"),
+    ),
+    request_body(
+        description = "A scan file, or an order to measure a kept scan",
+        content((Vec<u8> = "application/octet-stream"), (JsonBody = "application/json"))
+    ),
+    responses(
+        (status = 201, description = "Measured and recorded", body = MeasurementDocument,
+            headers(("Location" = String, description = "Address of the measurement"))),
+        (status = 200, description = "Measured before, for a request of the same id", body = MeasurementDocument,
+            headers(("Location" = String, description = "Address of the measurement"),
+                ("Idempotency-Replayed" = String, description = "true"))),
+    )
+)]
+pub(in super::super) async fn create_measurement(
+    State(app): State<App>,
+    request: Request,
+) -> Result<Response, Problem> {
+    let (parts, body) = request.into_parts();
+    let mut pieces = Pieces::new(&parts, body, &app, app.limits.body_bytes_max)?;
+    let query: CreateQuery = query(&parts)?;
+    let encoding = content_encoding(&parts.headers)?;
+    if is_json(&parts.headers)
+        && query.format.is_none()
+        && encoding.is_none()
+        && let Some(order) = read_order(&mut pieces, &app).await?
+    {
+        return measure_kept(&app, order, query, &parts.headers).await;
+    }
+    let origin = origin(query.format, &parts.headers)?;
+    let accepted = app.service.accept(query.order(&parts.headers)?).await?;
+    let scan = receive(&app, &mut pieces, encoding).await?;
+    answer(&app, app.service.measure_upload(scan, origin, accepted).await?)
+}
+
+async fn measure_kept(
+    app: &App,
+    body: OrderDocument,
+    query: CreateQuery,
+    headers: &HeaderMap,
+) -> Result<Response, Problem> {
+    let query = CreateQuery {
+        format: query.format,
+        unit: body.unit.or(query.unit),
+        profile_by: body.profile_by.or(query.profile_by),
+        method: body.method.or(query.method),
+        recipe: body.recipe.or(query.recipe),
+        nominal_radius_mm: body.nominal_radius_mm.or(query.nominal_radius_mm),
+        request_id: body.request_id.or(query.request_id),
+    };
+    let accepted = app.service.accept(query.order(headers)?).await?;
+    answer(app, app.service.measure_scan(&body.scan_id, accepted).await?)
+}
+
+fn answer(app: &App, Answer { measurement, replayed }: Answer) -> Result<Response, Problem> {
+    let location = HeaderValue::from_str(&format!("/v1/measurements/{}", measurement.id))
+        .map_err(|error| Problem::internal(error.to_string()))?;
+    let body = Json(MeasurementDocument::from(&measurement));
+    if replayed {
+        let replay = (REPLAYED, HeaderValue::from_static("true"));
+        return Ok((StatusCode::OK, [(header::LOCATION, location), replay], body).into_response());
+    }
+    // Precise enough for a duration of any length that is waited for.
+    let seconds = std::time::Duration::from_millis(measurement.duration_ms).as_secs_f64();
+    app.metrics.measured(measurement.verdict(), measurement.method.name(), seconds);
+    Ok((StatusCode::CREATED, [(header::LOCATION, location)], body).into_response())
+}
+
+impl CreateQuery {
+    fn order(self, headers: &HeaderMap) -> Result<Order, Problem> {
+        let recipe = self.recipe.map(|name| {
+            RecipeName::parse(&name).ok_or_else(|| {
+                Problem::new(Code::RecipeUnknown, format!("there is no recipe {name}; list them with GET /v1/recipes"))
+                    .with("recipe", name)
+            })
+        });
+        let overrides = Recipe {
+            method: self.method.map(Into::into),
+            nominal_radius_mm: self.nominal_radius_mm,
+            unit: self.unit.map(Into::into),
+            profile_by: self.profile_by,
+            ..Recipe::default()
+        };
+        Ok(Order { recipe: recipe.transpose()?, overrides, request_id: request_id(self.request_id, headers)? })
+    }
+}
+
+/// The order that a JSON body is; `None` where it is a scan, whose bytes are all still to be had from `pieces`.
+async fn read_order(pieces: &mut Pieces, app: &App) -> Result<Option<OrderDocument>, Problem> {
+    let enough = usize::try_from(app.limits.json_bytes_max).unwrap_or(usize::MAX).saturating_add(1);
+    let (head, whole) = pieces.look_ahead(enough).await?;
+    let keys = top_level_keys(&head);
+    let has = |name: &str| keys.iter().any(|key| key == name);
+    match (has("profiles"), has("scan_id"), whole) {
+        (true, false, _) | (false, false, false) => Ok(None),
+        (_, _, true) => json(&head).map(Some),
+        (_, true, false) => {
+            let bytes_max = app.limits.json_bytes_max;
+            let detail = format!("an order has at most {bytes_max} bytes; send a scan without scan_id");
+            Err(Problem::new(Code::BodyTooLarge, detail).with("bytes_max", bytes_max))
+        }
+    }
+}
+
+/// The keys of the object that these bytes are, or begin.
+fn top_level_keys(head: &[u8]) -> Vec<String> {
+    struct Keys<'a>(&'a mut Vec<String>);
+    impl<'de> Visitor<'de> for Keys<'_> {
+        type Value = ();
+
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            f.write_str("an object")
+        }
+
+        fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
+            while let Some(key) = map.next_key()? {
+                self.0.push(key);
+                map.next_value::<IgnoredAny>()?;
+            }
+            Ok(())
+        }
+    }
+    let mut keys = Vec::new();
+    // Where the bytes end in the middle, the keys before are known all the same.
+    let _ = serde_json::Deserializer::from_slice(head).deserialize_map(Keys(&mut keys));
+    keys
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_keys_of_a_document_that_is_cut_off_are_those_before_the_cut() {
+        assert_eq!(top_level_keys(br#"{"profiles": [{"x_mm": 1, "poi"#), ["profiles"]);
+        assert_eq!(top_level_keys(br#"{"recipe": "a", "scan_id": "s-1"}"#), ["recipe", "scan_id"]);
+        assert_eq!(top_level_keys(b"[1, 2]"), Vec::<String>::new());
+    }
+}

@@ -1,0 +1,312 @@
+//! A measurement as clients see it: the same document over HTTP and from the offline command. Degrees and units in names;
+//! what is not known is null. Must not know how it was made.
+
+use super::super::recipes::RecipeDocument;
+use super::uncertainty::UncertaintyDocument;
+use crate::estimation::{Conditioning, Outcome, Pose, RadiusSource, Reason, Refusal, Residuals, Warning};
+use crate::service::{Measurement, Tally, Verdict};
+use jiff::Timestamp;
+use serde::Serialize;
+use serde_json::{Map, Value};
+use std::collections::BTreeMap;
+use utoipa::ToSchema;
+
+/// A measurement that ran: accepted with a pose, or refused with a reason.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = Measurement)]
+pub struct MeasurementDocument {
+    /// `m-` and a UUID that grows with time.
+    #[schema(pattern = "^m-[0-9a-f-]{36}$", example = "m-0199f0c8-0000-7000-8000-000000000000")]
+    pub id: String,
+    /// Always `done`: a file is measured before the answer.
+    pub state: State,
+    /// Whether there is a pose.
+    pub verdict: VerdictName,
+    /// How the pose was found.
+    #[schema(example = "section_line")]
+    pub method: &'static str,
+    /// When it was made, UTC.
+    #[schema(value_type = String, format = DateTime)]
+    pub created_at: Timestamp,
+    /// From the beginning of the reading to the end of the calculation.
+    pub duration_ms: u64,
+    /// The pose of the part's axis; null where the verdict is `refused`.
+    pub pose: Option<PoseDocument>,
+    /// How well the pose is known; null where the verdict is `refused`.
+    pub uncertainty: Option<UncertaintyDocument>,
+    /// How well the geometry of the scan determines a pose.
+    pub conditioning: ConditioningDocument,
+    /// What became of the profiles.
+    pub profiles: TallyDocument,
+    /// How the points of the valid profiles lie about their sections; null where no profile is valid.
+    pub residuals: Option<ResidualsDocument>,
+    /// Where the result comes from.
+    pub provenance: ProvenanceDocument,
+    /// Why there is no pose; null where the verdict is `accepted`.
+    pub refusal: Option<ReasonDocument>,
+}
+
+/// How far a measurement is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum State {
+    /// It ran.
+    Done,
+}
+
+/// Accepted or refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum VerdictName {
+    /// There is a pose.
+    Accepted,
+    /// There is none.
+    Refused,
+}
+
+/// The pose of the part's axis in the rail frame. Roll cannot be seen by the scan and is absent.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = Pose)]
+pub struct PoseDocument {
+    /// The frame that the numbers are in.
+    #[schema(example = "rail")]
+    pub frame: &'static str,
+    /// Rotation towards +Y.
+    pub deflection_deg: f64,
+    /// Rotation towards +Z.
+    pub pitch_deg: f64,
+    /// Where the axis meets the plane x = 0.
+    pub y_c0_mm: f64,
+    /// Where the axis meets the plane x = 0.
+    pub z_c0_mm: f64,
+    /// Middle of the profiles used: where the position is known best.
+    pub x_ref_mm: f64,
+    /// The axis at `x_ref_mm`.
+    pub y_ref_mm: f64,
+    /// The axis at `x_ref_mm`.
+    pub z_ref_mm: f64,
+    /// Unit vector along the axis, towards +X.
+    pub direction: [f64; 3],
+    /// Radius of the part.
+    pub radius_mm: f64,
+    /// Where the radius came from.
+    #[schema(example = "fitted")]
+    pub radius_source: &'static str,
+    /// Where the axis meets the part's end plane; null until it is measured.
+    pub end_face: Option<EndFaceDocument>,
+}
+
+/// A point of the part's end plane.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+#[schema(as = EndFace)]
+pub struct EndFaceDocument {
+    /// Along the rail.
+    pub x_mm: f64,
+    /// Across.
+    pub y_mm: f64,
+    /// Up.
+    pub z_mm: f64,
+}
+
+/// How well the geometry of the scan determines a pose, over the valid profiles, or over all where none is valid.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = Conditioning)]
+pub struct ConditioningDocument {
+    /// Median arc of the sections; null without a section.
+    pub arc_deg: Option<f64>,
+    /// Span along x.
+    pub axial_length_mm: f64,
+    /// What makes the pose less certain than its numbers say.
+    pub warnings: Vec<ReasonDocument>,
+}
+
+/// How many profiles passed, and what the others failed on.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = ProfileCounts)]
+pub struct TallyDocument {
+    /// All.
+    pub total_count: u64,
+    /// Those that passed.
+    pub valid_count: u64,
+    /// The others, by reason.
+    #[schema(example = json!({"low_inlier_ratio": 17, "arc_too_short": 5}))]
+    pub rejected: BTreeMap<&'static str, u64>,
+}
+
+/// How the points of the valid profiles lie about their sections.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+#[schema(as = Residuals)]
+pub struct ResidualsDocument {
+    /// Median of the sections' robust spreads.
+    pub sigma_mm: f64,
+    /// Share of the points nearer than epsilon.
+    pub inlier_ratio: f64,
+}
+
+/// Where a result comes from: enough to make it again, to the bit.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = Provenance)]
+pub struct ProvenanceDocument {
+    /// The scan; its bytes are at `/v1/scans/{scan_id}/content`.
+    #[schema(pattern = "^s-[0-9a-f]{64}$")]
+    pub scan_id: String,
+    /// SHA-256 of the scan's bytes.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
+    pub scan_sha256: String,
+    /// What the scan was read as.
+    #[schema(example = "ply")]
+    pub format: &'static str,
+    /// Unit that the file's coordinates were read in: as declared by request, recipe or file, millimetres where none does.
+    #[schema(example = "mm")]
+    pub unit: &'static str,
+    /// Points that the file holds.
+    pub points_count: u64,
+    /// Points that the file marks as missing, besides.
+    pub missing_count: u64,
+    /// How the profiles were told apart.
+    #[schema(example = "x_value")]
+    pub profile_rule: String,
+    /// Name of the recipe; null where none was named.
+    pub recipe_name: Option<String>,
+    /// What it was measured with, nothing left out.
+    pub recipe: RecipeDocument,
+    /// Always null: there are no calibrations yet.
+    pub calibration_id: Option<String>,
+    /// What measured it.
+    #[schema(example = "coaxis 0.1.0")]
+    pub software: String,
+}
+
+/// A refusal or a warning: a code for programs, words for people, and the numbers that decided it.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = Reason, example = json!({"code": "short_arc", "detail": "the sections span 97°: …", "arc_deg": 97.2}))]
+pub struct ReasonDocument {
+    /// Stable name.
+    #[schema(pattern = "^[a-z_]{1,32}$")]
+    pub code: &'static str,
+    /// What is the case, and what to do about it.
+    pub detail: String,
+    /// The numbers behind it.
+    #[serde(flatten)]
+    #[schema(ignore)]
+    pub numbers: Map<String, Value>,
+}
+
+impl From<&Measurement> for MeasurementDocument {
+    fn from(measurement: &Measurement) -> Self {
+        let (pose, refusal) = match &measurement.outcome {
+            Outcome::Accepted(pose) => (Some(pose.as_ref()), None),
+            Outcome::Refused(refusal) => (None, Some(refusal)),
+        };
+        Self {
+            id: measurement.id.clone(),
+            state: State::Done,
+            verdict: measurement.verdict().into(),
+            method: measurement.method.name(),
+            created_at: measurement.created_at,
+            duration_ms: measurement.duration_ms,
+            pose: pose.map(PoseDocument::from),
+            uncertainty: pose.map(UncertaintyDocument::from),
+            conditioning: (&measurement.conditioning).into(),
+            profiles: (&measurement.tally).into(),
+            residuals: measurement.residuals.map(ResidualsDocument::from),
+            provenance: measurement.into(),
+            refusal: refusal.map(ReasonDocument::from),
+        }
+    }
+}
+
+impl From<Verdict> for VerdictName {
+    fn from(verdict: Verdict) -> Self {
+        match verdict {
+            Verdict::Accepted => Self::Accepted,
+            Verdict::Refused => Self::Refused,
+        }
+    }
+}
+
+impl From<&Pose> for PoseDocument {
+    fn from(pose: &Pose) -> Self {
+        let [y_ref_mm, z_ref_mm] = pose.axis.at(pose.x_ref);
+        Self {
+            frame: "rail",
+            deflection_deg: pose.axis.deflection().degrees(),
+            pitch_deg: pose.axis.pitch().degrees(),
+            y_c0_mm: pose.axis.y0,
+            z_c0_mm: pose.axis.z0,
+            x_ref_mm: pose.x_ref,
+            y_ref_mm,
+            z_ref_mm,
+            direction: pose.axis.direction(),
+            radius_mm: pose.radius,
+            radius_source: match pose.radius_source {
+                RadiusSource::Fitted => "fitted",
+            },
+            end_face: None,
+        }
+    }
+}
+
+impl From<&Conditioning> for ConditioningDocument {
+    fn from(conditioning: &Conditioning) -> Self {
+        Self {
+            arc_deg: conditioning.arc.map(|arc| arc.degrees()),
+            axial_length_mm: conditioning.axial_length,
+            warnings: conditioning.warnings.iter().map(ReasonDocument::from).collect(),
+        }
+    }
+}
+
+impl From<&Tally> for TallyDocument {
+    fn from(tally: &Tally) -> Self {
+        let rejected = tally.rejected.iter().map(|(reason, count): (&Reason, _)| (reason.name(), *count)).collect();
+        Self { total_count: tally.total_count, valid_count: tally.valid_count, rejected }
+    }
+}
+
+impl From<Residuals> for ResidualsDocument {
+    fn from(Residuals { sigma, inlier_ratio }: Residuals) -> Self {
+        Self { sigma_mm: sigma, inlier_ratio }
+    }
+}
+
+impl From<&Measurement> for ProvenanceDocument {
+    fn from(measurement: &Measurement) -> Self {
+        Self {
+            scan_id: measurement.scan_id(),
+            scan_sha256: measurement.scan_sha256.clone(),
+            format: measurement.format.name(),
+            unit: measurement.unit.name(),
+            points_count: measurement.points_count,
+            missing_count: measurement.missing_count,
+            profile_rule: measurement.profile_rule.clone(),
+            recipe_name: measurement.recipe_name.clone(),
+            recipe: measurement.recipe.clone().into(),
+            calibration_id: None,
+            software: measurement.software.clone(),
+        }
+    }
+}
+
+impl From<&Refusal> for ReasonDocument {
+    fn from(refusal: &Refusal) -> Self {
+        Self { code: refusal.code(), detail: refusal.to_string(), numbers: numbers(refusal) }
+    }
+}
+
+impl From<&Warning> for ReasonDocument {
+    fn from(warning: &Warning) -> Self {
+        Self { code: warning.code(), detail: warning.to_string(), numbers: numbers(warning) }
+    }
+}
+
+/// The fields of a reason besides its code.
+fn numbers(reason: &impl Serialize) -> Map<String, Value> {
+    match serde_json::to_value(reason) {
+        Ok(Value::Object(mut members)) => {
+            members.remove("code");
+            members
+        }
+        _ => Map::new(),
+    }
+}

@@ -1,0 +1,157 @@
+//! Measurements: made from an upload or a kept scan, listed, shown whole or for a PLC. Must not know how one is made.
+
+mod create;
+mod document;
+mod plc;
+mod plots;
+mod profiles;
+mod uncertainty;
+
+pub(super) use create::{__path_create_measurement, create_measurement};
+pub use document::MeasurementDocument;
+pub(super) use plots::{__path_get_plot, get_plot};
+pub(super) use profiles::{__path_list_profiles, list_profiles};
+pub use profiles::{ProfileDocument, profiles_csv};
+
+use super::app::App;
+use super::extract::{Path, Query};
+use super::paging::{link_next, page};
+use super::problem::Problem;
+use crate::store::{Filter, Listing};
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderMap, Uri};
+use axum::response::{IntoResponse, Response};
+use plc::PlcDocument;
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
+
+/// Which measurements.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct ListQuery {
+    /// Most entries of the page; 100 where nothing is said.
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<u32>,
+    /// `next_cursor` of the page before.
+    #[param(pattern = "^[0-9a-f]{16,400}$")]
+    cursor: Option<String>,
+    /// Only those with this verdict.
+    #[param(inline)]
+    verdict: Option<VerdictFilter>,
+    /// Only those made from this scan.
+    scan_id: Option<String>,
+    /// Only those made with the recipe of this name.
+    recipe: Option<String>,
+}
+
+/// A verdict to ask for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum VerdictFilter {
+    /// Those with a pose.
+    Accepted,
+    /// Those without.
+    Refused,
+}
+
+/// A page of measurements, newest first.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct MeasurementList {
+    /// The measurements.
+    measurements: Vec<MeasurementDocument>,
+    /// What `cursor` has to be for the next page; null at the end.
+    next_cursor: Option<String>,
+}
+
+/// List measurements
+///
+/// Newest first, by the page. The header `Link` names the next page.
+#[utoipa::path(
+    get, path = "/v1/measurements", tag = "measurements", params(ListQuery),
+    responses((status = 200, description = "A page of measurements", body = MeasurementList,
+        headers(("Link" = String, description = "The next page, rel=\"next\"; absent at the end"))))
+)]
+pub(super) async fn list_measurements(
+    State(app): State<App>,
+    Query(query): Query<ListQuery>,
+    uri: Uri,
+) -> Result<(HeaderMap, Json<MeasurementList>), Problem> {
+    let page = page(query.limit, query.cursor.as_deref())?;
+    let verdict = query.verdict.map(|verdict| match verdict {
+        VerdictFilter::Accepted => "accepted".to_owned(),
+        VerdictFilter::Refused => "refused".to_owned(),
+    });
+    let filter = Filter { scan_id: query.scan_id, verdict, recipe: query.recipe };
+    let Listing { rows, next } = app.service.measurements(&filter, &page).await?;
+    let next_cursor = next.map(|cursor| cursor.to_string());
+    let measurements = rows.iter().map(MeasurementDocument::from).collect();
+    Ok((link_next(&uri, next_cursor.as_deref()), Json(MeasurementList { measurements, next_cursor })))
+}
+
+/// How one measurement is shown.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct GetQuery {
+    /// `plc` gives integers in one flat object below 512 bytes.
+    #[param(inline)]
+    view: Option<View>,
+    /// How long to wait for the end of the measurement; a file is measured before its answer, so nobody has to wait.
+    #[param(minimum = 0, maximum = 60)]
+    wait_s: Option<u8>,
+}
+
+/// A way to show a measurement.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum View {
+    /// The whole document.
+    Full,
+    /// For a PLC.
+    Plc,
+}
+
+/// A measurement, whole or for a PLC.
+#[derive(Debug, Serialize, ToSchema)]
+#[serde(untagged)]
+pub(super) enum Shown {
+    /// Whole.
+    Full(Box<MeasurementDocument>),
+    /// For a PLC.
+    Plc(Box<PlcDocument>),
+}
+
+/// Get a measurement
+///
+/// The whole document, or with `?view=plc` integers in one flat object below 512 bytes.
+#[utoipa::path(
+    get, path = "/v1/measurements/{id}", tag = "measurements",
+    params(("id" = String, Path, description = "Id of the measurement"), GetQuery),
+    responses((status = 200, description = "The measurement", body = Shown))
+)]
+pub(super) async fn get_measurement(
+    State(app): State<App>,
+    Path(id): Path<String>,
+    Query(query): Query<GetQuery>,
+) -> Result<Response, Problem> {
+    query.check_wait()?;
+    let measurement = app.service.measurement(&id).await?;
+    Ok(match query.view.unwrap_or(View::Full) {
+        View::Full => Json(Shown::Full(Box::new((&measurement).into()))).into_response(),
+        View::Plc => Json(Shown::Plc(Box::new((&measurement).into()))).into_response(),
+    })
+}
+
+impl GetQuery {
+    fn check_wait(&self) -> Result<(), Problem> {
+        match self.wait_s {
+            Some(wait_s) if wait_s > 60 => {
+                let detail = format!("wait_s must be between 0 and 60, got {wait_s}");
+                Err(Problem::new(super::problem::Code::QueryInvalid, detail).with("wait_s", wait_s))
+            }
+            _ => Ok(()),
+        }
+    }
+}

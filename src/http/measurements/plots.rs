@@ -1,0 +1,80 @@
+//! Pictures of a measurement, drawn anew from the kept scan. Must not know how a picture looks.
+
+use super::super::app::App;
+use super::super::extract::{Path, Query};
+use super::super::problem::{Code, Problem};
+use crate::plot::Picture;
+use axum::extract::State;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use utoipa::{IntoParams, ToSchema};
+
+/// The pictures, by the name of their file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
+#[schema(as = Picture)]
+pub(in super::super) enum PictureFile {
+    /// The centres of the profiles along the axis.
+    #[serde(rename = "centres.svg")]
+    Centres,
+    /// The unrolled residuals.
+    #[serde(rename = "residual_map.svg")]
+    ResidualMap,
+    /// One profile with its section.
+    #[serde(rename = "section.svg")]
+    Section,
+    /// All points seen along the axis.
+    #[serde(rename = "end_view.svg")]
+    EndView,
+}
+
+impl From<PictureFile> for Picture {
+    fn from(file: PictureFile) -> Self {
+        match file {
+            PictureFile::Centres => Self::Centres,
+            PictureFile::ResidualMap => Self::ResidualMap,
+            PictureFile::Section => Self::Section,
+            PictureFile::EndView => Self::EndView,
+        }
+    }
+}
+
+/// What of the measurement is drawn.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in super::super) struct PlotQuery {
+    /// Index of the profile that `section.svg` shows, from 0; the valid one nearest to the middle where nothing is said.
+    #[param(minimum = 0, maximum = 4_294_967_295_u64)]
+    profile: Option<u32>,
+}
+
+/// Pictures are for people to look at: SVG with styles of its own, and nothing else.
+const CONTENT_SECURITY: &str = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'self'";
+
+/// Draw a picture of a measurement
+///
+/// An SVG document, drawn anew from the kept scan.
+#[utoipa::path(
+    get, path = "/v1/measurements/{id}/plots/{picture}", tag = "measurements",
+    params(
+        ("id" = String, Path, description = "Id of the measurement"),
+        ("picture" = inline(PictureFile), Path, description = "Which picture"),
+        PlotQuery
+    ),
+    responses((status = 200, description = "The picture", content((String = "image/svg+xml"))))
+)]
+pub(in super::super) async fn get_plot(
+    State(app): State<App>,
+    Path((id, file)): Path<(String, String)>,
+    Query(query): Query<PlotQuery>,
+) -> Result<Response, Problem> {
+    let name = file.strip_suffix(".svg").and_then(Picture::from_name);
+    let picture = name.ok_or_else(|| {
+        let names: Vec<_> = Picture::ALL.iter().map(|picture| format!("{}.svg", picture.name())).collect();
+        Problem::new(Code::RouteUnknown, format!("there is no picture {file}; there are {}", names.join(", ")))
+    })?;
+    let svg = app.service.picture(&id, picture, query.profile.map(u64::from)).await?;
+    let headers = [(header::CONTENT_TYPE, "image/svg+xml"), (header::CONTENT_SECURITY_POLICY, CONTENT_SECURITY)];
+    Ok((headers, svg).into_response())
+}

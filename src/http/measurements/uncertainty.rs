@@ -1,0 +1,191 @@
+//! How well a pose is known, in the units of the document: expanded and standard uncertainties, the covariance they come
+//! from, the budget. Must not know how the covariance was found.
+//!
+//! Where the axis meets x = 0 follows from the reference point: `y_c0 = y_ref − x_ref·tan β`, hence with
+//! `j = ∂y_c0/∂β = −x_ref·(1 + tan² β)` the variance `var y_ref + j²·var β + 2·j·cov(β, y_ref)`; likewise z with pitch.
+
+use crate::estimation::{Component, Pose};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+/// Expanded uncertainties are this many standard ones; about 95 % of errors stay below.
+const COVERAGE_FACTOR: f64 = 2.0;
+
+/// Rows and columns of the covariance.
+const ORDER: [&str; 5] = ["deflection_rad", "pitch_rad", "y_ref_mm", "z_ref_mm", "radius_mm"];
+
+/// How well a pose is known. The values beside `coverage_factor` are expanded: that many standard uncertainties.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = Uncertainty)]
+pub struct UncertaintyDocument {
+    /// Expanded uncertainty over standard uncertainty.
+    #[schema(example = 2.0)]
+    pub coverage_factor: f64,
+    /// The expanded uncertainties.
+    #[serde(flatten)]
+    pub expanded: UncertaintiesDocument,
+    /// The same at one standard deviation.
+    pub standard: UncertaintiesDocument,
+    /// What they come from.
+    pub covariance: CovarianceDocument,
+    /// What they are made of.
+    pub budget: Vec<ComponentDocument>,
+}
+
+/// An uncertainty of each number of the pose.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+#[schema(as = Uncertainties)]
+pub struct UncertaintiesDocument {
+    /// Of the deflection.
+    pub deflection_deg: f64,
+    /// Of the pitch.
+    pub pitch_deg: f64,
+    /// Where the axis meets x = 0; carries the lever arm from `x_ref_mm`.
+    pub y_c0_mm: f64,
+    /// Where the axis meets x = 0; carries the lever arm from `x_ref_mm`.
+    pub z_c0_mm: f64,
+    /// At `x_ref_mm`.
+    pub y_ref_mm: f64,
+    /// At `x_ref_mm`.
+    pub z_ref_mm: f64,
+    /// Of the radius.
+    pub radius_mm: f64,
+    /// Of the end face; null until it is measured.
+    pub end_face_x_mm: Option<f64>,
+}
+
+/// Variances and covariances.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = Covariance)]
+pub struct CovarianceDocument {
+    /// What the rows and columns are.
+    #[schema(value_type = Vec<String>)]
+    pub order: [&'static str; 5],
+    /// Row by row, in the units of `order` multiplied.
+    #[schema(value_type = Vec<Vec<f64>>)]
+    pub matrix: [[f64; 5]; 5],
+}
+
+/// One line of the budget: standard uncertainties.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = UncertaintyComponent)]
+pub struct ComponentDocument {
+    /// What makes the result uncertain.
+    #[schema(example = "repeatability")]
+    pub source: String,
+    /// Of the deflection.
+    pub deflection_deg: f64,
+    /// Of the pitch.
+    pub pitch_deg: f64,
+    /// At `x_ref_mm`.
+    pub y_ref_mm: f64,
+    /// At `x_ref_mm`.
+    pub z_ref_mm: f64,
+    /// Of the radius.
+    pub radius_mm: f64,
+}
+
+impl From<&Pose> for UncertaintyDocument {
+    fn from(pose: &Pose) -> Self {
+        let standard = UncertaintiesDocument::standard(pose);
+        Self {
+            coverage_factor: COVERAGE_FACTOR,
+            expanded: standard.times(COVERAGE_FACTOR),
+            standard,
+            covariance: CovarianceDocument { order: ORDER, matrix: pose.uncertainty.covariance },
+            budget: pose.uncertainty.budget.iter().map(ComponentDocument::from).collect(),
+        }
+    }
+}
+
+impl UncertaintiesDocument {
+    fn standard(pose: &Pose) -> Self {
+        let [
+            [deflection, _, deflection_y, _, _],
+            [_, pitch, _, pitch_z, _],
+            [_, _, y, _, _],
+            [_, _, _, z, _],
+            [_, _, _, _, radius],
+        ] = pose.uncertainty.covariance;
+        let lever = |slope: f64| -pose.x_ref * (1.0 + slope * slope);
+        let at_origin = |j: f64, angle: f64, position: f64, both: f64| {
+            // Rounding may leave a hair below zero where the two nearly cancel.
+            (position + j * j * angle + 2.0 * j * both).max(0.0).sqrt()
+        };
+        Self {
+            deflection_deg: deflection.sqrt().to_degrees(),
+            pitch_deg: pitch.sqrt().to_degrees(),
+            y_c0_mm: at_origin(lever(pose.axis.p), deflection, y, deflection_y),
+            z_c0_mm: at_origin(lever(pose.axis.q), pitch, z, pitch_z),
+            y_ref_mm: y.sqrt(),
+            z_ref_mm: z.sqrt(),
+            radius_mm: radius.sqrt(),
+            end_face_x_mm: None,
+        }
+    }
+
+    fn times(self, factor: f64) -> Self {
+        Self {
+            deflection_deg: factor * self.deflection_deg,
+            pitch_deg: factor * self.pitch_deg,
+            y_c0_mm: factor * self.y_c0_mm,
+            z_c0_mm: factor * self.z_c0_mm,
+            y_ref_mm: factor * self.y_ref_mm,
+            z_ref_mm: factor * self.z_ref_mm,
+            radius_mm: factor * self.radius_mm,
+            end_face_x_mm: self.end_face_x_mm.map(|value| factor * value),
+        }
+    }
+}
+
+impl From<&Component> for ComponentDocument {
+    fn from(Component { source, standard }: &Component) -> Self {
+        let [deflection, pitch, y_ref_mm, z_ref_mm, radius_mm] = *standard;
+        Self {
+            source: source.clone(),
+            deflection_deg: deflection.to_degrees(),
+            pitch_deg: pitch.to_degrees(),
+            y_ref_mm,
+            z_ref_mm,
+            radius_mm,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimation::{RadiusSource, Uncertainty};
+    use crate::geometry::AxisLine;
+
+    /// A line through two points at x = 100 and x = 300, each known to 0.1 mm independently: at x_ref = 200 the
+    /// position has 0.1/√2 mm, the slope 0.1·√2/200, and at x = 0 error propagation by hand gives
+    /// y_0 = 1.5·y_100 − 0.5·y_300, so 0.1·√2.5 mm.
+    #[test]
+    fn the_lever_arm_is_propagated() {
+        let (slope_u, y_u) = (0.1 * 2f64.sqrt() / 200.0, 0.1 / 2f64.sqrt());
+        let mut covariance = [[0.0; 5]; 5];
+        covariance[0][0] = slope_u * slope_u;
+        covariance[2][2] = y_u * y_u;
+        let axis = AxisLine { p: 0.0, q: 0.0, y0: 0.0, z0: 0.0 };
+        let uncertainty = Uncertainty { covariance, budget: Vec::new() };
+        let pose = Pose { axis, x_ref: 200.0, radius: 1.0, radius_source: RadiusSource::Fitted, uncertainty };
+        let document = UncertaintyDocument::from(&pose);
+        assert!((document.standard.y_c0_mm - 0.1 * 2.5f64.sqrt()).abs() < 1e-12);
+        assert!((document.expanded.y_c0_mm - 0.2 * 2.5f64.sqrt()).abs() < 1e-12);
+    }
+
+    /// The same two points with x_ref put at 100, where slope and position share the error of the first point:
+    /// cov = −0.1²/200. The uncertainty at x = 0 must not depend on where the reference lies.
+    #[test]
+    fn cross_terms_make_the_choice_of_the_reference_irrelevant() {
+        let mut covariance = [[0.0; 5]; 5];
+        covariance[0][0] = 2.0 * 0.01 / 40_000.0;
+        covariance[2][2] = 0.01;
+        (covariance[0][2], covariance[2][0]) = (-0.01 / 200.0, -0.01 / 200.0);
+        let axis = AxisLine { p: 0.0, q: 0.0, y0: 0.0, z0: 0.0 };
+        let uncertainty = Uncertainty { covariance, budget: Vec::new() };
+        let pose = Pose { axis, x_ref: 100.0, radius: 1.0, radius_source: RadiusSource::Fitted, uncertainty };
+        assert!((UncertaintyDocument::from(&pose).standard.y_c0_mm - 0.1 * 2.5f64.sqrt()).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,34 @@
+//! The service over HTTP/1.1: the only room that knows it. Wire types, their documentation and handlers stand together, a
+//! file a resource; the route table is `router`, every refusal goes through `problem`.
+//!
+//! ```text
+//! connection --server--> request --edge (id, log, limits, panics)--> router --> handler --> service
+//!                                    <-- Problem, rendered at the edge <--
+//! ```
+//!
+//! Must not calculate, nor know how anything is stored.
+
+mod accept;
+mod app;
+mod body;
+mod connections;
+mod docs;
+mod edge;
+mod extract;
+mod measurements;
+mod metrics;
+mod names;
+mod openapi;
+mod paging;
+mod problem;
+mod receive;
+mod recipes;
+mod router;
+mod scans;
+mod server;
+mod status;
+
+pub use measurements::{MeasurementDocument, ProfileDocument, profiles_csv};
+pub use openapi::{COMMITTED, openapi_json};
+pub use problem::Code;
+pub use server::{Server, Stopper};

@@ -1,0 +1,107 @@
+//! The words that requests choose from, as closed sets: methods, formats, units. Each turns into the domain's own.
+
+use crate::estimation::Method;
+use crate::scan::decode::{Format, Unit};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// How the pose is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+#[schema(as = Method)]
+pub(super) enum MethodName {
+    /// The published robust method.
+    SectionLine,
+    /// The same without re-weighting and without the inner-point rule; for comparison only.
+    SectionLinePlain,
+}
+
+/// How a scan is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+#[schema(as = Format)]
+pub(super) enum FormatName {
+    /// Text tables: CSV, TXT, XYZ, ASC.
+    Csv,
+    /// The sectioned text that Gocator sensors export.
+    GocatorCsv,
+    /// Polygon files, vertices only.
+    Ply,
+    /// Point cloud library files.
+    Pcd,
+    /// One numpy array.
+    Npy,
+    /// Numpy arrays in a zip archive.
+    Npz,
+    /// Profiles in JSON.
+    Json,
+}
+
+/// Unit of a file's coordinates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+#[schema(as = Unit)]
+pub(super) enum UnitName {
+    /// Millimetres.
+    Mm,
+    /// Metres.
+    M,
+    /// Micrometres.
+    Um,
+    /// Inches.
+    Inch,
+}
+
+impl From<MethodName> for Method {
+    fn from(name: MethodName) -> Self {
+        match name {
+            MethodName::SectionLine => Self::SectionLine,
+            MethodName::SectionLinePlain => Self::SectionLinePlain,
+        }
+    }
+}
+
+impl From<Method> for MethodName {
+    fn from(method: Method) -> Self {
+        match method {
+            Method::SectionLine => Self::SectionLine,
+            Method::SectionLinePlain => Self::SectionLinePlain,
+        }
+    }
+}
+
+impl From<FormatName> for Format {
+    fn from(name: FormatName) -> Self {
+        match name {
+            FormatName::Csv => Self::Csv,
+            FormatName::GocatorCsv => Self::GocatorCsv,
+            FormatName::Ply => Self::Ply,
+            FormatName::Pcd => Self::Pcd,
+            FormatName::Npy => Self::Npy,
+            FormatName::Npz => Self::Npz,
+            FormatName::Json => Self::Json,
+        }
+    }
+}
+
+impl From<UnitName> for Unit {
+    fn from(name: UnitName) -> Self {
+        match name {
+            UnitName::Mm => Self::Millimetre,
+            UnitName::M => Self::Metre,
+            UnitName::Um => Self::Micrometre,
+            UnitName::Inch => Self::Inch,
+        }
+    }
+}
+
+impl From<Unit> for UnitName {
+    fn from(unit: Unit) -> Self {
+        match unit {
+            Unit::Millimetre => Self::Mm,
+            Unit::Metre => Self::M,
+            Unit::Micrometre => Self::Um,
+            Unit::Inch => Self::Inch,
+        }
+    }
+}

@@ -1,0 +1,187 @@
+//! The OpenAPI document: its head, and the refusals of every operation, which no handler repeats. Must not know what an
+//! operation does.
+
+use super::problem::{Code, MEDIA_TYPE, ProblemDocument};
+use super::router::document;
+use std::collections::BTreeMap;
+use utoipa::openapi::path::{Operation, PathItem};
+use utoipa::openapi::{
+    Content, ContentBuilder, HeaderBuilder, OpenApi, Ref, RefOr, Response, ResponseBuilder, schema::Object,
+    schema::Type,
+};
+use utoipa::{OpenApi as _, ToSchema};
+
+/// The document as it is committed and served.
+pub const COMMITTED: &str = include_str!("../../openapi/coaxis.json");
+
+#[derive(utoipa::OpenApi)]
+#[openapi(
+    info(
+        title = "coaxis",
+        description = "Measures the pose of the axis of a cylindrical part from laser profile scans.\n\n\
+            Every refusal is `application/problem+json` with a stable `code`; units stand in every name; times are UTC.",
+        license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
+    ),
+    components(schemas(ProblemDocument)),
+    tags(
+        (name = "measurements", description = "A scan in, a pose and its diagnostics out"),
+        (name = "scans", description = "Raw scans, known by their content"),
+        (name = "recipes", description = "How a kind of part is measured"),
+        (name = "status", description = "How the service is"),
+        (name = "documentation", description = "What you are reading"),
+    )
+)]
+struct Head;
+
+/// The document without operations.
+pub(super) fn head() -> OpenApi {
+    Head::openapi()
+}
+
+/// The whole document as text, as it is to be committed.
+///
+/// # Errors
+/// Where it cannot be written as JSON, which no document of ours brings about.
+pub fn openapi_json() -> Result<String, serde_json::Error> {
+    let mut document = document();
+    for item in document.paths.paths.values_mut() {
+        operations(item).for_each(add_refusals);
+    }
+    Ok(document.to_pretty_json()? + "\n")
+}
+
+fn operations(item: &mut PathItem) -> impl Iterator<Item = &mut Operation> {
+    [&mut item.get, &mut item.put, &mut item.post].into_iter().filter_map(Option::as_mut)
+}
+
+/// What every operation may refuse.
+const EVERYWHERE: &[Code] =
+    &[Code::QueryInvalid, Code::HeadersTooLarge, Code::UrlTooLong, Code::MethodNotAllowed, Code::Internal];
+
+/// What one that asks the store may refuse besides.
+const STORE: &[Code] = &[Code::StoreUnavailable];
+
+/// What one that takes a body may refuse besides.
+const BODY: &[Code] = &[
+    Code::HeaderInvalid,
+    Code::BodyInterrupted,
+    Code::BodyTimeout,
+    Code::BodyTooLarge,
+    Code::EncodingUnsupported,
+    Code::StoreFull,
+];
+
+/// What one that reads a scan may refuse besides.
+const SCAN: &[Code] = &[
+    Code::TooManyPoints,
+    Code::InflatedTooLarge,
+    Code::InflateRatio,
+    Code::FormatUnknown,
+    Code::FormatConflict,
+    Code::FormatMismatch,
+    Code::FormatUnsupported,
+    Code::FileEmpty,
+    Code::FileTruncated,
+    Code::FileDamaged,
+    Code::HeaderInvalidInFile,
+    Code::HeaderTooLong,
+    Code::SizeMismatch,
+    Code::ArrayShape,
+    Code::ArraysMissing,
+    Code::TooManyEntries,
+    Code::NotText,
+    Code::NotATable,
+    Code::LineTooLong,
+    Code::TooManyColumns,
+    Code::ColumnUnknown,
+    Code::ColumnAmbiguous,
+    Code::HeaderNeeded,
+    Code::RowRagged,
+    Code::NumberInvalid,
+    Code::UnitConflict,
+    Code::SectionMissing,
+    Code::TravelMissing,
+    Code::JsonSyntax,
+    Code::JsonShape,
+    Code::NoPoints,
+    Code::CoordinateOutOfRange,
+    Code::CompressionInvalid,
+    Code::Busy,
+];
+
+/// What one that measures may refuse besides.
+const MEASURING: &[Code] = &[
+    Code::JsonMalformed,
+    Code::JsonInvalid,
+    Code::OptionInvalid,
+    Code::RecipeInvalid,
+    Code::RecipeUnknown,
+    Code::ScanUnknown,
+    Code::RequestIdReused,
+    Code::TooManyProfiles,
+    Code::ProfileTooLong,
+    Code::RegionEmpty,
+    Code::NoProfileColumn,
+    Code::NoRows,
+    Code::PitchTooSmall,
+];
+
+/// What an operation may refuse, by its name.
+fn refusals(operation_id: &str) -> Vec<&'static [Code]> {
+    const NOTHING: &[Code] = &[];
+    match operation_id {
+        "create_measurement" => vec![STORE, BODY, SCAN, MEASURING],
+        "create_scan" => vec![STORE, BODY, SCAN],
+        "put_recipe" => vec![
+            STORE,
+            BODY,
+            &[
+                Code::ContentTypeUnsupported,
+                Code::JsonMalformed,
+                Code::JsonInvalid,
+                Code::OptionInvalid,
+                Code::RecipeInvalid,
+                Code::RecipeChanged,
+                Code::PreconditionRequired,
+                Code::RouteUnknown,
+            ],
+        ],
+        "list_measurements" | "list_scans" | "list_recipes" => vec![STORE, &[Code::CursorMalformed]],
+        "get_measurement" => vec![STORE, &[Code::MeasurementUnknown, Code::RouteUnknown]],
+        "list_profiles" => vec![STORE, &[Code::MeasurementUnknown, Code::NotAcceptable, Code::RouteUnknown]],
+        "get_plot" => {
+            vec![STORE, &[Code::MeasurementUnknown, Code::ProfileUnknown, Code::RouteUnknown, Code::Busy]]
+        }
+        "get_scan" | "get_scan_content" => vec![STORE, &[Code::ScanUnknown, Code::RouteUnknown]],
+        "get_recipe" => vec![STORE, &[Code::RecipeUnknown, Code::RouteUnknown]],
+        "get_readiness" => vec![&[Code::NotReady]],
+        _ => vec![NOTHING],
+    }
+}
+
+fn add_refusals(operation: &mut Operation) {
+    let id = operation.operation_id.clone().unwrap_or_default();
+    let mut by_status: BTreeMap<u16, Vec<&'static str>> = BTreeMap::new();
+    for code in refusals(&id).into_iter().chain([EVERYWHERE]).flatten() {
+        by_status.entry(code.status()).or_default().push(code.name());
+    }
+    for (status, names) in by_status {
+        let response = RefOr::T(problem(status, &names));
+        operation.responses.responses.insert(status.to_string(), response);
+    }
+}
+
+fn problem(status: u16, names: &[&str]) -> Response {
+    let schema = Ref::from_schema_name(ProblemDocument::name());
+    let content: Content = ContentBuilder::new().schema(Some(schema)).build();
+    let response = ResponseBuilder::new().description(names.join(", ")).content(MEDIA_TYPE, content);
+    let text = |description: &str| {
+        let schema = Object::builder().schema_type(Type::String).build();
+        HeaderBuilder::new().schema(Some(schema)).description(Some(description)).build()
+    };
+    match status {
+        405 => response.header("Allow", text("What the address takes")).build(),
+        503 => response.header("Retry-After", text("Seconds until another try is worth it")).build(),
+        _ => response.build(),
+    }
+}

@@ -1,0 +1,57 @@
+//! Lists: `limit` and `cursor` in the query, the next page in the body and in `Link`. Must not know what is listed.
+
+use super::problem::{Code, Problem};
+use crate::store::{Cursor, Page};
+use axum::http::{HeaderMap, HeaderValue, Uri, header};
+
+/// Entries of a page where the query does not say.
+const LIMIT_DEFAULT: u32 = 100;
+
+/// Most entries of a page.
+const LIMIT_MAX: u32 = 1000;
+
+/// Which page is asked for.
+pub(super) fn page(limit: Option<u32>, cursor: Option<&str>) -> Result<Page, Problem> {
+    let limit = limit.unwrap_or(LIMIT_DEFAULT);
+    if !(1..=LIMIT_MAX).contains(&limit) {
+        return Err(Problem::new(Code::QueryInvalid, format!("limit must be between 1 and {LIMIT_MAX}, got {limit}"))
+            .with("limit", limit)
+            .with("limit_max", LIMIT_MAX));
+    }
+    let before = cursor.map(Cursor::parse).transpose()?;
+    Ok(Page { limit, before })
+}
+
+/// Points to the next page: the same address with another cursor.
+pub(super) fn link_next(uri: &Uri, cursor: Option<&str>) -> HeaderMap {
+    let mut headers = HeaderMap::new();
+    let Some(cursor) = cursor else { return headers };
+    let others = uri.query().unwrap_or_default().split('&').filter(|pair| {
+        let name = pair.split('=').next().unwrap_or_default();
+        !name.is_empty() && name != "cursor"
+    });
+    let query: Vec<_> = others.map(str::to_owned).chain([format!("cursor={cursor}")]).collect();
+    // An address that was read is text, and a cursor is letters and digits.
+    if let Ok(value) = HeaderValue::from_str(&format!("<{}?{}>; rel=\"next\"", uri.path(), query.join("&"))) {
+        headers.insert(header::LINK, value);
+    }
+    headers
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_next_page_keeps_filters_and_replaces_the_cursor() {
+        let uri = Uri::from_static("/v1/measurements?verdict=refused&cursor=aa&limit=2");
+        let headers = link_next(&uri, Some("bb"));
+        assert_eq!(headers[header::LINK], "</v1/measurements?verdict=refused&limit=2&cursor=bb>; rel=\"next\"");
+        assert!(link_next(&uri, None).is_empty());
+    }
+
+    #[test]
+    fn a_limit_out_of_range_is_refused_not_bent() {
+        assert!(page(Some(0), None).is_err() && page(Some(1001), None).is_err() && page(Some(1000), None).is_ok());
+    }
+}

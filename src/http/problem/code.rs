@@ -1,0 +1,160 @@
+//! The table of problem codes: what each is called, which status it has, whether trying again may help. The one source
+//! of the enum, of the OpenAPI document and of the table in the documentation.
+
+/// Whether the same request may succeed later.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Retry {
+    /// Nothing changes by trying again.
+    No,
+    /// Trying again may help.
+    Yes,
+}
+
+macro_rules! codes {
+    ($($variant:ident $name:literal $status:literal $retry:ident $title:literal)+) => {
+        /// What a problem is called, for programs: stable, lower_snake, at most 32 characters.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+        #[expect(missing_docs, reason = "the title beside each says it")]
+        pub enum Code { $($variant),+ }
+
+        impl Code {
+            /// All codes, in the order of the table.
+            pub const ALL: &[Self] = &[$(Self::$variant),+];
+
+            /// Its name.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self { $(Self::$variant => $name),+ }
+            }
+
+            /// The HTTP status it comes with.
+            #[must_use]
+            pub const fn status(self) -> u16 {
+                match self { $(Self::$variant => $status),+ }
+            }
+
+            /// Whether the same request may succeed later.
+            #[must_use]
+            pub const fn retry(self) -> Retry {
+                match self { $(Self::$variant => Retry::$retry),+ }
+            }
+
+            /// What it means, the same for every occurrence.
+            #[must_use]
+            pub const fn title(self) -> &'static str {
+                match self { $(Self::$variant => $title),+ }
+            }
+        }
+    };
+}
+
+codes! {
+    // The caller's program.
+    QueryInvalid          "query_invalid"           400 No  "The query has a parameter that is unknown or cannot be read"
+    HeaderInvalid         "request_header_invalid"  400 No  "A header of the request cannot be read"
+    JsonMalformed         "json_malformed"          400 No  "The body is not JSON"
+    BodyInterrupted       "body_interrupted"        400 Yes "The body ended before its announced length"
+    CursorMalformed       "cursor_malformed"        400 No  "The cursor did not come from a list of this service"
+    // The id.
+    RouteUnknown          "route_unknown"           404 No  "There is nothing at this address"
+    MeasurementUnknown    "measurement_unknown"     404 No  "There is no measurement of this id"
+    ScanUnknown           "scan_unknown"            404 No  "There is no scan of this id"
+    RecipeUnknown         "recipe_unknown"          404 No  "There is no recipe of this name"
+    ProfileUnknown        "profile_unknown"         404 No  "The measurement has no profile of this index"
+    // The method, the answer's form, the time.
+    MethodNotAllowed      "method_not_allowed"      405 No  "The address does not take this method"
+    NotAcceptable         "not_acceptable"          406 No  "The answer cannot be had in a form that is accepted"
+    BodyTimeout           "body_timeout"            408 Yes "The body came too slowly"
+    // The entity tag.
+    RecipeChanged         "recipe_changed"          412 No  "The recipe is not at the revision that the request names"
+    PreconditionRequired  "precondition_required"   428 No  "Replacing a recipe needs the revision that is replaced"
+    // The upload as such.
+    BodyTooLarge          "body_too_large"          413 No  "The body is larger than allowed"
+    TooManyPoints         "too_many_points"         413 No  "The scan has more points than allowed"
+    TooManyProfiles       "too_many_profiles"       413 No  "The scan has more profiles than allowed"
+    ProfileTooLong        "profile_too_long"        413 No  "A profile has more points than allowed"
+    InflatedTooLarge      "inflated_too_large"      413 No  "The body unpacks to more than allowed"
+    InflateRatio          "inflate_ratio"           413 No  "The body unpacks to far more than it looks"
+    UrlTooLong            "url_too_long"            414 No  "The address is longer than allowed"
+    ContentTypeUnsupported "content_type_unsupported" 415 No "The address does not take this content type"
+    EncodingUnsupported   "encoding_unsupported"    415 No  "The content encoding is not known"
+    FormatUnknown         "format_unknown"          415 No  "The format of the scan is not known"
+    FormatConflict        "format_conflict"         415 No  "The scan is declared as one format and is another"
+    FormatMismatch        "format_mismatch"         415 No  "The scan does not begin as its format does"
+    FormatUnsupported     "format_unsupported"      415 No  "The scan uses a part of its format that is not read"
+    HeadersTooLarge       "headers_too_large"       431 No  "The header lines are longer than allowed"
+    // A value that cannot be.
+    JsonInvalid           "json_invalid"            422 No  "The body is JSON of another shape"
+    OptionInvalid         "option_invalid"          422 No  "A value of the request cannot be"
+    RecipeInvalid         "recipe_invalid"          422 No  "A value of the recipe cannot be"
+    RequestIdReused       "request_id_reused"       422 No  "The request id was used for another request"
+    // The scan.
+    FileEmpty             "file_empty"              422 No  "The body holds no scan"
+    FileTruncated         "file_truncated"          422 No  "The scan ends before it is whole"
+    FileDamaged           "file_damaged"            422 No  "The scan is damaged"
+    HeaderInvalidInFile   "header_invalid"          422 No  "The header of the scan cannot be understood"
+    HeaderTooLong         "header_too_long"         422 No  "The header of the scan is longer than allowed"
+    SizeMismatch          "size_mismatch"           422 No  "Two statements of the scan about its size contradict each other"
+    ArrayShape            "array_shape"             422 No  "The array has a shape that is not points"
+    ArraysMissing         "arrays_missing"          422 No  "The archive lacks the arrays that are looked for"
+    TooManyEntries        "too_many_entries"        422 No  "The archive has more entries than allowed"
+    NotText               "not_text"                422 No  "The text is not UTF-8"
+    NotATable             "not_a_table"             422 No  "The text is not a table of points"
+    LineTooLong           "line_too_long"           422 No  "A line of the text is longer than allowed"
+    TooManyColumns        "too_many_columns"        422 No  "The table has more columns than allowed"
+    ColumnUnknown         "column_unknown"          422 No  "The table lacks a column that is needed"
+    ColumnAmbiguous       "column_ambiguous"        422 No  "Two columns claim the same coordinate"
+    HeaderNeeded          "header_needed"           422 No  "The table needs a header to be understood"
+    RowRagged             "row_ragged"              422 No  "A row of the table has another length than the others"
+    NumberInvalid         "number_invalid"          422 No  "A cell of the table is not a number"
+    UnitConflict          "unit_conflict"           422 No  "The scan states another unit than the request"
+    SectionMissing        "section_missing"         422 No  "The Gocator file has no section that is read"
+    TravelMissing         "travel_missing"          422 No  "The Gocator frame does not say where it was taken"
+    JsonSyntax            "json_syntax"             422 No  "The JSON scan is not valid JSON"
+    JsonShape             "json_shape"              422 No  "The JSON scan has another shape"
+    NoPoints              "no_points"               422 No  "The scan holds no valid point"
+    CoordinateOutOfRange  "coordinate_out_of_range" 422 No  "A coordinate cannot be one"
+    RegionEmpty           "region_empty"            422 No  "No point of the scan lies in the region"
+    NoProfileColumn       "no_profile_column"       422 No  "The scan has no such profile column"
+    NoRows                "no_rows"                 422 No  "The points are not organised in rows"
+    PitchTooSmall         "pitch_too_small"         422 No  "The pitch makes more profiles than allowed"
+    CompressionInvalid    "compression_invalid"     422 No  "The body does not unpack"
+    // Us.
+    Internal              "internal"                500 No  "The service failed; the log says why, under the request id"
+    // Later.
+    Busy                  "busy"                    503 Yes "As many measurements run and wait as may"
+    NotReady              "not_ready"               503 Yes "The service cannot do its work now"
+    StoreUnavailable      "store_unavailable"       503 Yes "The store cannot be used now"
+    StoreFull             "store_full"              507 Yes "The store has no room left"
+}
+
+impl Code {
+    /// The table for the documentation, in Markdown.
+    #[must_use]
+    pub fn table() -> String {
+        let mut table = "| code | status | retry | meaning |\n|---|---|---|---|\n".to_owned();
+        for code in Self::ALL {
+            let retry = match code.retry() {
+                Retry::Yes => "yes",
+                Retry::No => "no",
+            };
+            table += &format!("| `{}` | {} | {retry} | {} |\n", code.name(), code.status(), code.title());
+        }
+        table
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn names_are_unique_short_and_plain() {
+        let names: BTreeSet<_> = Code::ALL.iter().map(|code| code.name()).collect();
+        assert_eq!(names.len(), Code::ALL.len());
+        for name in names {
+            assert!(name.len() <= 32 && name.bytes().all(|b| b.is_ascii_lowercase() || b == b'_'), "{name}");
+        }
+    }
+}

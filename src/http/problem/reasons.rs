@@ -1,0 +1,151 @@
+//! The service's and the store's reasons as problems, one by one.
+
+use super::{Code, Problem};
+use crate::service::{ComputeError, ContentError, MeasureError, RecipeError, ServiceError};
+use crate::store::StoreError;
+use axum::http::{HeaderValue, header};
+use serde_json::Value;
+use std::error::Error;
+
+/// After this a busy service is worth another try, seconds.
+const RETRY_AFTER_S: HeaderValue = HeaderValue::from_static("1");
+
+impl From<ServiceError> for Problem {
+    fn from(error: ServiceError) -> Self {
+        use ServiceError as E;
+        let text = error.to_string();
+        match error {
+            E::Compute(cause) => cause.into(),
+            E::Store(cause) => cause.into(),
+            E::Content(cause) => cause.into(),
+            E::Recipe(cause) => cause.into(),
+            E::ScanUnknown { id } => {
+                Self::new(Code::ScanUnknown, format!("{text}; list them with GET /v1/scans")).with("scan_id", id)
+            }
+            E::ScanFileMissing { id: _ } => Self::internal(text),
+            E::MeasurementUnknown { id } => {
+                Self::new(Code::MeasurementUnknown, format!("{text}; list them with GET /v1/measurements"))
+                    .with("measurement_id", id)
+            }
+            E::RecipeUnknown { name } => {
+                Self::new(Code::RecipeUnknown, format!("{text}; list them with GET /v1/recipes")).with("recipe", name)
+            }
+            E::RecipeChanged { name, current_etag } => {
+                Self::new(Code::RecipeChanged, format!("{text}; get it again and decide anew"))
+                    .with("recipe", name)
+                    .with("current_etag", current_etag)
+            }
+            E::RequestIdReused { request_id } => {
+                Self::new(Code::RequestIdReused, format!("{text}; every new request needs a new id"))
+                    .with("reused_request_id", request_id)
+            }
+            E::ProfileUnknown { index, profiles_count } => {
+                Self::new(Code::ProfileUnknown, text).with("index", index).with("profiles_count", profiles_count)
+            }
+            E::RecordUnreadable { ref source, .. } | E::RecordUnwritable { ref source, .. } => {
+                Self::internal(format!("{text}: {source}"))
+            }
+            E::Threads(source) => Self::internal(format!("{text}: {source}")),
+        }
+    }
+}
+
+impl From<ComputeError> for Problem {
+    fn from(error: ComputeError) -> Self {
+        match error {
+            ComputeError::Busy { running_max, queue_max } => {
+                Self::new(Code::Busy, format!("{error}; nothing was recorded, try again after the time in Retry-After"))
+                    .with("running_max_count", wide(running_max))
+                    .with("queue_max_count", wide(queue_max))
+                    .with_header(header::RETRY_AFTER, RETRY_AFTER_S)
+            }
+            ComputeError::Panicked => Self::internal(error.to_string()),
+        }
+    }
+}
+
+impl From<StoreError> for Problem {
+    fn from(error: StoreError) -> Self {
+        use StoreError as E;
+        let cause = chain(&error);
+        match error {
+            E::Full => {
+                Self::new(Code::StoreFull, "the store is full; nothing was recorded. Make room in the data folder")
+            }
+            E::Unavailable(_) | E::FileUnavailable { .. } | E::FolderInUse { .. } | E::Closed => Self::new(
+                Code::StoreUnavailable,
+                "the store cannot be used now; try again after the time in Retry-After",
+            )
+            .with_header(header::RETRY_AFTER, RETRY_AFTER_S)
+            .because(cause),
+            E::Damaged(_)
+            | E::NewerSchema { .. }
+            | E::MigrationDiffers { .. }
+            | E::IdTaken { .. }
+            | E::NumberTooLarge { .. } => Self::internal(cause),
+            E::ScanTooLarge { bytes_max } => {
+                Self::new(Code::BodyTooLarge, format!("{cause}; thin it out or raise the limit"))
+                    .with("bytes_max", bytes_max)
+            }
+            E::ScanUnknown { scan_id } => Self::new(Code::ScanUnknown, cause).with("scan_id", scan_id),
+            E::CursorMalformed => Self::new(
+                Code::CursorMalformed,
+                "the cursor did not come from a list of this service; begin without one",
+            ),
+        }
+    }
+}
+
+impl From<ContentError> for Problem {
+    fn from(error: ContentError) -> Self {
+        match error {
+            ContentError::Scan(cause) => cause.into(),
+            ContentError::Packing(cause) => cause.into(),
+        }
+    }
+}
+
+impl From<MeasureError> for Problem {
+    fn from(error: MeasureError) -> Self {
+        match error {
+            MeasureError::Decode(cause) => cause.into(),
+            MeasureError::Slice(cause) => cause.into(),
+        }
+    }
+}
+
+impl From<RecipeError> for Problem {
+    fn from(error: RecipeError) -> Self {
+        use RecipeError as E;
+        let problem = Self::new(Code::RecipeInvalid, error.to_string());
+        match error {
+            E::OutOfRange { name, allowed, value } => {
+                problem.with("field", name).with("allowed", allowed).with("value", value)
+            }
+            E::EpsilonTwice => problem.with("field", "epsilon_noise_multiple"),
+            E::NoiseUnknown => problem.with("field", "noise_sigma_mm"),
+            E::ProfileRule(_) => problem.with("field", "profile_by"),
+            E::Frame(_) => problem.with("field", "frame"),
+            E::Region { axis } => problem.with("field", format!("region.{axis}")),
+            E::DescriptionTooLong { characters_count, characters_max } => problem
+                .with("field", "description")
+                .with("characters_count", wide(characters_count))
+                .with("characters_max", wide(characters_max)),
+        }
+    }
+}
+
+fn wide(count: usize) -> Value {
+    Value::from(u64::try_from(count).unwrap_or(u64::MAX))
+}
+
+/// An error with all its causes, for the log.
+fn chain(error: &dyn Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        text = format!("{text}: {error}");
+        cause = error.source();
+    }
+    text
+}

@@ -1,0 +1,87 @@
+//! A scan in the body of a request: how it is packed, what is said about it, and its way into the store. Must not know what
+//! is done with it.
+
+use super::app::App;
+use super::body::Pieces;
+use super::extract::{header_text, media_type};
+use super::names::FormatName;
+use super::problem::{Code, Problem};
+use crate::scan::decode::Encoding;
+use crate::service::Origin;
+use crate::store::CompleteScan;
+use axum::http::{HeaderMap, HeaderName, header};
+
+const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
+
+/// Longest id of a request.
+const REQUEST_ID_CHARACTERS_MAX: usize = 128;
+
+/// How the body is packed; `None` where it is not.
+///
+/// # Errors
+/// [`Code::EncodingUnsupported`].
+pub(super) fn content_encoding(headers: &HeaderMap) -> Result<Option<Encoding>, Problem> {
+    let Some(name) = header_text(headers, &header::CONTENT_ENCODING)? else { return Ok(None) };
+    if name.trim().eq_ignore_ascii_case("identity") {
+        return Ok(None);
+    }
+    Encoding::from_name(&name).map(Some).ok_or_else(|| {
+        Problem::new(Code::EncodingUnsupported, "the content encoding is not known; use gzip, zstd or none")
+            .with("encoding", name)
+    })
+}
+
+/// What is said about the scan besides its bytes.
+///
+/// # Errors
+/// [`Code::HeaderInvalid`].
+pub(super) fn origin(format: Option<FormatName>, headers: &HeaderMap) -> Result<Origin, Problem> {
+    let media_type = match headers.contains_key(header::CONTENT_TYPE) {
+        true => Some(
+            media_type(headers)
+                .ok_or_else(|| Problem::new(Code::HeaderInvalid, "the header content-type is not plain text"))?,
+        ),
+        false => None,
+    };
+    Ok(Origin { parameter: format.map(Into::into), media_type: media_type.map(str::to_owned), file_name: None })
+}
+
+/// What the client calls its request, from the query, the body or the header.
+///
+/// # Errors
+/// [`Code::OptionInvalid`] where it is too long, has other characters, or two places say different things.
+pub(super) fn request_id(said: Option<String>, headers: &HeaderMap) -> Result<Option<String>, Problem> {
+    let key = header_text(headers, &IDEMPOTENCY_KEY)?;
+    if let (Some(said), Some(key)) = (&said, &key)
+        && said != key
+    {
+        let detail = "request_id and the header Idempotency-Key name two different ids; send one of them";
+        return Err(Problem::new(Code::OptionInvalid, detail).with("field", "request_id"));
+    }
+    let id = said.or(key);
+    let plain = |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'.' | b'_' | b':' | b'-');
+    match id {
+        Some(id) if id.is_empty() || id.len() > REQUEST_ID_CHARACTERS_MAX || !id.bytes().all(plain) => {
+            let detail = "a request id has 1 to 128 letters, digits or . _ : -";
+            Err(Problem::new(Code::OptionInvalid, detail).with("field", "request_id"))
+        }
+        id => Ok(id),
+    }
+}
+
+/// The body into a file of the store that is not kept yet.
+///
+/// # Errors
+/// What the body, the packing or the store says.
+pub(super) async fn receive(
+    app: &App,
+    pieces: &mut Pieces,
+    encoding: Option<Encoding>,
+) -> Result<CompleteScan, Problem> {
+    let mut upload = app.service.begin_upload(encoding).await?;
+    while let Some(piece) = pieces.next().await? {
+        upload.write(&piece).await?;
+    }
+    app.metrics.received(pieces.bytes_count());
+    Ok(upload.complete().await?)
+}

@@ -1,0 +1,162 @@
+//! A recipe as clients write and read it. Every field may be left out. Must not know what a field does.
+
+use super::super::names::{MethodName, UnitName};
+use crate::geometry::Frame;
+use crate::scan::slice::Region;
+use crate::service::Recipe;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// How a kind of part is measured. What is left out keeps its default.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+#[schema(as = Recipe, example = json!({"description": "shaft, 200 mm", "nominal_radius_mm": 200.0, "points_min": 50}))]
+pub struct RecipeDocument {
+    /// For people.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(max_length = 1000)]
+    pub description: Option<String>,
+    /// How the pose is found.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(in super::super) method: Option<MethodName>,
+    /// A point nearer than this to its ellipse is an inner point. Not together with `epsilon_noise_multiple`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
+    pub epsilon_mm: Option<f64>,
+    /// The same as a multiple of `noise_sigma_mm`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
+    pub epsilon_noise_multiple: Option<f64>,
+    /// The sensor's noise, one standard deviation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
+    pub noise_sigma_mm: Option<f64>,
+    /// A profile with a smaller share of inner points is rejected.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0.0, maximum = 1.0)]
+    pub inlier_ratio_min: Option<f64>,
+    /// Re-weighted ellipse fits of one profile.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 1, maximum = 50)]
+    pub iterations_max: Option<u32>,
+    /// A profile with fewer points is rejected.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 6, maximum = 10000)]
+    pub points_min: Option<u32>,
+    /// A profile whose inner points span a smaller arc is rejected.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0.0, maximum = 360.0)]
+    pub arc_min_deg: Option<f64>,
+    /// Fewer valid profiles than this refuse the scan.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 2, maximum = 100000)]
+    pub profiles_min: Option<u32>,
+    /// Valid profiles closer together than this along x refuse the scan.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
+    pub axial_length_min_mm: Option<f64>,
+    /// The radius that the drawing gives; a fitted radius far from it is warned of.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
+    pub nominal_radius_mm: Option<f64>,
+    /// Unit of the file's coordinates.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(in super::super) unit: Option<UnitName>,
+    /// Which points belong to one profile: `column`, `column=NAME`, `row`, `x_pitch_mm`, `x_pitch_mm=NUMBER`, `x_value`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(example = "x_value")]
+    pub profile_by: Option<String>,
+    /// The rail frame in the coordinates of the scan, where they differ.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frame: Option<FrameDocument>,
+    /// What of the scan is looked at, in the rail frame.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub region: Option<RegionDocument>,
+}
+
+/// The rail frame as seen from the coordinates of a scan.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = Frame)]
+pub struct FrameDocument {
+    /// Its origin.
+    pub origin_mm: [f64; 3],
+    /// Direction of the rail; any length but zero.
+    pub x_axis: [f64; 3],
+    /// Direction towards the sensor; its part along the rail is removed.
+    pub z_axis: [f64; 3],
+}
+
+/// Windows `[lower, upper]`, bounds included; one left out keeps all.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+#[schema(as = Region)]
+pub struct RegionDocument {
+    /// Along the rail.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub x_mm: Option<[f64; 2]>,
+    /// Across.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub y_mm: Option<[f64; 2]>,
+    /// Up.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub z_mm: Option<[f64; 2]>,
+}
+
+impl From<RecipeDocument> for Recipe {
+    fn from(document: RecipeDocument) -> Self {
+        Self {
+            description: document.description,
+            method: document.method.map(Into::into),
+            epsilon_mm: document.epsilon_mm,
+            epsilon_noise_multiple: document.epsilon_noise_multiple,
+            noise_sigma_mm: document.noise_sigma_mm,
+            inlier_ratio_min: document.inlier_ratio_min,
+            iterations_max: document.iterations_max,
+            points_min: document.points_min,
+            arc_min_deg: document.arc_min_deg,
+            profiles_min: document.profiles_min,
+            axial_length_min_mm: document.axial_length_min_mm,
+            nominal_radius_mm: document.nominal_radius_mm,
+            unit: document.unit.map(Into::into),
+            profile_by: document.profile_by,
+            frame: document.frame.map(|frame| Frame {
+                origin_mm: frame.origin_mm,
+                x_axis: frame.x_axis,
+                z_axis: frame.z_axis,
+            }),
+            region: document.region.map(|region| Region { x_mm: region.x_mm, y_mm: region.y_mm, z_mm: region.z_mm }),
+        }
+    }
+}
+
+impl From<Recipe> for RecipeDocument {
+    fn from(recipe: Recipe) -> Self {
+        Self {
+            description: recipe.description,
+            method: recipe.method.map(Into::into),
+            epsilon_mm: recipe.epsilon_mm,
+            epsilon_noise_multiple: recipe.epsilon_noise_multiple,
+            noise_sigma_mm: recipe.noise_sigma_mm,
+            inlier_ratio_min: recipe.inlier_ratio_min,
+            iterations_max: recipe.iterations_max,
+            points_min: recipe.points_min,
+            arc_min_deg: recipe.arc_min_deg,
+            profiles_min: recipe.profiles_min,
+            axial_length_min_mm: recipe.axial_length_min_mm,
+            nominal_radius_mm: recipe.nominal_radius_mm,
+            unit: recipe.unit.map(Into::into),
+            profile_by: recipe.profile_by,
+            frame: recipe.frame.map(|frame| FrameDocument {
+                origin_mm: frame.origin_mm,
+                x_axis: frame.x_axis,
+                z_axis: frame.z_axis,
+            }),
+            region: recipe.region.map(|region| RegionDocument {
+                x_mm: region.x_mm,
+                y_mm: region.y_mm,
+                z_mm: region.z_mm,
+            }),
+        }
+    }
+}

@@ -1,0 +1,48 @@
+//! The route table, and nothing else.
+
+use super::app::App;
+use super::{docs, edge, measurements, openapi, recipes, scans, status};
+use axum::Router;
+use axum::middleware::from_fn_with_state;
+use axum::routing::get;
+use tower_http::catch_panic::CatchPanicLayer;
+use utoipa::openapi::OpenApi;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+/// Every resource with its documentation.
+fn routes() -> OpenApiRouter<App> {
+    OpenApiRouter::with_openapi(openapi::head())
+        .routes(routes!(measurements::create_measurement, measurements::list_measurements))
+        .routes(routes!(measurements::get_measurement))
+        .routes(routes!(measurements::list_profiles))
+        .routes(routes!(measurements::get_plot))
+        .routes(routes!(scans::create_scan, scans::list_scans))
+        .routes(routes!(scans::get_scan))
+        .routes(routes!(scans::get_scan_content))
+        .routes(routes!(recipes::list_recipes))
+        .routes(routes!(recipes::get_recipe, recipes::put_recipe))
+        .routes(routes!(status::get_status))
+        .routes(routes!(status::get_liveness))
+        .routes(routes!(status::get_readiness))
+        .routes(routes!(status::get_metrics))
+        .routes(routes!(docs::get_openapi))
+        .routes(routes!(docs::get_docs))
+}
+
+/// The documentation of every resource.
+pub(super) fn document() -> OpenApi {
+    routes().into_openapi()
+}
+
+/// What answers requests.
+pub(super) fn router(app: App) -> Router {
+    let (router, _) = routes().split_for_parts();
+    router
+        .route("/docs/{file}", get(docs::get_docs_file))
+        .fallback(edge::route_unknown)
+        .method_not_allowed_fallback(edge::method_not_allowed)
+        .layer(CatchPanicLayer::custom(edge::panicked))
+        .layer(from_fn_with_state(app.clone(), edge::edge))
+        .with_state(app)
+}

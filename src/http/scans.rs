@@ -1,0 +1,194 @@
+//! Raw scans: kept under their content, listed, handed out byte for byte. Must not know what is measured from them.
+
+use super::app::App;
+use super::body::Pieces;
+use super::extract::{Path, Query, query};
+use super::names::FormatName;
+use super::paging::{link_next, page};
+use super::problem::Problem;
+use super::receive::{content_encoding, origin, receive};
+use crate::scan::decode::Format;
+use crate::service::{Content, Kept};
+use crate::store::{Listing, ScanRow};
+use axum::Json;
+use axum::body::{Body, Bytes};
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
+use axum::response::{IntoResponse, Response};
+use http_body_util::channel::Channel;
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use std::io;
+use tokio::io::AsyncReadExt;
+use utoipa::{IntoParams, ToSchema};
+
+/// A raw scan, known by its content.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Scan)]
+pub(super) struct ScanDocument {
+    /// `s-` and the SHA-256 of the bytes: the same bytes have the same id.
+    #[schema(pattern = "^s-[0-9a-f]{64}$")]
+    id: String,
+    /// When it was first seen, UTC.
+    #[schema(value_type = String, format = DateTime)]
+    created_at: Timestamp,
+    /// Length of the file.
+    bytes_count: u64,
+    /// What it was read as.
+    #[schema(example = "ply")]
+    format: String,
+    /// Points in it.
+    points_count: Option<u64>,
+}
+
+/// A page of scans, newest first.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct ScanList {
+    /// The scans.
+    scans: Vec<ScanDocument>,
+    /// What `cursor` has to be for the next page; null at the end.
+    next_cursor: Option<String>,
+}
+
+/// What is said about a scan.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct CreateQuery {
+    /// Format of the scan; found by Content-Type and first bytes where nothing is said.
+    #[param(inline)]
+    format: Option<FormatName>,
+}
+
+/// Keep a scan
+///
+/// The bytes are kept under their SHA-256 after they were read once; gzip and zstd are undone (Content-Encoding).
+#[utoipa::path(
+    post, path = "/v1/scans", tag = "scans", params(CreateQuery),
+    request_body(description = "A scan file", content((Vec<u8> = "application/octet-stream"))),
+    responses(
+        (status = 201, description = "Kept", body = ScanDocument,
+            headers(("Location" = String, description = "Address of the scan"))),
+        (status = 200, description = "Kept before: the same bytes", body = ScanDocument,
+            headers(("Location" = String, description = "Address of the scan"))),
+    )
+)]
+pub(super) async fn create_scan(State(app): State<App>, request: Request) -> Result<Response, Problem> {
+    let (parts, body) = request.into_parts();
+    let mut pieces = Pieces::new(&parts, body, &app, app.limits.body_bytes_max)?;
+    let query: CreateQuery = query(&parts)?;
+    let encoding = content_encoding(&parts.headers)?;
+    let origin = origin(query.format, &parts.headers)?;
+    app.service.check_free()?;
+    let scan = receive(&app, &mut pieces, encoding).await?;
+    let (status, row) = match app.service.store_scan(scan, origin).await? {
+        Kept::New(row) => (StatusCode::CREATED, row),
+        Kept::Known(row) => (StatusCode::OK, row),
+    };
+    let location = HeaderValue::from_str(&format!("/v1/scans/{}", row.id));
+    let location = location.map_err(|error| Problem::internal(error.to_string()))?;
+    Ok((status, [(header::LOCATION, location)], Json(ScanDocument::from(row))).into_response())
+}
+
+/// Which scans.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct ListQuery {
+    /// Most entries of the page; 100 where nothing is said.
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<u32>,
+    /// `next_cursor` of the page before.
+    #[param(pattern = "^[0-9a-f]{16,400}$")]
+    cursor: Option<String>,
+}
+
+/// List scans
+///
+/// Newest first, by the page. The header `Link` names the next page.
+#[utoipa::path(
+    get, path = "/v1/scans", tag = "scans", params(ListQuery),
+    responses((status = 200, description = "A page of scans", body = ScanList,
+        headers(("Link" = String, description = "The next page, rel=\"next\"; absent at the end"))))
+)]
+pub(super) async fn list_scans(
+    State(app): State<App>,
+    Query(query): Query<ListQuery>,
+    uri: Uri,
+) -> Result<(HeaderMap, Json<ScanList>), Problem> {
+    let page = page(query.limit, query.cursor.as_deref())?;
+    let Listing { rows, next } = app.service.scans(&page).await?;
+    let next_cursor = next.map(|cursor| cursor.to_string());
+    let scans = rows.into_iter().map(ScanDocument::from).collect();
+    Ok((link_next(&uri, next_cursor.as_deref()), Json(ScanList { scans, next_cursor })))
+}
+
+/// Get a scan
+///
+/// Its record; the bytes are at `/content`.
+#[utoipa::path(
+    get, path = "/v1/scans/{id}", tag = "scans",
+    params(("id" = String, Path, description = "Id of the scan")),
+    responses((status = 200, description = "The scan", body = ScanDocument))
+)]
+pub(super) async fn get_scan(State(app): State<App>, Path(id): Path<String>) -> Result<Json<ScanDocument>, Problem> {
+    Ok(Json(app.service.scan(&id).await?.into()))
+}
+
+/// Get the bytes of a scan
+///
+/// Exactly as they were sent, after any Content-Encoding was undone.
+#[utoipa::path(
+    get, path = "/v1/scans/{id}/content", tag = "scans",
+    params(("id" = String, Path, description = "Id of the scan")),
+    responses((status = 200, description = "The bytes", content((Vec<u8> = "application/octet-stream"))))
+)]
+pub(super) async fn get_scan_content(State(app): State<App>, Path(id): Path<String>) -> Result<Response, Problem> {
+    let Content { row, file } = app.service.scan_content(&id).await?;
+    let extension = Format::from_name(&row.format).map_or("bin", |format| match format {
+        Format::Csv | Format::GocatorCsv => "csv",
+        Format::Ply => "ply",
+        Format::Pcd => "pcd",
+        Format::Npy => "npy",
+        Format::Npz => "npz",
+        Format::Json => "json",
+    });
+    let disposition = format!("attachment; filename=\"{}.{extension}\"", row.id);
+    let headers = [
+        (header::CONTENT_TYPE, "application/octet-stream".to_owned()),
+        (header::CONTENT_LENGTH, row.bytes_count.to_string()),
+        (header::CONTENT_DISPOSITION, disposition),
+    ];
+    Ok((headers, file_body(file)).into_response())
+}
+
+/// Bytes of a file that are read at once.
+const BLOCK_BYTES: usize = 256 << 10;
+
+/// The file as a body, a block ahead of the client.
+fn file_body(file: std::fs::File) -> Body {
+    let (mut sender, body) = Channel::<Bytes, io::Error>::new(1);
+    tokio::spawn(async move {
+        let mut file = tokio::fs::File::from_std(file);
+        loop {
+            let mut block = vec![0; BLOCK_BYTES];
+            match file.read(&mut block).await {
+                Ok(0) => break,
+                Ok(count) => block.truncate(count),
+                // The announced length is not reached, so the client sees that something is missing.
+                Err(error) => return sender.abort(error),
+            }
+            if sender.send_data(block.into()).await.is_err() {
+                break;
+            }
+        }
+    });
+    Body::new(body)
+}
+
+impl From<ScanRow> for ScanDocument {
+    fn from(row: ScanRow) -> Self {
+        let ScanRow { id, created_at, bytes_count, format, points_count, description: _ } = row;
+        Self { id, created_at, bytes_count, format, points_count }
+    }
+}

@@ -1,0 +1,93 @@
+//! Listens, answers, and stops: the one place that knows sockets. In: an address, a service and limits. Must not know any
+//! route.
+
+use super::app::App;
+use super::connections::Connections;
+use super::metrics::Metrics;
+use super::router::router;
+use crate::config::{Config, Timeouts};
+use crate::service::Service;
+use axum_server::Handle;
+use std::io;
+use std::net::{SocketAddr, TcpListener};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// A service that listens and does not answer yet.
+#[derive(Debug)]
+pub struct Server {
+    listener: TcpListener,
+    address: SocketAddr,
+    app: App,
+    handle: Handle<SocketAddr>,
+}
+
+/// Tells a server to stop.
+#[derive(Debug, Clone)]
+pub struct Stopper {
+    handle: Handle<SocketAddr>,
+    grace: Duration,
+}
+
+impl Server {
+    /// Listens on the configured address.
+    ///
+    /// # Errors
+    /// Where the address cannot be had.
+    pub fn bind(config: &Config, service: Arc<Service>) -> io::Result<Self> {
+        let listener = TcpListener::bind(config.listen)?;
+        let address = listener.local_addr()?;
+        let app = App {
+            service,
+            limits: Arc::new(config.limits.clone()),
+            timeouts: Arc::new(config.timeouts.clone()),
+            metrics: Arc::new(Metrics::new()),
+        };
+        Ok(Self { listener, address, app, handle: Handle::new() })
+    }
+
+    /// Where it listens, the port filled in.
+    #[must_use]
+    pub const fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// What stops it.
+    #[must_use]
+    pub fn stopper(&self) -> Stopper {
+        let grace = Duration::from_millis(self.app.timeouts.shutdown_ms);
+        Stopper { handle: self.handle.clone(), grace }
+    }
+
+    /// Answers until it is stopped; then requests under way are finished, within the time that is set for it.
+    ///
+    /// # Errors
+    /// Where the listener fails.
+    pub async fn serve(self) -> io::Result<()> {
+        let Self { listener, app, handle, .. } = self;
+        let Timeouts { header_ms, .. } = *app.timeouts;
+        let connections = Connections::new(app.limits.connections_max);
+        let service = Arc::clone(&app.service);
+        let mut server = axum_server::from_tcp(listener)?.handle(handle).acceptor(connections).http1_only();
+        let header_timeout = Duration::from_millis(header_ms);
+        // hyper's timer is set by axum-server, its timeout is off until one is named. It ends idle connections, too.
+        let header_bytes =
+            usize::try_from(app.limits.header_bytes_max + app.limits.url_bytes_max).unwrap_or(usize::MAX);
+        server
+            .http_builder()
+            .http1()
+            .header_read_timeout(header_timeout)
+            .max_buf_size(header_bytes.saturating_mul(2).max(64 << 10));
+        server = server.first_request_timeout(None);
+        server.serve(router(app).into_make_service()).await?;
+        service.close().await;
+        Ok(())
+    }
+}
+
+impl Stopper {
+    /// Takes no further connection and lets requests under way finish.
+    pub fn stop(&self) {
+        self.handle.graceful_shutdown(Some(self.grace));
+    }
+}

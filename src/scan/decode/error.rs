@@ -1,0 +1,331 @@
+//! Why a file cannot be read: each variant a reason with its numbers, each text what happened and what to do.
+//! Must not know about HTTP.
+
+use super::{Format, Unit};
+use std::io;
+
+/// Why a file does not become a cloud.
+#[derive(Debug, thiserror::Error)]
+pub enum DecodeError {
+    /// Not one byte.
+    #[error("the file is empty; send the bytes of a scan")]
+    Empty,
+    /// Neither declaration, bytes nor name tell the format.
+    #[error("the format of the file is not known; name it: {}", Format::ALL.map(Format::name).join(", "))]
+    UnknownFormat,
+    /// Two declarations, or a declaration and the bytes, contradict each other.
+    #[error("the file is declared as {declared} but is {found}; declare the right format or none")]
+    FormatConflict {
+        /// What was said.
+        declared: Format,
+        /// What the bytes (or the other declaration) say.
+        found: Format,
+    },
+    /// The first bytes are not those of the format.
+    #[error("the file does not begin as {format} does; declare its true format")]
+    NotThisFormat {
+        /// The format it is read as.
+        format: Format,
+    },
+    /// A stated count is more than what follows.
+    #[error("the file announces {expected} points and ends after {found}; send the whole file")]
+    Truncated {
+        /// Points announced.
+        expected: u64,
+        /// Whole points found.
+        found: u64,
+    },
+    /// The file ends inside its header or another part that has no points.
+    #[error("the {format} file ends before its points begin; send the whole file")]
+    EndsEarly {
+        /// The format it is read as.
+        format: Format,
+    },
+    /// A line of the header does not say what its first word promises.
+    #[error("line {line} of the {format} header cannot be understood as {field}; write the file again")]
+    HeaderLine {
+        /// The format it is read as.
+        format: Format,
+        /// Its number, from 1.
+        line: u64,
+        /// What the line should state.
+        field: &'static str,
+    },
+    /// The header lacks something.
+    #[error("the {format} header does not state {field}; write the file again")]
+    HeaderMissing {
+        /// The format it is read as.
+        format: Format,
+        /// What is missing.
+        field: &'static str,
+    },
+    /// The header does not end.
+    #[error("the {format} header is longer than {limit} lines; leave comments out")]
+    HeaderTooLong {
+        /// The format it is read as.
+        format: Format,
+        /// Most lines or bytes of a header.
+        limit: usize,
+    },
+    /// Two statements about a size contradict each other.
+    #[error("the {format} file states {field} = {stated}, which should be {expected}; write the file again")]
+    SizeMismatch {
+        /// The format it is read as.
+        format: Format,
+        /// The statement.
+        field: &'static str,
+        /// What it says.
+        stated: u64,
+        /// What the rest of the file makes of it.
+        expected: u64,
+    },
+    /// Compressed points that do not unpack.
+    #[error("the compressed points of the {format} file are damaged; send the file again")]
+    DamagedPoints {
+        /// The format it is read as.
+        format: Format,
+    },
+    /// Something of the format that is not read.
+    #[error("{format}: {what}")]
+    Unsupported {
+        /// The format it is read as.
+        format: Format,
+        /// What it is, and what to do instead.
+        what: &'static str,
+    },
+    /// A numpy array of a shape that is not points.
+    #[error("the array has the shape {shape:?}; (N, 3) or (P, M, 3) is read, the last axis being x, y, z")]
+    ArrayShape {
+        /// Its shape.
+        shape: Vec<u64>,
+    },
+    /// An archive without the arrays that are looked for.
+    #[error("the archive must hold the arrays x, y and z of equal shape, or a single array; it holds: {}", found.join(", "))]
+    ArraysMissing {
+        /// Names of the entries.
+        found: Vec<String>,
+    },
+    /// Not a readable zip archive.
+    #[error("the archive is damaged; send the file again")]
+    DamagedArchive,
+    /// More entries than are looked at.
+    #[error("the archive has {found} entries, at most {limit} are allowed; leave out what is not the scan")]
+    TooManyEntries {
+        /// Entries found.
+        found: usize,
+        /// Most entries.
+        limit: usize,
+    },
+    /// A byte order mark or NUL bytes: not ASCII-compatible text.
+    #[error("line {line} is not UTF-8 text (UTF-16 or binary); save the table as UTF-8")]
+    NotText {
+        /// Number of the line, from 1.
+        line: u64,
+    },
+    /// Text without a row of numbers.
+    #[error("line {line} begins text that is not a table of points; send rows of x, y, z")]
+    NotATable {
+        /// Number of the first line that is neither blank nor comment, from 1.
+        line: u64,
+    },
+    /// A line without an end.
+    #[error("line {line} is longer than {limit} bytes; split it or raise the limit")]
+    LineTooLong {
+        /// Its number, from 1.
+        line: u64,
+        /// Most bytes of a line.
+        limit: usize,
+    },
+    /// More columns, properties or fields than are looked at.
+    #[error("there are more than {limit} columns; leave out what is not a coordinate")]
+    TooManyColumns {
+        /// Most columns.
+        limit: usize,
+    },
+    /// A column that is needed or asked for is not there.
+    #[error("there is no column {wanted}; the columns are: {}", found.join(", "))]
+    UnknownColumn {
+        /// What was looked for.
+        wanted: String,
+        /// What is there.
+        found: Vec<String>,
+    },
+    /// Two columns have a claim to the same coordinate.
+    #[error("the columns {first} and {second} both claim to be {wanted}; rename or leave out one")]
+    DoubleColumn {
+        /// The coordinate.
+        wanted: &'static str,
+        /// One of the columns.
+        first: String,
+        /// The other.
+        second: String,
+    },
+    /// No header, and a number of columns that has more than one reading.
+    #[error("a table of {columns} columns needs a header that names x, y and z, e.g. profile,x_mm,y_mm,z_mm")]
+    HeaderNeeded {
+        /// Columns found.
+        columns: usize,
+    },
+    /// A row of another length than the rest.
+    #[error("line {line} has {found} columns where {expected} are expected; mend or remove the line")]
+    RaggedRow {
+        /// Its number, from 1.
+        line: u64,
+        /// Columns of the table.
+        expected: usize,
+        /// Columns of the row.
+        found: usize,
+    },
+    /// Something that is not a number where one should be.
+    #[error("line {line}, column {column} is not a number; leave the cell empty where there is no point")]
+    BadNumber {
+        /// Number of the line, from 1.
+        line: u64,
+        /// Number of the column, from 1.
+        column: usize,
+    },
+    /// The file states another unit than the caller, or two units.
+    #[error("the unit is declared as {declared} but the file says {found}; declare {found} or none")]
+    UnitConflict {
+        /// What the caller (or another place of the file) says.
+        declared: Unit,
+        /// What the file says.
+        found: Unit,
+    },
+    /// A Gocator file without points.
+    #[error(
+        "the Gocator file has none of the sections Profile, RawProfile, Part, Surface, SurfacePointCloud; export one"
+    )]
+    SectionMissing,
+    /// A Gocator section without a table that is understood.
+    #[error("line {line} begins a Gocator section whose table is not understood: {field} is missing; export it again")]
+    SectionIncomplete {
+        /// Number of the section's first line, from 1.
+        line: u64,
+        /// What is missing.
+        field: &'static str,
+    },
+    /// A Gocator frame that does not say where along the travel it was taken.
+    #[error("line {line}: the frame has no Y (travel); export with encoder or travel speed set, or send x, y, z rows")]
+    TravelMissing {
+        /// Number of the line, from 1.
+        line: u64,
+    },
+    /// JSON that cannot be parsed.
+    #[error("line {line}, column {column} is not valid JSON; send a JSON document")]
+    JsonSyntax {
+        /// Number of the line, from 1.
+        line: usize,
+        /// Number of the byte in the line, from 1.
+        column: usize,
+    },
+    /// JSON of another shape.
+    #[error(
+        "line {line}, column {column} departs from {{\"profiles\": [{{\"x_mm\": 0.0, \"points\": [[y, z], ...]}}]}}; \
+         leave out other fields"
+    )]
+    JsonShape {
+        /// Number of the line, from 1.
+        line: usize,
+        /// Number of the byte in the line, from 1.
+        column: usize,
+    },
+    /// No point, or only missing ones.
+    #[error("the file holds no valid point ({missing_count} are marked as missing); check range and exposure")]
+    NoPoints {
+        /// Points marked as missing.
+        missing_count: u64,
+    },
+    /// More points than allowed.
+    #[error("the file holds more than {limit} points; thin it out or raise the limit")]
+    TooManyPoints {
+        /// Most points.
+        limit: usize,
+    },
+    /// A coordinate that cannot be one.
+    #[error(
+        "point {index} has the coordinate {value:e} mm, beyond {limit} mm; check the unit and mark bad points as NaN"
+    )]
+    CoordinateOutOfRange {
+        /// Position of the point in the file, from 0.
+        index: usize,
+        /// The coordinate, mm.
+        value: f64,
+        /// Largest magnitude, mm.
+        limit: f64,
+    },
+    /// Compressed data that are far longer than they look.
+    #[error("the data unpack to more than {limit} times their size; send them less compressed")]
+    InflateRatio {
+        /// Most bytes out for each byte in.
+        limit: u64,
+    },
+    /// Compressed data that unpack to too much.
+    #[error("the data unpack to more than {limit} bytes; thin the scan out or raise the limit")]
+    InflatedTooLarge {
+        /// Most bytes.
+        limit: u64,
+    },
+    /// Compressed data that do not unpack.
+    #[error("the compressed data are damaged or end early; send them again")]
+    BadCompression,
+    /// The source of the bytes failed.
+    #[error("reading the file failed: {0}")]
+    Io(io::Error),
+}
+
+impl From<io::Error> for DecodeError {
+    /// Takes out again what a reader below had to wrap to pass it through `std::io`.
+    fn from(error: io::Error) -> Self {
+        error.downcast::<Self>().unwrap_or_else(Self::Io)
+    }
+}
+
+impl From<DecodeError> for io::Error {
+    fn from(error: DecodeError) -> Self {
+        Self::other(error)
+    }
+}
+
+impl DecodeError {
+    /// A stable name of the reason, at most 32 characters.
+    #[must_use]
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Empty => "file_empty",
+            Self::UnknownFormat => "format_unknown",
+            Self::FormatConflict { .. } => "format_conflict",
+            Self::NotThisFormat { .. } => "format_mismatch",
+            Self::Truncated { .. } | Self::EndsEarly { .. } => "file_truncated",
+            Self::HeaderLine { .. } | Self::HeaderMissing { .. } => "header_invalid",
+            Self::HeaderTooLong { .. } => "header_too_long",
+            Self::SizeMismatch { .. } => "size_mismatch",
+            Self::DamagedPoints { .. } | Self::DamagedArchive => "file_damaged",
+            Self::Unsupported { .. } => "format_unsupported",
+            Self::ArrayShape { .. } => "array_shape",
+            Self::ArraysMissing { .. } => "arrays_missing",
+            Self::TooManyEntries { .. } => "too_many_entries",
+            Self::NotText { .. } => "not_text",
+            Self::NotATable { .. } => "not_a_table",
+            Self::LineTooLong { .. } => "line_too_long",
+            Self::TooManyColumns { .. } => "too_many_columns",
+            Self::UnknownColumn { .. } => "column_unknown",
+            Self::DoubleColumn { .. } => "column_ambiguous",
+            Self::HeaderNeeded { .. } => "header_needed",
+            Self::RaggedRow { .. } => "row_ragged",
+            Self::BadNumber { .. } => "number_invalid",
+            Self::UnitConflict { .. } => "unit_conflict",
+            Self::SectionMissing | Self::SectionIncomplete { .. } => "section_missing",
+            Self::TravelMissing { .. } => "travel_missing",
+            Self::JsonSyntax { .. } => "json_syntax",
+            Self::JsonShape { .. } => "json_shape",
+            Self::NoPoints { .. } => "no_points",
+            Self::TooManyPoints { .. } => "too_many_points",
+            Self::CoordinateOutOfRange { .. } => "coordinate_out_of_range",
+            Self::InflateRatio { .. } => "inflate_ratio",
+            Self::InflatedTooLarge { .. } => "inflated_too_large",
+            Self::BadCompression => "compression_invalid",
+            Self::Io(_) => "read_failed",
+        }
+    }
+}

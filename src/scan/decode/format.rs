@@ -1,0 +1,220 @@
+//! Which format a file has: what its sender says first, what its first bytes say second, its name last.
+//! Must not know how any format is read.
+
+use super::DecodeError;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// The formats that are read and written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Format {
+    /// Text tables: CSV, TXT, XYZ, ASC.
+    Csv,
+    /// The sectioned text that Gocator sensors export, version 2.
+    GocatorCsv,
+    /// Polygon files, text or binary; vertices only.
+    Ply,
+    /// Point cloud library files, text, binary or compressed.
+    Pcd,
+    /// One numpy array.
+    Npy,
+    /// Numpy arrays in a zip archive.
+    Npz,
+    /// `{"profiles": [{"x_mm": 0.0, "points": [[y, z], ...]}]}`
+    Json,
+}
+
+impl Format {
+    /// Every format, in the order in which messages list them.
+    pub const ALL: [Self; 7] = [Self::Csv, Self::GocatorCsv, Self::Ply, Self::Pcd, Self::Npy, Self::Npz, Self::Json];
+
+    /// The name used in requests, records and messages.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Csv => "csv",
+            Self::GocatorCsv => "gocator_csv",
+            Self::Ply => "ply",
+            Self::Pcd => "pcd",
+            Self::Npy => "npy",
+            Self::Npz => "npz",
+            Self::Json => "json",
+        }
+    }
+
+    /// The format of a name or a file extension, whatever its case.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        let name = name.trim().to_ascii_lowercase();
+        match name.as_str() {
+            "txt" | "xyz" | "asc" | "tsv" => Some(Self::Csv),
+            _ => Self::ALL.into_iter().find(|format| format.name() == name),
+        }
+    }
+
+    /// The format of a media type, its parameters left aside; `None` where the type says nothing or is not known.
+    #[must_use]
+    pub fn from_media_type(media_type: &str) -> Option<Self> {
+        let essence = media_type.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
+        match essence.as_str() {
+            "text/csv" | "application/csv" | "text/tab-separated-values" => Some(Self::Csv),
+            "application/vnd.gocator+csv" => Some(Self::GocatorCsv),
+            "application/ply" | "application/x-ply" | "model/ply" => Some(Self::Ply),
+            "application/pcd" | "application/x-pcd" | "application/vnd.pointcloud+pcd" => Some(Self::Pcd),
+            "application/npy" | "application/x-npy" => Some(Self::Npy),
+            "application/npz" | "application/x-npz" | "application/zip" => Some(Self::Npz),
+            "application/json" => Some(Self::Json),
+            _ => None,
+        }
+    }
+
+    /// The media type under which a file of this format is sent.
+    #[must_use]
+    pub fn media_type(self) -> &'static str {
+        match self {
+            Self::Csv => "text/csv",
+            Self::GocatorCsv => "application/vnd.gocator+csv",
+            Self::Ply => "application/x-ply",
+            Self::Pcd => "application/x-pcd",
+            Self::Npy => "application/x-npy",
+            Self::Npz => "application/x-npz",
+            Self::Json => "application/json",
+        }
+    }
+
+    /// The format that the first bytes (a few hundred are enough) give away; plain text passes for [`Format::Csv`].
+    #[must_use]
+    pub fn sniff(head: &[u8]) -> Option<Self> {
+        Self::from_magic(head).or_else(|| is_text(head).then_some(Self::Csv))
+    }
+
+    /// The format of first bytes that no other format begins with.
+    fn from_magic(head: &[u8]) -> Option<Self> {
+        let text = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head).trim_ascii_start();
+        let starts = |magic: &[u8]| head.starts_with(magic);
+        if starts(b"ply\n") || starts(b"ply\r") {
+            Some(Self::Ply)
+        } else if starts(b"# .PCD") || (starts(b"VERSION") && contains(head, b"FIELDS")) {
+            Some(Self::Pcd)
+        } else if starts(b"\x93NUMPY") {
+            Some(Self::Npy)
+        } else if starts(b"PK\x03\x04") {
+            Some(Self::Npz)
+        } else if text.first() == Some(&b'{') {
+            Some(Self::Json)
+        } else if text.starts_with(b"Info") && contains(text, b"CSV Version") {
+            Some(Self::GocatorCsv)
+        } else {
+            None
+        }
+    }
+
+    /// Whether a declaration of `self` leaves room for bytes that are `found`: Gocator's tables are CSV, too.
+    fn admits(self, found: Self) -> bool {
+        self == found || (self == Self::Csv && found == Self::GocatorCsv)
+    }
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+fn contains(bytes: &[u8], part: &[u8]) -> bool {
+    bytes.windows(part.len()).any(|window| window == part)
+}
+
+/// Whether bytes could be text of an ASCII-compatible encoding.
+fn is_text(head: &[u8]) -> bool {
+    !head.is_empty() && head.iter().all(|&byte| byte >= 0x20 || matches!(byte, b'\t' | b'\n' | b'\r' | 0x0c))
+}
+
+/// What is said about a file besides its bytes.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct FormatClaims<'a> {
+    /// Named by the caller on purpose.
+    pub parameter: Option<Format>,
+    /// The Content-Type it was sent with.
+    pub media_type: Option<&'a str>,
+    /// The name of the file, for its extension.
+    pub file_name: Option<&'a str>,
+}
+
+/// Settles the format of a file from what is claimed and from its first bytes.
+///
+/// A media type that means "some bytes" or "some text" says nothing, nor does one that no format here is known by.
+///
+/// # Errors
+/// [`DecodeError::Empty`] without a byte, [`DecodeError::FormatConflict`] where a declaration contradicts the other or
+/// the bytes, [`DecodeError::UnknownFormat`] where nothing tells.
+pub fn find_format(claims: &FormatClaims<'_>, head: &[u8]) -> Result<Format, DecodeError> {
+    if head.is_empty() {
+        return Err(DecodeError::Empty);
+    }
+    let sent_as = claims.media_type.and_then(Format::from_media_type);
+    let declared = match (claims.parameter, sent_as) {
+        (Some(named), Some(sent)) if !named.admits(sent) && !sent.admits(named) => {
+            return Err(DecodeError::FormatConflict { declared: named, found: sent });
+        }
+        (named, sent) => named.or(sent),
+    };
+    match (declared, Format::from_magic(head)) {
+        (Some(declared), Some(found)) if declared.admits(found) => Ok(found),
+        (Some(declared), Some(found)) => Err(DecodeError::FormatConflict { declared, found }),
+        (Some(declared), None) => Ok(declared),
+        (None, Some(found)) => Ok(found),
+        (None, None) => claims
+            .file_name
+            .and_then(|name| name.rsplit_once('.'))
+            .and_then(|(_, extension)| Format::from_name(extension))
+            .or_else(|| Format::sniff(head))
+            .ok_or(DecodeError::UnknownFormat),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sent_as(media_type: &str) -> FormatClaims<'_> {
+        FormatClaims { media_type: Some(media_type), ..FormatClaims::default() }
+    }
+
+    #[test]
+    fn every_format_is_found_by_name_and_media_type() {
+        for format in Format::ALL {
+            assert_eq!(Format::from_name(format.name()), Some(format));
+            assert_eq!(Format::from_media_type(format.media_type()), Some(format));
+            assert_eq!(serde_json::to_value(format).expect("writes"), format.name());
+        }
+    }
+
+    #[test]
+    fn the_bytes_decide_where_the_media_type_says_nothing() {
+        for silent in ["application/octet-stream", "text/plain; charset=utf-8", "application/x-www-form-urlencoded"] {
+            assert_eq!(find_format(&sent_as(silent), b"ply\nformat").ok(), Some(Format::Ply));
+            assert_eq!(find_format(&sent_as(silent), b"1,2,3\n").ok(), Some(Format::Csv));
+            assert_eq!(find_format(&sent_as(silent), b"Info\nCSV Version\n2").ok(), Some(Format::GocatorCsv));
+        }
+        assert_eq!(find_format(&sent_as("text/csv"), b"Info\nCSV Version\n2").ok(), Some(Format::GocatorCsv));
+    }
+
+    #[test]
+    fn a_contradiction_is_refused_with_both_names() {
+        let error = find_format(&sent_as("application/x-ply"), b"\x93NUMPY\x01\x00").expect_err("conflict");
+        assert!(error.to_string().contains("ply") && error.to_string().contains("npy"), "{error}");
+        let both = FormatClaims { parameter: Some(Format::Pcd), ..sent_as("application/json") };
+        assert_eq!(find_format(&both, b"# .PCD v0.7").expect_err("conflict").code(), "format_conflict");
+    }
+
+    #[test]
+    fn the_extension_is_believed_last() {
+        let named = |file_name| FormatClaims { file_name: Some(file_name), ..FormatClaims::default() };
+        assert_eq!(find_format(&named("a.ply"), b"\x93NUMPY\x01\x00").ok(), Some(Format::Npy));
+        assert_eq!(find_format(&named("a.b.XYZ"), b"\x80\x81").ok(), Some(Format::Csv));
+        let unknown = find_format(&named("a.stl"), b"\x00\x01").expect_err("unknown").to_string();
+        assert!(Format::ALL.iter().all(|format| unknown.contains(format.name())), "{unknown}");
+    }
+}

@@ -1,0 +1,213 @@
+//! The one place where points enter a cloud: scales them, drops the missing, refuses the impossible, codes the stripes.
+//! Comes from every reader; goes out as a [`Cloud`]. Must not know about bytes or formats.
+
+use super::packed::Run;
+use super::{DecodeError, Limits, Unit};
+use crate::scan::{Cloud, Columns, Labels, Stripe, huge_pages};
+
+/// How precise a file's coordinates are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Precision {
+    /// Every coordinate is an `f32`.
+    Single,
+    /// Some are not.
+    Double,
+}
+
+/// A cloud in the making.
+pub(super) struct Gather<'a> {
+    limits: &'a Limits,
+    unit: Unit,
+    scale: f64,
+    seen: usize,
+    missing: u64,
+    stripes: Vec<Stripe>,
+    columns: Columns,
+}
+
+impl<'a> Gather<'a> {
+    /// An empty cloud. Single precision is kept where nothing has to be scaled.
+    pub(super) fn new(unit: Unit, precision: Precision, limits: &'a Limits) -> Self {
+        let columns = match (unit, precision) {
+            (Unit::Millimetre, Precision::Single) => Columns::F32 { y: Vec::new(), z: Vec::new() },
+            _ => Columns::F64 { y: Vec::new(), z: Vec::new() },
+        };
+        Self { limits, unit, scale: unit.in_mm(), seen: 0, missing: 0, stripes: Vec::new(), columns }
+    }
+
+    /// Makes room for `points` more, which the caller has seen in the input; not exactly that much, as there may be many
+    /// such calls.
+    pub(super) fn reserve(&mut self, points: usize) {
+        let points = points.min(self.limits.points_max);
+        match &mut self.columns {
+            Columns::F32 { y, z } => {
+                huge_pages::reserve(y, points);
+                huge_pages::reserve(z, points);
+            }
+            Columns::F64 { y, z } => {
+                huge_pages::reserve(y, points);
+                huge_pages::reserve(z, points);
+            }
+        }
+    }
+
+    /// Points met so far, missing ones included.
+    pub(super) fn seen(&self) -> usize {
+        self.seen
+    }
+
+    /// Largest coordinate that goes in as it is; `None` where the file's unit is not the millimetre.
+    pub(super) fn plain_limit(&self) -> Option<f64> {
+        (self.scale == 1.0).then_some(self.limits.coordinate_max_mm)
+    }
+
+    /// Takes one point in the file's unit; one that is not finite counts as missing.
+    pub(super) fn push(&mut self, label: f64, point: [f64; 3]) -> Result<(), DecodeError> {
+        let index = self.seen;
+        self.count(1)?;
+        let [x, y, z] = point.map(|value| value * self.scale);
+        let limit = self.limits.coordinate_max_mm;
+        // Written so that NaN fails it, too.
+        if !(x.abs() <= limit && y.abs() <= limit && z.abs() <= limit && label.is_finite()) {
+            return self.turn_away(index, label, point);
+        }
+        let end = match &mut self.columns {
+            Columns::F32 { y: ys, z: zs } => {
+                ys.push(y as f32);
+                zs.push(z as f32);
+                ys.len()
+            }
+            Columns::F64 { y: ys, z: zs } => {
+                ys.push(y);
+                zs.push(z);
+                ys.len()
+            }
+        };
+        self.extend_stripe(label, x, end);
+        Ok(())
+    }
+
+    /// Whether as many points more are within the limit, so that only one of them can be refused.
+    pub(super) fn admits_at_once(&self, points: usize) -> bool {
+        points <= self.limits.points_max.saturating_sub(self.seen)
+    }
+
+    /// Appends points that were found to be finite, within [`Self::plain_limit`] and in millimetres, out of `seen`.
+    pub(super) fn append(&mut self, columns: Columns, runs: &[Run], seen: usize) -> Result<(), DecodeError> {
+        self.count(seen)?;
+        self.missing += seen.saturating_sub(columns.len()) as u64;
+        let mut end = self.columns.len();
+        for run in runs {
+            end += run.count;
+            self.extend_stripe(run.label, run.x, end);
+        }
+        if self.columns.is_empty() {
+            self.columns = columns;
+            return Ok(());
+        }
+        match (&mut self.columns, columns) {
+            (Columns::F32 { y, z }, Columns::F32 { y: more_y, z: more_z }) => {
+                huge_pages::reserve(y, more_y.len());
+                huge_pages::reserve(z, more_z.len());
+                y.extend_from_slice(&more_y);
+                z.extend_from_slice(&more_z);
+            }
+            (Columns::F64 { y, z }, Columns::F64 { y: more_y, z: more_z }) => {
+                huge_pages::reserve(y, more_y.len());
+                huge_pages::reserve(z, more_z.len());
+                y.extend_from_slice(&more_y);
+                z.extend_from_slice(&more_z);
+            }
+            // A reader keeps to one precision; a cloud of two would be double.
+            (mine, more) => {
+                let (mut y, mut z) = (Vec::new(), Vec::new());
+                let all = |columns: &Columns| (0..columns.len()).filter_map(|i| columns.get(i)).collect::<Vec<_>>();
+                for [point_y, point_z] in all(mine).into_iter().chain(all(&more)) {
+                    y.push(point_y);
+                    z.push(point_z);
+                }
+                *mine = Columns::F64 { y, z };
+            }
+        }
+        Ok(())
+    }
+
+    /// The cloud.
+    ///
+    /// # Errors
+    /// [`DecodeError::NoPoints`] where there is none but missing ones.
+    pub(super) fn finish(self, labels: Labels) -> Result<Cloud, DecodeError> {
+        if self.columns.is_empty() {
+            return Err(DecodeError::NoPoints { missing_count: self.missing });
+        }
+        Ok(Cloud { stripes: self.stripes, columns: self.columns, labels, unit: self.unit, missing_count: self.missing })
+    }
+
+    fn count(&mut self, points: usize) -> Result<(), DecodeError> {
+        if points > self.limits.points_max.saturating_sub(self.seen) {
+            return Err(DecodeError::TooManyPoints { limit: self.limits.points_max });
+        }
+        self.seen += points;
+        Ok(())
+    }
+
+    #[cold]
+    fn turn_away(&mut self, index: usize, label: f64, point: [f64; 3]) -> Result<(), DecodeError> {
+        if !(label.is_finite() && point.iter().all(|value| value.is_finite())) {
+            self.missing += 1;
+            return Ok(());
+        }
+        let limit = self.limits.coordinate_max_mm;
+        let value = point
+            .into_iter()
+            .map(|value| value * self.scale)
+            .fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
+        Err(DecodeError::CoordinateOutOfRange { index, value, limit })
+    }
+
+    fn extend_stripe(&mut self, label: f64, x: f64, end: usize) {
+        match self.stripes.last_mut() {
+            Some(last) if last.x == x && last.label == label => last.end = end,
+            _ => self.stripes.push(Stripe { label, x, end }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_of_one_label_and_x_share_a_stripe() {
+        let limits = Limits::default();
+        let mut gather = Gather::new(Unit::Metre, Precision::Single, &limits);
+        for (label, x, y) in [(0.0, 1.0, 1.0), (0.0, 1.0, f64::NAN), (0.0, 1.0, 2.0), (1.0, 1.0, 3.0), (1.0, 2.0, 4.0)]
+        {
+            gather.push(label, [x, y, 0.5]).expect("in range");
+        }
+        let cloud = gather.finish(Labels::Row).expect("points");
+        assert_eq!(cloud.missing_count, 1);
+        let stripe = |label, x, end| Stripe { label, x, end };
+        assert_eq!(cloud.stripes, [stripe(0.0, 1000.0, 2), stripe(1.0, 1000.0, 3), stripe(1.0, 2000.0, 4)]);
+        assert_eq!(cloud.columns, Columns::F64 { y: vec![1e3, 2e3, 3e3, 4e3], z: vec![500.0; 4] });
+    }
+
+    #[test]
+    fn a_coordinate_that_scaling_makes_infinite_is_refused_and_named() {
+        let limits = Limits::default();
+        let mut gather = Gather::new(Unit::Metre, Precision::Double, &limits);
+        gather.push(0.0, [0.0; 3]).expect("in range");
+        let error = gather.push(0.0, [0.0, -1e308, 0.0]).expect_err("huge");
+        assert!(matches!(error, DecodeError::CoordinateOutOfRange { index: 1, .. }), "{error}");
+    }
+
+    #[test]
+    fn missing_points_count_against_the_limit() {
+        let limits = Limits { points_max: 3, ..Limits::default() };
+        let mut gather = Gather::new(Unit::Millimetre, Precision::Double, &limits);
+        gather.push(0.0, [f64::NAN; 3]).expect("within");
+        gather.push(f64::NAN, [0.0; 3]).expect("within");
+        gather.push(0.0, [0.0; 3]).expect("within");
+        assert_eq!(gather.push(0.0, [0.0; 3]).expect_err("beyond").code(), "too_many_points");
+    }
+}

@@ -1,0 +1,89 @@
+//! Lines of text from a reader, one at a time into one buffer, none longer than allowed. Must not know what they mean.
+
+use super::{DecodeError, Limits};
+use std::io::{BufRead, Read};
+
+/// A reader taken line by line.
+pub(super) struct Lines<'a> {
+    reader: &'a mut dyn BufRead,
+    buffer: Vec<u8>,
+    number: u64,
+    bytes_max: usize,
+}
+
+impl<'a> Lines<'a> {
+    /// From the reader's current position.
+    pub(super) fn new(reader: &'a mut dyn BufRead, limits: &Limits) -> Self {
+        Self { reader, buffer: Vec::new(), number: 0, bytes_max: limits.line_bytes_max }
+    }
+
+    /// The number of the last line given out, from 1.
+    pub(super) fn number(&self) -> u64 {
+        self.number
+    }
+
+    /// The next line without its end (LF or CR LF) and, in the first, without a byte order mark; `None` at the end.
+    pub(super) fn next_line(&mut self) -> Result<Option<&[u8]>, DecodeError> {
+        self.buffer.clear();
+        let read = self.reader.take(self.bytes_max as u64 + 2).read_until(b'\n', &mut self.buffer)?;
+        if read == 0 {
+            return Ok(None);
+        }
+        self.number += 1;
+        let line = self.last_line();
+        if line.len() > self.bytes_max {
+            return Err(DecodeError::LineTooLong { line: self.number, limit: self.bytes_max });
+        }
+        Ok(Some(line))
+    }
+
+    /// The last line given out, again.
+    pub(super) fn last_line(&self) -> &[u8] {
+        let mut line = self.buffer.as_slice();
+        line = line.strip_suffix(b"\n").unwrap_or(line);
+        line = line.strip_suffix(b"\r").unwrap_or(line);
+        if self.number == 1 {
+            line = line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line);
+        }
+        line
+    }
+
+    /// The reader behind, at the start of the next line.
+    pub(super) fn into_reader(self) -> &'a mut dyn BufRead {
+        self.reader
+    }
+}
+
+/// The fields of a line that blanks separate.
+pub(super) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
+    line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
+}
+
+/// Text of a word; empty where it is not UTF-8.
+pub(super) fn text(word: &[u8]) -> &str {
+    str::from_utf8(word).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn line_ends_and_the_byte_order_mark_are_taken_off() {
+        let mut bytes: &[u8] = b"\xef\xbb\xbfa\r\n\nb";
+        let limits = Limits::default();
+        let mut lines = Lines::new(&mut bytes, &limits);
+        assert_eq!(lines.next_line().expect("reads"), Some(&b"a"[..]));
+        assert_eq!(lines.next_line().expect("reads"), Some(&b""[..]));
+        assert_eq!(lines.next_line().expect("reads"), Some(&b"b"[..]));
+        assert_eq!(lines.next_line().expect("reads"), None);
+    }
+
+    #[test]
+    fn a_line_without_an_end_is_refused() {
+        let mut bytes: &[u8] = &[b'7'; 100];
+        let limits = Limits { line_bytes_max: 50, ..Limits::default() };
+        let error = Lines::new(&mut bytes, &limits).next_line().expect_err("too long");
+        assert!(matches!(error, DecodeError::LineTooLong { line: 1, limit: 50 }));
+    }
+}

@@ -1,0 +1,52 @@
+//! The text formats that a scan is written in. Must not know about files.
+
+use super::{longest, points};
+use crate::scan::Scan;
+use std::io::{self, Write};
+
+/// One row per point.
+pub(super) fn write_csv(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
+    writeln!(out, "profile,x_mm,y_mm,z_mm")?;
+    for (profile, station) in scan.stations().iter().enumerate() {
+        for [y, z] in points(scan, station) {
+            writeln!(out, "{profile},{:?},{y:?},{z:?}", station.x)?;
+        }
+    }
+    Ok(())
+}
+
+/// One object per profile.
+pub(super) fn write_json(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
+    write!(out, "{{\"profiles\":[")?;
+    for (profile, station) in scan.stations().iter().enumerate() {
+        let comma = if profile == 0 { "" } else { "," };
+        write!(out, "{comma}\n{{\"x_mm\":{:?},\"points\":[", station.x)?;
+        for (point, [y, z]) in points(scan, station).enumerate() {
+            let comma = if point == 0 { "" } else { "," };
+            write!(out, "{comma}[{y:?},{z:?}]")?;
+        }
+        write!(out, "]}}")?;
+    }
+    writeln!(out, "]}}")
+}
+
+/// Two rows per profile: the sensor's X is y, its Z is z, the frame's Y is x.
+pub(super) fn write_gocator_csv(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
+    let columns = longest(scan);
+    writeln!(out, "Info\nCSV Version,Sensor Count\n2,1\nEnd\n")?;
+    writeln!(out, "RawProfile\nFrame Count,Column Count\n{},{columns}\n", scan.stations().len())?;
+    write!(out, "Frame,Source,Time,Encoder,Z Encoder,Inputs,Exposure,Y,Axis")?;
+    (0..columns).try_for_each(|column| write!(out, ",{column}"))?;
+    writeln!(out)?;
+    for (frame, station) in scan.stations().iter().enumerate() {
+        for (axis, name) in ["X", "Z"].into_iter().enumerate() {
+            write!(out, "{frame},0,0,0,0,0,0,{:?},{name}", station.x)?;
+            for [y, z] in points(scan, station) {
+                write!(out, ",{:?}", if axis == 0 { y } else { z })?;
+            }
+            let filled = station.end - station.start;
+            writeln!(out, "{}", ",".repeat(columns - filled))?;
+        }
+    }
+    writeln!(out, "End")
+}

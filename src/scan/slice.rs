@@ -1,0 +1,143 @@
+//! From a cloud to profiles: into the rail frame, cut to a region, told apart by a rule, in order of x.
+//! Must not know about formats, nor what the points are measured for.
+//!
+//! ```text
+//! Cloud --frame--> Cloud --region--> Cloud --choose--> key of each stripe --group--> Scan
+//! ```
+//!
+//! Without a rule asked for, the first that fits decides:
+//!
+//! | rule | where |
+//! |---|---|
+//! | `column` | the file has a profile column |
+//! | `row` | it is organised in rows, and x varies along every row by at most a tenth of the usual step between rows |
+//! | `x_value` | x takes few values, eight points or more for each on average; or the cloud has less than 1000 points |
+//! | `x_pitch_mm` | else; slabs of about a hundred points, their thickness the next 1, 2, 2.5 or 5·10ⁿ mm below |
+
+mod choose;
+mod group;
+mod place;
+
+pub use place::Region;
+
+use super::decode::Limits;
+use super::{Cloud, ProfileRule, Scan, ScanError};
+use crate::geometry::{Frame, FrameError};
+
+/// What a caller asks for.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SliceRequest {
+    /// How profiles are told apart; `None` chooses.
+    pub rule: Option<ProfileRule>,
+    /// The rail frame in the cloud's coordinates; `None` where they are one.
+    pub frame: Option<Frame>,
+    /// What is kept, in the rail frame; `None` keeps all.
+    pub region: Option<Region>,
+}
+
+/// Why a cloud does not become profiles.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SliceError {
+    /// The declared frame is none.
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+    /// A bound of the region is not a number, or the lower is above the upper.
+    #[error("{axis} of the region must be [lower, upper] with lower <= upper")]
+    RegionInvalid {
+        /// The bound's name.
+        axis: &'static str,
+    },
+    /// No point lies in the region.
+    #[error("none of the {points} points lies in the region; check the region, the frame and the unit")]
+    RegionEmpty {
+        /// Points of the cloud.
+        points: usize,
+    },
+    /// A profile column was asked for that the cloud has not.
+    #[error(
+        "profiles cannot be told apart by {wanted}: the profile column is {found}; name it when decoding, or use another rule"
+    )]
+    NoColumn {
+        /// What was asked for.
+        wanted: String,
+        /// What the cloud has.
+        found: String,
+    },
+    /// Rows were asked for and the cloud has none.
+    #[error("the points are not organised in rows; use column, x_value or x_pitch_mm")]
+    NoRows,
+    /// A thickness that is none.
+    #[error("x_pitch_mm must be a number above 0, e.g. x_pitch_mm=0.5")]
+    PitchInvalid,
+    /// A thickness that makes too many slabs.
+    #[error("x_pitch_mm={pitch} makes {slabs} slabs, at most {limit} are allowed; use at least {least}")]
+    PitchTooSmall {
+        /// The thickness, mm.
+        pitch: f64,
+        /// The slabs it makes.
+        slabs: f64,
+        /// Most profiles.
+        limit: usize,
+        /// A thickness that does, mm.
+        least: f64,
+    },
+    /// More profiles than allowed.
+    #[error("the scan has more than {limit} profiles; use x_pitch_mm with a larger pitch, or raise the limit")]
+    TooManyProfiles {
+        /// Most profiles.
+        limit: usize,
+    },
+    /// A profile of more points than allowed.
+    #[error(
+        "the profile at x = {x} mm has {found} points, at most {limit} are allowed; use another rule or raise the limit"
+    )]
+    ProfileTooLong {
+        /// Its plane, mm.
+        x: f64,
+        /// Its points.
+        found: usize,
+        /// Most points.
+        limit: usize,
+    },
+    /// The cloud breaks its promise.
+    #[error(transparent)]
+    Scan(#[from] ScanError),
+}
+
+impl SliceError {
+    /// A stable name of the reason, at most 32 characters.
+    #[must_use]
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Frame(_) => "frame_invalid",
+            Self::RegionInvalid { .. } => "region_invalid",
+            Self::RegionEmpty { .. } => "region_empty",
+            Self::NoColumn { .. } => "no_profile_column",
+            Self::NoRows => "no_rows",
+            Self::PitchInvalid => "pitch_invalid",
+            Self::PitchTooSmall { .. } => "pitch_too_small",
+            Self::TooManyProfiles { .. } => "too_many_profiles",
+            Self::ProfileTooLong { .. } => "profile_too_long",
+            Self::Scan(_) => "scan_invalid",
+        }
+    }
+}
+
+/// Cuts a cloud into profiles. A profile's plane is the mean x of its points; its points keep the file's order.
+///
+/// # Errors
+/// [`SliceError`] where the request does not fit the cloud, or the result is beyond `limits`.
+pub fn slice(cloud: Cloud, request: &SliceRequest, limits: &Limits) -> Result<Scan, SliceError> {
+    let mut cloud = cloud;
+    if let Some(frame) = &request.frame {
+        cloud = place::move_into(&cloud, frame)?;
+    }
+    if let Some(region) = &request.region {
+        cloud = place::cut_to(&cloud, region)?;
+    }
+    let (key, rule) = choose::choose_key(&cloud, request.rule.as_ref(), limits)?;
+    group::group(cloud, key, rule, limits)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,181 @@
+//! Which rule tells the profiles of a cloud apart, and the key that it gives each stripe. Must not know about points:
+//! labels and x, which a stripe's points share, are all that any rule asks for.
+
+use super::SliceError;
+use crate::scan::decode::Limits;
+use crate::scan::{Cloud, Labels, ProfileRule, Stripe};
+
+/// Spread of x along a row, in steps between rows, up to which a row is a profile.
+const ROW_SPREAD_MAX: f64 = 0.1;
+/// Mean points of one x from which x counts as discrete.
+const POINTS_PER_VALUE_MIN: usize = 8;
+/// Mean points of a slab of chosen thickness: enough for a section, few enough to keep the slab thin.
+const POINTS_PER_SLAB: f64 = 100.0;
+/// Points below which slabs would be too few or too thick: moving a tracker's eight points to common planes would spoil
+/// them, and each is exact as a profile of its own.
+const SLAB_POINTS_MIN: usize = 1000;
+
+/// What stripes of one profile have in common.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Key {
+    /// The label.
+    Label,
+    /// The x.
+    X,
+    /// The slab of this thickness, mm; slab k reaches from (k − ½) to (k + ½) times it, so that values which jitter
+    /// about its multiples stay together.
+    Slab(f64),
+}
+
+impl Key {
+    /// The key of a stripe.
+    pub(super) fn of(self, stripe: &Stripe) -> f64 {
+        // Adding zero makes −0 and 0 one.
+        match self {
+            Self::Label => stripe.label + 0.0,
+            Self::X => stripe.x + 0.0,
+            Self::Slab(pitch) => (stripe.x / pitch + 0.5).floor() + 0.0,
+        }
+    }
+}
+
+/// The key, and the rule in words.
+pub(super) fn choose_key(
+    cloud: &Cloud,
+    asked: Option<&ProfileRule>,
+    limits: &Limits,
+) -> Result<(Key, String), SliceError> {
+    match asked {
+        Some(ProfileRule::Column(wanted)) => by_column(cloud, wanted.as_deref()),
+        Some(ProfileRule::Row) if cloud.labels == Labels::Row => Ok(by_row()),
+        Some(ProfileRule::Row) => Err(SliceError::NoRows),
+        Some(ProfileRule::XValue) => Ok(by_value()),
+        Some(ProfileRule::XPitch(Some(pitch))) => by_pitch(cloud, *pitch, limits),
+        Some(ProfileRule::XPitch(None)) => Ok(by_chosen_pitch(cloud, limits)),
+        None => match &cloud.labels {
+            Labels::Column(_) => by_column(cloud, None),
+            Labels::Row if rows_are_profiles(&cloud.stripes) => Ok(by_row()),
+            _ if cloud.columns.len() < SLAB_POINTS_MIN || x_is_discrete(cloud) => Ok(by_value()),
+            _ => Ok(by_chosen_pitch(cloud, limits)),
+        },
+    }
+}
+
+fn by_row() -> (Key, String) {
+    (Key::Label, ProfileRule::Row.to_string())
+}
+
+fn by_value() -> (Key, String) {
+    (Key::X, ProfileRule::XValue.to_string())
+}
+
+fn by_column(cloud: &Cloud, wanted: Option<&str>) -> Result<(Key, String), SliceError> {
+    match &cloud.labels {
+        Labels::Column(name) if wanted.is_none_or(|wanted| wanted.trim().eq_ignore_ascii_case(name)) => {
+            Ok((Key::Label, ProfileRule::Column(Some(name.clone())).to_string()))
+        }
+        labels => {
+            let found = if let Labels::Column(name) = labels { name.clone() } else { "none".to_owned() };
+            Err(SliceError::NoColumn { wanted: ProfileRule::Column(wanted.map(str::to_owned)).to_string(), found })
+        }
+    }
+}
+
+/// Smallest and largest x of a cloud.
+fn extent(cloud: &Cloud) -> (f64, f64) {
+    let bounds = (f64::INFINITY, f64::NEG_INFINITY);
+    cloud.stripes.iter().fold(bounds, |(least, most), stripe| (least.min(stripe.x), most.max(stripe.x)))
+}
+
+fn by_pitch(cloud: &Cloud, pitch: f64, limits: &Limits) -> Result<(Key, String), SliceError> {
+    if !(pitch.is_finite() && pitch > 0.0) {
+        return Err(SliceError::PitchInvalid);
+    }
+    let (least, most) = extent(cloud);
+    let slabs = ((most - least) / pitch).floor() + 1.0;
+    if slabs > limits.profiles_max as f64 {
+        let least = round_up((most - least) / limits.profiles_max as f64);
+        return Err(SliceError::PitchTooSmall { pitch, slabs, limit: limits.profiles_max, least });
+    }
+    Ok((Key::Slab(pitch), ProfileRule::XPitch(Some(pitch)).to_string()))
+}
+
+/// Slabs of about [`POINTS_PER_SLAB`] points, not more than are allowed.
+fn by_chosen_pitch(cloud: &Cloud, limits: &Limits) -> (Key, String) {
+    let (least, most) = extent(cloud);
+    let length = most - least;
+    let wanted = round_down(length * POINTS_PER_SLAB / cloud.columns.len() as f64);
+    let allowed = round_up(length / limits.profiles_max as f64);
+    // One plane has no thickness; any will do.
+    let pitch = if length > 0.0 { wanted.max(allowed) } else { 1.0 };
+    (Key::Slab(pitch), format!("{} (chosen)", ProfileRule::XPitch(Some(pitch))))
+}
+
+/// The largest of 1, 2, 2.5, 5·10ⁿ that is not above `value`.
+fn round_down(value: f64) -> f64 {
+    round(value, |step, value| step <= value * (1.0 + 1e-9), f64::max)
+}
+
+/// The smallest of 1, 2, 2.5, 5·10ⁿ that is not below `value`.
+fn round_up(value: f64) -> f64 {
+    round(value, |step, value| step >= value * (1.0 - 1e-9), f64::min)
+}
+
+fn round(value: f64, fits: impl Fn(f64, f64) -> bool, better: impl Fn(f64, f64) -> f64) -> f64 {
+    // Below any length that a scan can have; keeps the powers within what f64 divides exactly.
+    let value = value.max(1e-9);
+    let decade = value.log10().floor() as i32;
+    let power = |exponent: i32, step: f64| {
+        // Dividing by a power that is exact gives the nearest number to the decimal: 0.1 and not 0.1 + 1e-17.
+        if exponent < 0 { step / 10f64.powi(-exponent) } else { step * 10f64.powi(exponent) }
+    };
+    let steps = (decade - 1..=decade + 1).flat_map(|exponent| [1.0, 2.0, 2.5, 5.0].map(|step| power(exponent, step)));
+    steps.filter(|step| fits(*step, value)).reduce(better).unwrap_or(value)
+}
+
+/// Whether x varies little along every row against the usual step between rows.
+fn rows_are_profiles(stripes: &[Stripe]) -> bool {
+    let rows: Vec<(f64, f64)> = stripes
+        .chunk_by(|a, b| a.label == b.label)
+        .map(|row| row.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), s| (a.min(s.x), b.max(s.x))))
+        .collect();
+    let spread = rows.iter().fold(0.0, |spread: f64, (least, most)| spread.max(most - least));
+    let middle = |(least, most): &(f64, f64)| f64::midpoint(*least, *most);
+    let mut steps: Vec<f64> =
+        rows.windows(2).filter_map(|pair| Some((middle(pair.first()?) - middle(pair.last()?)).abs())).collect();
+    steps.sort_unstable_by(f64::total_cmp);
+    let step = steps.get(steps.len() / 2).copied().unwrap_or(0.0);
+    spread <= ROW_SPREAD_MAX * step
+}
+
+fn x_is_discrete(cloud: &Cloud) -> bool {
+    let values_max = cloud.columns.len() / POINTS_PER_VALUE_MIN;
+    if cloud.stripes.len() <= values_max {
+        return true;
+    }
+    let mut values: Vec<f64> = cloud.stripes.iter().map(|stripe| Key::X.of(stripe)).collect();
+    values.sort_unstable_by(f64::total_cmp);
+    values.dedup();
+    values.len() <= values_max
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pitches_round_to_a_short_decimal() {
+        for (value, down, up) in
+            [(0.3, 0.25, 0.5), (0.1, 0.1, 0.1), (7.0, 5.0, 10.0), (2.4, 2.0, 2.5), (0.0099, 0.005, 0.01)]
+        {
+            assert_eq!((round_down(value), round_up(value)), (down, up), "{value}");
+        }
+        assert!(round_down(0.0) > 0.0);
+    }
+
+    #[test]
+    fn values_that_jitter_about_a_multiple_share_a_slab() {
+        let key = |x| Key::Slab(0.5).of(&Stripe { label: 0.0, x, end: 1 });
+        assert_eq!((key(0.99), key(1.01), key(-0.01), key(0.01)), (2.0, 2.0, 0.0, 0.0));
+    }
+}

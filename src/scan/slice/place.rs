@@ -1,0 +1,85 @@
+//! Moves a cloud into the rail frame and cuts it to a region. Must not know about profiles.
+
+use super::SliceError;
+use crate::geometry::Frame;
+use crate::scan::{Cloud, Columns, Stripe};
+use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// What is kept of a cloud, bounds included, in the rail frame; a bound left out keeps all.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Region {
+    /// Lower and upper x, mm.
+    pub x_mm: Option<[f64; 2]>,
+    /// Lower and upper y, mm.
+    pub y_mm: Option<[f64; 2]>,
+    /// Lower and upper z, mm.
+    pub z_mm: Option<[f64; 2]>,
+}
+
+impl Region {
+    /// Whether every bound is a range.
+    ///
+    /// # Errors
+    /// [`SliceError::RegionInvalid`] names the first that is not.
+    pub fn check(&self) -> Result<(), SliceError> {
+        for (axis, bound) in [("x_mm", self.x_mm), ("y_mm", self.y_mm), ("z_mm", self.z_mm)] {
+            if let Some([lower, upper]) = bound
+                && !(lower.is_finite() && upper.is_finite() && lower <= upper)
+            {
+                return Err(SliceError::RegionInvalid { axis });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The points of a cloud one by one, each with its stripe.
+fn each_point(cloud: &Cloud) -> impl Iterator<Item = (&Stripe, [f64; 2])> {
+    let mut start = 0;
+    cloud.stripes.iter().flat_map(move |stripe| {
+        let range = std::mem::replace(&mut start, stripe.end)..stripe.end;
+        range.filter_map(move |index| Some((stripe, cloud.columns.get(index)?)))
+    })
+}
+
+/// A cloud of the given points, of the labels and missing points of `like`.
+fn collect(like: &Cloud, points: impl Iterator<Item = (f64, [f64; 3])>) -> Cloud {
+    let (mut stripes, mut ys, mut zs): (Vec<Stripe>, Vec<f64>, Vec<f64>) = Default::default();
+    for (label, [x, y, z]) in points {
+        ys.push(y);
+        zs.push(z);
+        match stripes.last_mut() {
+            Some(last) if last.label == label && last.x == x => last.end = ys.len(),
+            _ => stripes.push(Stripe { label, x, end: ys.len() }),
+        }
+    }
+    let columns = Columns::F64 { y: ys, z: zs };
+    Cloud { stripes, columns, labels: like.labels.clone(), unit: like.unit, missing_count: like.missing_count }
+}
+
+/// The cloud as seen from the rail frame that `frame` declares.
+pub(super) fn move_into(cloud: &Cloud, frame: &Frame) -> Result<Cloud, SliceError> {
+    let rotation = frame.rotation()?;
+    let origin = Vector3::from(frame.origin_mm);
+    let moved = each_point(cloud).map(|(stripe, [y, z])| {
+        let point = rotation * (Point3::new(stripe.x, y, z) - origin);
+        (stripe.label, [point.x, point.y, point.z])
+    });
+    Ok(collect(cloud, moved))
+}
+
+/// What of the cloud lies in a region.
+pub(super) fn cut_to(cloud: &Cloud, region: &Region) -> Result<Cloud, SliceError> {
+    region.check()?;
+    let holds =
+        |bound: Option<[f64; 2]>, value: f64| bound.is_none_or(|[lower, upper]| (lower..=upper).contains(&value));
+    let inside = |x: f64, [y, z]: [f64; 2]| holds(region.x_mm, x) && holds(region.y_mm, y) && holds(region.z_mm, z);
+    let kept = each_point(cloud).filter(|(stripe, point)| inside(stripe.x, *point));
+    let cut = collect(cloud, kept.map(|(stripe, [y, z])| (stripe.label, [stripe.x, y, z])));
+    if cut.columns.is_empty() {
+        return Err(SliceError::RegionEmpty { points: cloud.columns.len() });
+    }
+    Ok(cut)
+}

@@ -1,0 +1,156 @@
+//! The rules, one after the other, and what they refuse.
+
+use super::*;
+use crate::scan::decode::Unit;
+use crate::scan::{Columns, Labels, Stripe};
+
+/// A cloud of points (label, x, y), z = −y.
+fn cloud(labels: Labels, points: &[(f64, f64, f64)]) -> Cloud {
+    let stripes = (1..).zip(points).map(|(end, (label, x, _))| Stripe { label: *label, x: *x, end }).collect();
+    let y: Vec<f64> = points.iter().map(|(_, _, y)| *y).collect();
+    let z = y.iter().map(|y| -y).collect();
+    Cloud { stripes, columns: Columns::F64 { y, z }, labels, unit: Unit::Millimetre, missing_count: 0 }
+}
+
+/// `profiles` at steps of `step`, ten points each; x within a profile varies by up to `spread`.
+fn regular(labels: Labels, profiles: u32, step: f64, spread: f64) -> Cloud {
+    let points: Vec<_> = (0..profiles * 10)
+        .map(|i| (f64::from(i / 10), f64::from(i / 10) * step + f64::from(i % 10) / 9.0 * spread, f64::from(i)))
+        .collect();
+    cloud(labels, &points)
+}
+
+fn sliced(cloud: Cloud, rule: Option<&str>) -> Result<Scan, SliceError> {
+    let rule = rule.map(|rule| ProfileRule::parse(rule).expect("a rule"));
+    slice(cloud, &SliceRequest { rule, ..SliceRequest::default() }, &Limits::default())
+}
+
+fn column() -> Labels {
+    Labels::Column("frame".to_owned())
+}
+
+/// (x, y of the points) of each profile.
+fn profiles(scan: &Scan) -> Vec<(f64, Vec<f64>)> {
+    let y = |index| scan.columns().get(index).expect("a point")[0];
+    scan.stations().iter().map(|station| (station.x, (station.start..station.end).map(y).collect())).collect()
+}
+
+#[test]
+fn the_rule_is_chosen_from_what_the_cloud_is() {
+    for (cloud, rule) in [
+        (regular(column(), 5, 1.0, 3.0), "column=frame"),
+        (regular(Labels::Row, 5, 1.0, 0.05), "row"),
+        (regular(Labels::Row, 5, 1.0, 0.0), "row"),
+        (regular(Labels::None, 5, 1.0, 0.0), "x_value"),
+        (regular(Labels::None, 20, 0.5, 0.5), "x_value"),
+        (regular(Labels::None, 100, 0.5, 0.5), "x_pitch_mm=5 (chosen)"),
+        (regular(Labels::Row, 100, 0.5, 0.5), "x_pitch_mm=5 (chosen)"),
+    ] {
+        assert_eq!(sliced(cloud, None).expect("slices").rule(), rule);
+    }
+}
+
+#[test]
+fn a_rule_that_is_asked_for_is_used_and_named() {
+    for (rule, name) in [
+        ("column", "column=frame"),
+        ("column:FRAME", "column=frame"),
+        ("x_value", "x_value"),
+        ("x_pitch_mm=0.5", "x_pitch_mm=0.5"),
+        ("x_pitch_mm", "x_pitch_mm=5 (chosen)"),
+    ] {
+        assert_eq!(sliced(regular(column(), 5, 1.0, 0.0), Some(rule)).expect("slices").rule(), name);
+    }
+    assert_eq!(sliced(regular(Labels::Row, 5, 1.0, 3.0), Some("row")).expect("slices").stations().len(), 5);
+}
+
+#[test]
+fn profiles_are_put_in_order_of_x_and_their_points_keep_the_order_of_the_file() {
+    let points = [(2.0, 9.0, 0.0), (1.0, 3.0, 1.0), (2.0, 9.0, 2.0), (1.0, 4.0, 3.0), (3.0, 1.0, 4.0), (1.0, 5.0, 5.0)];
+    let expected = [(1.0, vec![4.0]), (4.0, vec![1.0, 3.0, 5.0]), (9.0, vec![0.0, 2.0])];
+    let scan = sliced(cloud(column(), &points), None).expect("slices");
+    assert_eq!(profiles(&scan), expected);
+    // In order already, the same points give the same scan.
+    let sorted = [points[4], points[1], points[3], points[5], points[0], points[2]];
+    let rising: Vec<_> =
+        (0..).zip([0, 1, 1, 1, 2, 2]).map(|(i, label)| (f64::from(label), sorted[i].1, sorted[i].2)).collect();
+    assert_eq!(profiles(&sliced(cloud(column(), &rising), None).expect("slices")), expected);
+}
+
+#[test]
+fn equal_x_under_two_labels_are_two_profiles_and_x_is_the_exact_common_value() {
+    let points: Vec<_> = (0..20).map(|i| (f64::from(i / 7), 0.1, f64::from(i))).collect();
+    let scan = sliced(cloud(column(), &points), None).expect("slices");
+    assert_eq!(
+        scan.stations().iter().map(|s| (s.x, s.end - s.start)).collect::<Vec<_>>(),
+        [(0.1, 7), (0.1, 7), (0.1, 6)]
+    );
+    assert_eq!(sliced(cloud(column(), &points), Some("x_value")).expect("slices").stations().len(), 1);
+}
+
+#[test]
+fn discrete_x_are_found_whatever_their_order() {
+    let points: Vec<_> = (0..40).map(|i| (0.0, f64::from(i * 7 % 4) - 0.0, f64::from(i))).collect();
+    let scan = sliced(cloud(Labels::None, &points), None).expect("slices");
+    assert_eq!((scan.rule(), scan.stations().len()), ("x_value", 4));
+    assert!(profiles(&scan).iter().all(|(_, ys)| ys.len() == 10 && ys.is_sorted()));
+}
+
+#[test]
+fn rules_that_do_not_fit_the_cloud_are_refused() {
+    for (labels, rule, code) in [
+        (Labels::None, "row", "no_rows"),
+        (Labels::Row, "column", "no_profile_column"),
+        (column(), "column=line", "no_profile_column"),
+        (Labels::None, "x_pitch_mm=0.0000001", "pitch_too_small"),
+        (Labels::None, "x_pitch_mm=1e-300", "pitch_too_small"),
+    ] {
+        assert_eq!(sliced(regular(labels, 5, 1.0, 0.0), Some(rule)).expect_err("refused").code(), code, "{rule}");
+    }
+    let request = SliceRequest { rule: Some(ProfileRule::XPitch(Some(-1.0))), ..SliceRequest::default() };
+    let error = slice(regular(Labels::None, 5, 1.0, 0.0), &request, &Limits::default());
+    assert_eq!(error, Err(SliceError::PitchInvalid));
+}
+
+#[test]
+fn limits_hold_in_order_and_out_of_order() {
+    let few = Limits { profiles_max: 4, ..Limits::default() };
+    let short = Limits { points_per_profile_max: 9, ..Limits::default() };
+    for step in [1.0, -1.0] {
+        let cloud = || regular(column(), 5, step, 0.0);
+        let refused = |limits| slice(cloud(), &SliceRequest::default(), limits).expect_err("beyond").code();
+        assert_eq!((refused(&few), refused(&short)), ("too_many_profiles", "profile_too_long"));
+    }
+    // A chosen pitch keeps to the limit by itself.
+    let scan = slice(regular(Labels::None, 100, 0.5, 0.5), &SliceRequest::default(), &few).expect("slices");
+    assert_eq!(scan.rule(), "x_pitch_mm=20 (chosen)");
+}
+
+#[test]
+fn a_region_keeps_its_bounds_and_an_empty_one_is_refused() {
+    let request = |region| SliceRequest { region: Some(region), ..SliceRequest::default() };
+    let region = Region { x_mm: Some([1.0, 3.0]), y_mm: Some([15.0, 32.0]), z_mm: None };
+    let scan = slice(regular(Labels::Row, 5, 1.0, 0.0), &request(region), &Limits::default()).expect("slices");
+    let counts: Vec<_> = scan.stations().iter().map(|s| (s.x, s.end - s.start)).collect();
+    assert_eq!(counts, [(1.0, 5), (2.0, 10), (3.0, 3)]);
+    let nowhere = Region { z_mm: Some([1.0, 2.0]), ..Region::default() };
+    let error = slice(regular(Labels::Row, 5, 1.0, 0.0), &request(nowhere), &Limits::default());
+    assert_eq!(error, Err(SliceError::RegionEmpty { points: 50 }));
+    for bound in [[2.0, 1.0], [f64::NAN, 1.0]] {
+        let wrong = Region { y_mm: Some(bound), ..Region::default() };
+        let error = slice(regular(Labels::Row, 5, 1.0, 0.0), &request(wrong), &Limits::default());
+        assert_eq!(error, Err(SliceError::RegionInvalid { axis: "y_mm" }));
+    }
+}
+
+#[test]
+fn a_frame_moves_the_points_before_they_are_cut() {
+    // The rail along the cloud's −y, its Z along the cloud's x.
+    let frame = Frame { origin_mm: [1.0, 2.0, 3.0], x_axis: [0.0, -1.0, 0.0], z_axis: [1.0, 0.0, 0.0] };
+    let request = SliceRequest { rule: Some(ProfileRule::XValue), frame: Some(frame), region: None };
+    let points = cloud(Labels::None, &[(0.0, 10.0, 20.0), (0.0, 11.0, 30.0)]);
+    let scan = slice(points, &request, &Limits::default()).expect("slices");
+    // y' = z' × x' = (1,0,0) × (0,−1,0) = (0,0,−1): −(z − 3), with z = −20 and −30.
+    assert_eq!(scan.stations().iter().map(|s| s.x).collect::<Vec<_>>(), [-28.0, -18.0]);
+    assert_eq!((scan.columns().get(0), scan.columns().get(1)), (Some([33.0, 10.0]), Some([23.0, 9.0])));
+}

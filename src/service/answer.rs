@@ -1,0 +1,228 @@
+//! Measures a scan and records the result once per request. Must not know HTTP.
+
+use super::{Identity, Measured, Measurement, Origin, Recipe, RecipeName, Resolved, Service, ServiceError};
+use crate::estimation::{Profile, Progress};
+use crate::scan::decode::{Format, Limits};
+use crate::store::{CompleteScan, Inserted, MeasurementRow, NewMeasurement, RequestKey, ScanRow};
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+use std::fs::File;
+use std::io::BufReader;
+use std::sync::Arc;
+
+/// What a client calls a request of his, so that it may be repeated without harm.
+pub type RequestId = String;
+
+/// What is asked of a measurement besides the scan.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Order {
+    /// Name of a stored recipe.
+    pub recipe: Option<RecipeName>,
+    /// What the request says over the recipe.
+    pub overrides: Recipe,
+    /// So that a repeated request gets the first answer again.
+    #[serde(skip)]
+    pub request_id: Option<RequestId>,
+}
+
+/// A measurement, and whether it was made for an earlier request of the same id.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Answer {
+    /// The record.
+    pub measurement: Measurement,
+    /// Whether nothing was calculated for this answer.
+    pub replayed: bool,
+}
+
+/// An order whose recipe was looked up and resolved.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Accepted {
+    order: Order,
+    resolved: Resolved,
+}
+
+/// Where the bytes of a scan are.
+enum Source {
+    /// Just arrived, not kept yet.
+    Arrived(CompleteScan),
+    /// Kept, as this row says.
+    Kept(ScanRow),
+}
+
+impl Service {
+    /// Looks up the recipe, resolves it and sees whether there is room: what can be refused before the scan is sent.
+    ///
+    /// # Errors
+    /// [`ServiceError::RecipeUnknown`], [`ServiceError::Recipe`], [`ServiceError::Compute`] where the queue is full.
+    pub async fn accept(&self, order: Order) -> Result<Accepted, ServiceError> {
+        let under = match &order.recipe {
+            Some(name) => self.recipe(name).await?.recipe,
+            None => Recipe::default(),
+        };
+        let resolved = order.overrides.clone().over(&under).resolve(&self.defaults)?;
+        self.compute.check_free()?;
+        Ok(Accepted { order, resolved })
+    }
+
+    /// Measures a scan that just arrived, and keeps it. What cannot be read leaves nothing behind.
+    ///
+    /// # Errors
+    /// [`ServiceError`]; nothing is recorded then.
+    pub async fn measure_upload(
+        &self,
+        scan: CompleteScan,
+        origin: Origin,
+        accepted: Accepted,
+    ) -> Result<Answer, ServiceError> {
+        self.answer(Source::Arrived(scan), origin, accepted).await
+    }
+
+    /// Measures a scan that is kept.
+    ///
+    /// # Errors
+    /// [`ServiceError`]; nothing is recorded then.
+    pub async fn measure_scan(&self, scan_id: &str, accepted: Accepted) -> Result<Answer, ServiceError> {
+        let row = self.scan(scan_id).await?;
+        let origin = Origin { parameter: Format::from_name(&row.format), ..Origin::default() };
+        self.answer(Source::Kept(row), origin, accepted).await
+    }
+
+    async fn answer(&self, source: Source, origin: Origin, accepted: Accepted) -> Result<Answer, ServiceError> {
+        let Accepted { order, resolved } = accepted;
+        let scan_id = source.id();
+        let request = order.request_id.clone().map(|id| RequestKey { id, fingerprint: fingerprint(&scan_id, &order) });
+        if let Some(earlier) = self.earlier_answer(request.as_ref()).await? {
+            return Ok(earlier);
+        }
+        let created_at = self.clock.now();
+        let file = self.open_source(&source).await?;
+        let (measured, duration_ms) = self.calculate(file, &origin, &resolved).await?;
+        let identity = Identity {
+            id: self.clock.new_id("m-"),
+            created_at,
+            duration_ms,
+            scan_sha256: scan_id.trim_start_matches("s-").to_owned(),
+            recipe_name: order.recipe.map(RecipeName::into_string),
+        };
+        let (measurement, profiles) = Measurement::record(identity, &measured.prepared, measured.estimate, &resolved);
+        let scan = match source {
+            Source::Arrived(scan) => Some(self.place(scan, &measurement, &origin).await?),
+            Source::Kept(_) => None,
+        };
+        self.insert(measurement, &profiles, scan, request).await
+    }
+
+    async fn earlier_answer(&self, request: Option<&RequestKey>) -> Result<Option<Answer>, ServiceError> {
+        let Some(request) = request else { return Ok(None) };
+        match self.store.measurement_by_request(&request.id).await? {
+            None => Ok(None),
+            Some(earlier) if earlier.fingerprint == request.fingerprint => {
+                Ok(Some(Answer { measurement: super::records::read_back(&earlier.measurement)?, replayed: true }))
+            }
+            Some(_) => Err(ServiceError::RequestIdReused { request_id: request.id.clone() }),
+        }
+    }
+
+    async fn open_source(&self, source: &Source) -> Result<File, ServiceError> {
+        match source {
+            Source::Arrived(scan) => Ok(scan.open().await?),
+            Source::Kept(row) => {
+                let file = self.store.open_scan(&row.id).await?;
+                file.ok_or_else(|| ServiceError::ScanFileMissing { id: row.id.clone() })
+            }
+        }
+    }
+
+    async fn calculate(
+        &self,
+        file: File,
+        origin: &Origin,
+        resolved: &Resolved,
+    ) -> Result<(Measured, u64), ServiceError> {
+        let (origin, resolved, limits) = (origin.clone(), resolved.clone(), self.capacity.scan.clone());
+        let clock = self.clock;
+        self.compute
+            .run(move || {
+                let watch = clock.start();
+                let measured = measure_file(file, &origin, &resolved, &limits)?;
+                Ok((measured, watch.elapsed_ms()))
+            })
+            .await?
+    }
+
+    async fn place(
+        &self,
+        scan: CompleteScan,
+        measurement: &Measurement,
+        origin: &Origin,
+    ) -> Result<ScanRow, ServiceError> {
+        let stored = scan.place().await?;
+        Ok(ScanRow {
+            id: stored.id,
+            created_at: measurement.created_at,
+            bytes_count: stored.bytes_count,
+            format: measurement.format.name().to_owned(),
+            points_count: Some(measurement.points_count),
+            description: origin.file_name.clone(),
+        })
+    }
+
+    async fn insert(
+        &self,
+        measurement: Measurement,
+        profiles: &[Profile],
+        scan: Option<ScanRow>,
+        request: Option<RequestKey>,
+    ) -> Result<Answer, ServiceError> {
+        let unwritable = |source| ServiceError::RecordUnwritable { what: "measurement", source: Arc::new(source) };
+        let row = MeasurementRow {
+            id: measurement.id.clone(),
+            created_at: measurement.created_at,
+            verdict: measurement.verdict().name().to_owned(),
+            method: measurement.method.name().to_owned(),
+            scan_id: measurement.scan_id(),
+            recipe: measurement.recipe_name.clone(),
+            document: serde_json::to_string(&measurement).map_err(unwritable)?,
+        };
+        let profiles = serde_json::to_vec(profiles).map_err(unwritable)?;
+        let request_id = request.as_ref().map(|request| request.id.clone()).unwrap_or_default();
+        match self.store.insert_measurement(NewMeasurement { row, scan, profiles, request }).await? {
+            Inserted::New => {
+                self.note(&measurement);
+                Ok(Answer { measurement, replayed: false })
+            }
+            Inserted::Replayed(row) => Ok(Answer { measurement: super::records::read_back(&row)?, replayed: true }),
+            Inserted::RequestMismatch => Err(ServiceError::RequestIdReused { request_id }),
+        }
+    }
+}
+
+impl Source {
+    fn id(&self) -> String {
+        match self {
+            Self::Arrived(scan) => scan.id(),
+            Self::Kept(row) => row.id.clone(),
+        }
+    }
+}
+
+/// Reading a file in large blocks costs fewer calls; a scan has megabytes.
+pub(super) const READ_BLOCK_BYTES: usize = 256 << 10;
+
+fn measure_file(
+    file: File,
+    origin: &Origin,
+    resolved: &Resolved,
+    limits: &Limits,
+) -> Result<Measured, super::MeasureError> {
+    let mut reader = BufReader::with_capacity(READ_BLOCK_BYTES, file);
+    super::measure(&mut reader, &origin.claims(), resolved, limits, &Progress::default())
+}
+
+/// What was asked, as a digest: the scan and everything said about its measurement.
+fn fingerprint(scan_id: &str, order: &Order) -> String {
+    // A recipe has no value that JSON could not hold; should it, the request would merely not be recognised again.
+    let asked = serde_json::to_string(order).unwrap_or_default();
+    let digest = Sha256::new().chain_update(scan_id).chain_update([0]).chain_update(asked).finalize();
+    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+}

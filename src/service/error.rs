@@ -1,0 +1,107 @@
+//! Why the service could not do what it was asked. Must not know how a reason is told to a client.
+
+use super::{ComputeError, MeasureError, RecipeError};
+use crate::scan::decode::DecodeError;
+use crate::store::StoreError;
+use std::sync::Arc;
+
+/// A reason of the service.
+#[derive(Debug, thiserror::Error)]
+pub enum ServiceError {
+    /// The pool is full, or a calculation panicked.
+    #[error(transparent)]
+    Compute(#[from] ComputeError),
+    /// The store did not do its part.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The content of an upload cannot be used.
+    #[error(transparent)]
+    Content(#[from] ContentError),
+    /// The recipe, or what the request says over it, cannot be used.
+    #[error(transparent)]
+    Recipe(#[from] RecipeError),
+    /// Nothing is kept under the id of this scan.
+    #[error("there is no scan {id}")]
+    ScanUnknown {
+        /// The id asked for.
+        id: String,
+    },
+    /// The record of a scan is there and its file is not.
+    #[error("the file of scan {id} is missing")]
+    ScanFileMissing {
+        /// The scan's id.
+        id: String,
+    },
+    /// Nothing is kept under the id of this measurement.
+    #[error("there is no measurement {id}")]
+    MeasurementUnknown {
+        /// The id asked for.
+        id: String,
+    },
+    /// Nothing is kept under the name of this recipe.
+    #[error("there is no recipe {name}")]
+    RecipeUnknown {
+        /// The name asked for.
+        name: String,
+    },
+    /// The recipe is not at the revision that the caller knows.
+    #[error("the recipe {name} is at another revision than the one named")]
+    RecipeChanged {
+        /// Its name.
+        name: String,
+        /// Its current revision; `None` where there is no such recipe.
+        current_etag: Option<String>,
+    },
+    /// The request's id was used for another request.
+    #[error("the request id {request_id} was used for another request")]
+    RequestIdReused {
+        /// The id.
+        request_id: String,
+    },
+    /// The measurement has fewer profiles.
+    #[error("the measurement has {profiles_count} profiles, there is no profile {index}")]
+    ProfileUnknown {
+        /// The index asked for, from 0.
+        index: u64,
+        /// Profiles that there are.
+        profiles_count: u64,
+    },
+    /// A stored document cannot be read back.
+    #[error("the stored {what} {id} cannot be read back")]
+    RecordUnreadable {
+        /// Kind of record.
+        what: &'static str,
+        /// Its id.
+        id: String,
+        /// Why not.
+        source: Arc<serde_json::Error>,
+    },
+    /// A record cannot be written down.
+    #[error("the {what} cannot be written down")]
+    RecordUnwritable {
+        /// Kind of record.
+        what: &'static str,
+        /// Why not.
+        source: Arc<serde_json::Error>,
+    },
+    /// The threads that calculate cannot be started.
+    #[error("the threads that calculate cannot be started")]
+    Threads(#[source] Arc<rayon::ThreadPoolBuildError>),
+}
+
+/// Why the content of an upload cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ContentError {
+    /// It is not a scan, or not one that can be cut into profiles as asked.
+    #[error(transparent)]
+    Scan(#[from] MeasureError),
+    /// It cannot be unpacked.
+    #[error(transparent)]
+    Packing(DecodeError),
+}
+
+impl From<MeasureError> for ServiceError {
+    fn from(error: MeasureError) -> Self {
+        Self::Content(ContentError::Scan(error))
+    }
+}

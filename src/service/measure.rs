@@ -1,0 +1,101 @@
+//! The whole way from the bytes of a scan to an estimate, in one place for service and offline command, so that both give
+//! the same bits. In: a reader and a resolved recipe. Plain calculation: must not know store, clock or network.
+
+use super::Resolved;
+use crate::estimation::{Estimate, Progress, estimate};
+use crate::scan::decode::{DecodeError, Format, FormatClaims, Limits, Request, Unit, decode, find_format};
+use crate::scan::slice::{SliceError, slice};
+use crate::scan::{Cloud, Scan};
+use std::io::BufRead;
+
+/// A scan that was read and cut into profiles.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Prepared {
+    /// What the file turned out to be.
+    pub format: Format,
+    /// The unit that its coordinates were read in.
+    pub unit: Unit,
+    /// Its profiles.
+    pub scan: Scan,
+    /// Points that the file holds.
+    pub points_count: u64,
+    /// Points that the file marks as missing, besides.
+    pub missing_count: u64,
+}
+
+/// A scan that was estimated.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Measured {
+    /// What it was estimated from.
+    pub prepared: Prepared,
+    /// What came out.
+    pub estimate: Estimate,
+}
+
+/// Why a scan could not be estimated. An estimate that refuses is no such reason but a result.
+#[derive(Debug, thiserror::Error)]
+pub enum MeasureError {
+    /// The bytes are not a scan that can be read.
+    #[error(transparent)]
+    Decode(#[from] DecodeError),
+    /// The points cannot be put into profiles as asked.
+    #[error(transparent)]
+    Slice(#[from] SliceError),
+}
+
+/// What a file turned out to be, before anybody cuts it into profiles.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Decoded {
+    /// What the file turned out to be.
+    pub format: Format,
+    /// Its points.
+    pub cloud: Cloud,
+}
+
+/// Bytes to points.
+///
+/// # Errors
+/// [`DecodeError`] with what is wrong with the bytes.
+pub fn read(
+    reader: &mut dyn BufRead,
+    claims: &FormatClaims<'_>,
+    resolved: &Resolved,
+    limits: &Limits,
+) -> Result<Decoded, DecodeError> {
+    let format = find_format(claims, reader.fill_buf()?)?;
+    let request = Request { unit: resolved.unit, profile_column: resolved.profile_column(), limits };
+    Ok(Decoded { format, cloud: decode(format, reader, &request)? })
+}
+
+/// Bytes to profiles.
+///
+/// # Errors
+/// [`MeasureError`] with what is wrong with the bytes or with the way they are to be cut.
+pub fn prepare(
+    reader: &mut dyn BufRead,
+    claims: &FormatClaims<'_>,
+    resolved: &Resolved,
+    limits: &Limits,
+) -> Result<Prepared, MeasureError> {
+    let Decoded { format, cloud } = read(reader, claims, resolved, limits)?;
+    let points_count = u64::try_from(cloud.columns.len()).unwrap_or(u64::MAX);
+    let (unit, missing_count) = (cloud.unit, cloud.missing_count);
+    let scan = slice(cloud, &resolved.slicing, limits)?;
+    Ok(Prepared { format, unit, scan, points_count, missing_count })
+}
+
+/// Bytes to an estimate.
+///
+/// # Errors
+/// [`MeasureError`] with what is wrong with the bytes or with the way they are to be cut.
+pub fn measure(
+    reader: &mut dyn BufRead,
+    claims: &FormatClaims<'_>,
+    resolved: &Resolved,
+    limits: &Limits,
+    progress: &Progress,
+) -> Result<Measured, MeasureError> {
+    let prepared = prepare(reader, claims, resolved, limits)?;
+    let estimate = estimate(&prepared.scan, &resolved.settings, progress);
+    Ok(Measured { prepared, estimate })
+}

@@ -1,0 +1,187 @@
+//! The product's verbs: keep a scan, measure, recall, draw. Makes ids and times, owns the compute pool and the store.
+//! Knows scan, estimation, plot and store; must not know HTTP.
+//!
+//! ```text
+//! pieces --Upload--> a file --read, slice--> Scan --estimate--> Estimate --record--> Measurement, acknowledged when durable
+//!                               \______ on the compute pool ______/
+//! ```
+
+mod answer;
+mod clock;
+mod compute;
+mod error;
+mod measure;
+mod measurement;
+mod offline;
+mod pictures;
+mod recipe;
+mod recipes;
+mod records;
+mod scans;
+mod upload;
+
+pub use answer::{Accepted, Answer, Order, RequestId};
+pub use clock::Stopwatch;
+pub use compute::{Compute, ComputeError, Load};
+pub use error::{ContentError, ServiceError};
+pub use measure::{Decoded, MeasureError, Measured, Prepared, measure, prepare, read};
+pub use measurement::{Identity, Measurement, SOFTWARE, Tally, Verdict};
+pub use offline::{Offline, measure_offline};
+pub use recipe::{DESCRIPTION_CHARACTERS_MAX, Recipe, RecipeError, Resolved};
+pub use recipes::{Put, RecipeName, StoredRecipe};
+pub use records::Last;
+pub use scans::{Content, Kept, Origin};
+pub use upload::Upload;
+
+use crate::config::Config;
+use crate::estimation::Settings;
+use crate::scan::decode::Limits;
+use crate::store::Store;
+use clock::Clock;
+use jiff::Timestamp;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// What a service may take on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Capacity {
+    /// Bytes of an upload as sent.
+    pub body_bytes_max: u64,
+    /// What a scan file may cost.
+    pub scan: Limits,
+    /// Threads that calculate; 0 takes one a core.
+    pub threads: usize,
+    /// Calculations at a time.
+    pub running_max: usize,
+    /// Calculations that wait.
+    pub queue_max: usize,
+}
+
+impl Capacity {
+    /// What a configuration lets a service take on.
+    #[must_use]
+    pub fn from_config(config: &Config) -> Self {
+        let count = |value: u64| usize::try_from(value).unwrap_or(usize::MAX);
+        let limits = &config.limits;
+        Self {
+            body_bytes_max: limits.body_bytes_max,
+            scan: config.scan.clone(),
+            threads: count(limits.threads),
+            running_max: count(limits.measurements_running_max),
+            queue_max: count(limits.queue_max),
+        }
+    }
+}
+
+/// The service. Share it behind an `Arc`; every method may be called from many tasks at once.
+#[derive(Debug)]
+pub struct Service {
+    store: Store,
+    compute: Compute,
+    capacity: Capacity,
+    /// What holds where neither request nor recipe says otherwise.
+    defaults: Settings,
+    clock: Clock,
+    instance_id: String,
+    started_at: Timestamp,
+    /// Counts what was recorded, so that a poller sees that something changed.
+    sequence: AtomicU64,
+    last: Mutex<Option<Last>>,
+}
+
+impl Service {
+    /// Opens the store of a folder and starts the threads.
+    ///
+    /// # Errors
+    /// [`ServiceError`] where the folder cannot be used or the threads cannot be started.
+    pub async fn open(folder: &Path, capacity: Capacity, defaults: Settings) -> Result<Arc<Self>, ServiceError> {
+        let store = Store::open(folder).await?;
+        let compute = Compute::start(capacity.threads, capacity.running_max, capacity.queue_max)
+            .map_err(|source| ServiceError::Threads(Arc::new(source)))?;
+        let clock = Clock;
+        let service = Self {
+            store,
+            compute,
+            capacity,
+            defaults,
+            clock,
+            instance_id: clock.new_id(""),
+            started_at: clock.now(),
+            sequence: AtomicU64::new(0),
+            last: Mutex::new(None),
+        };
+        service.recall_last().await?;
+        Ok(Arc::new(service))
+    }
+
+    /// What the pool has to do right now.
+    #[must_use]
+    pub fn load(&self) -> Load {
+        self.compute.load()
+    }
+
+    /// Refuses where a measurement asked for now would be refused.
+    ///
+    /// # Errors
+    /// [`ComputeError::Busy`].
+    pub fn check_free(&self) -> Result<(), ComputeError> {
+        self.compute.check_free()
+    }
+
+    /// What the service may take on.
+    #[must_use]
+    pub const fn capacity(&self) -> &Capacity {
+        &self.capacity
+    }
+
+    /// Made anew at every start, so that a client sees a restart.
+    #[must_use]
+    pub fn instance_id(&self) -> &str {
+        &self.instance_id
+    }
+
+    /// When this instance was started.
+    #[must_use]
+    pub const fn started_at(&self) -> Timestamp {
+        self.started_at
+    }
+
+    /// Grows with everything that is recorded.
+    #[must_use]
+    pub fn sequence(&self) -> u64 {
+        self.sequence.load(Ordering::Relaxed)
+    }
+
+    /// A new name for a request.
+    #[must_use]
+    pub fn new_request_id(&self) -> String {
+        self.clock.new_id("")
+    }
+
+    /// Begins to measure a duration.
+    #[must_use]
+    pub fn start_stopwatch(&self) -> Stopwatch {
+        self.clock.start()
+    }
+
+    /// The time now.
+    #[must_use]
+    pub fn now(&self) -> Timestamp {
+        self.clock.now()
+    }
+
+    /// Whether records and scans can be written, found out by writing.
+    ///
+    /// # Errors
+    /// Why not.
+    pub async fn check_ready(&self) -> Result<(), ServiceError> {
+        Ok(self.store.probe().await?)
+    }
+
+    /// Finishes what is being written and refuses the rest.
+    pub async fn close(&self) {
+        self.store.close().await;
+    }
+}

@@ -1,0 +1,304 @@
+//! How a kind of part is measured: what the operator may say, checked, laid over what somebody else said, and resolved
+//! into what scan and estimation take. Must not know where a recipe is kept, nor how it is sent.
+
+use crate::estimation::{Method, SettingError, Settings};
+use crate::geometry::{Frame, FrameError};
+use crate::scan::decode::Unit;
+use crate::scan::slice::{Region, SliceRequest};
+use crate::scan::{ProfileRule, RuleError};
+use serde::{Deserialize, Serialize};
+
+/// What is said about a measurement; what is left out is somebody else's to say. Lengths in mm.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Recipe {
+    /// For people.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub description: Option<String>,
+    /// How the pose is found.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub method: Option<Method>,
+    /// A point nearer than this to its ellipse is an inner point. Shuts out `epsilon_noise_multiple`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub epsilon_mm: Option<f64>,
+    /// The same as a multiple of `noise_sigma_mm`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub epsilon_noise_multiple: Option<f64>,
+    /// The sensor's noise, one standard deviation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise_sigma_mm: Option<f64>,
+    /// A profile with a smaller share of inner points is rejected.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub inlier_ratio_min: Option<f64>,
+    /// Re-weighted ellipse fits of one profile.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub iterations_max: Option<u32>,
+    /// A profile with fewer points is rejected.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub points_min: Option<u32>,
+    /// A profile whose inner points span a smaller arc is rejected.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub arc_min_deg: Option<f64>,
+    /// Fewer valid profiles than this refuse the scan.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub profiles_min: Option<u32>,
+    /// Valid profiles closer together than this along x refuse the scan.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub axial_length_min_mm: Option<f64>,
+    /// The radius that the drawing gives.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nominal_radius_mm: Option<f64>,
+    /// Unit of the file's coordinates; millimetres where nobody says.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unit: Option<Unit>,
+    /// Which points belong to one profile, e.g. `column=frame`, `row`, `x_pitch_mm=0.5`, `x_value`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub profile_by: Option<String>,
+    /// The rail frame in the coordinates of the scan; they agree where nobody says.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frame: Option<Frame>,
+    /// What of the scan is looked at, in the rail frame; all of it where nobody says.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub region: Option<Region>,
+}
+
+/// A recipe with nothing left to say: what a measurement is made with.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Resolved {
+    /// For the estimation.
+    pub settings: Settings,
+    /// For the reader; `None` leaves it to the file, and to millimetres where that is silent.
+    pub unit: Option<Unit>,
+    /// For the cutting into profiles.
+    pub slicing: SliceRequest,
+    /// All of it in the words of a recipe, defaults filled in: goes into the record.
+    pub recipe: Recipe,
+}
+
+/// Why a recipe cannot be used.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum RecipeError {
+    /// A value out of its range.
+    #[error("{name} must be {allowed}, got {value}")]
+    OutOfRange {
+        /// Name of the field.
+        name: &'static str,
+        /// What would be accepted, in words.
+        allowed: &'static str,
+        /// What was given.
+        value: f64,
+    },
+    /// ε is given twice, as a length and as a multiple of the noise.
+    #[error("epsilon_mm and epsilon_noise_multiple say the same thing in two ways; give one of them")]
+    EpsilonTwice,
+    /// A multiple without what it is a multiple of.
+    #[error("epsilon_noise_multiple needs noise_sigma_mm, the sensor's noise")]
+    NoiseUnknown,
+    /// `profile_by` is no rule.
+    #[error("profile_by: {0}")]
+    ProfileRule(#[from] RuleError),
+    /// The frame spans no space.
+    #[error("frame: {0}")]
+    Frame(#[from] FrameError),
+    /// A bound of the region is no range.
+    #[error("region: {axis} must be [lower, upper], both finite, the lower not above the upper")]
+    Region {
+        /// Name of the bound.
+        axis: &'static str,
+    },
+    /// More text than a description is.
+    #[error("the description has {characters_count} characters, at most {characters_max} are kept")]
+    DescriptionTooLong {
+        /// Given.
+        characters_count: usize,
+        /// Allowed.
+        characters_max: usize,
+    },
+}
+
+/// Longest description.
+pub const DESCRIPTION_CHARACTERS_MAX: usize = 1000;
+
+impl From<SettingError> for RecipeError {
+    fn from(SettingError { name, allowed, value }: SettingError) -> Self {
+        Self::OutOfRange { name, allowed, value }
+    }
+}
+
+impl Resolved {
+    /// The column that the profiles are to be told apart by, where one is named.
+    #[must_use]
+    pub fn profile_column(&self) -> Option<&str> {
+        match &self.slicing.rule {
+            Some(ProfileRule::Column(name)) => name.as_deref(),
+            _ => None,
+        }
+    }
+}
+
+impl Recipe {
+    /// What this recipe says, and where it says nothing, what `under` says.
+    #[must_use]
+    pub fn over(self, under: &Self) -> Self {
+        // ε has two spellings; one said here must not meet the other from below.
+        let epsilon_said = self.epsilon_mm.is_some() || self.epsilon_noise_multiple.is_some();
+        let unless_said = |value: Option<f64>| value.filter(|_| !epsilon_said);
+        Self {
+            description: self.description.or_else(|| under.description.clone()),
+            method: self.method.or(under.method),
+            epsilon_mm: self.epsilon_mm.or(unless_said(under.epsilon_mm)),
+            epsilon_noise_multiple: self.epsilon_noise_multiple.or(unless_said(under.epsilon_noise_multiple)),
+            noise_sigma_mm: self.noise_sigma_mm.or(under.noise_sigma_mm),
+            inlier_ratio_min: self.inlier_ratio_min.or(under.inlier_ratio_min),
+            iterations_max: self.iterations_max.or(under.iterations_max),
+            points_min: self.points_min.or(under.points_min),
+            arc_min_deg: self.arc_min_deg.or(under.arc_min_deg),
+            profiles_min: self.profiles_min.or(under.profiles_min),
+            axial_length_min_mm: self.axial_length_min_mm.or(under.axial_length_min_mm),
+            nominal_radius_mm: self.nominal_radius_mm.or(under.nominal_radius_mm),
+            unit: self.unit.or(under.unit),
+            profile_by: self.profile_by.or_else(|| under.profile_by.clone()),
+            frame: self.frame.or(under.frame),
+            region: self.region.or(under.region),
+        }
+    }
+
+    /// Whether the recipe can be used, by itself.
+    ///
+    /// # Errors
+    /// [`RecipeError`] names the first thing that cannot be.
+    pub fn check(&self) -> Result<(), RecipeError> {
+        self.resolve(&Settings::default()).map(|_| ())
+    }
+
+    /// Fills in what nobody said from `defaults` and checks everything.
+    ///
+    /// # Errors
+    /// [`RecipeError`] names the first thing that cannot be.
+    pub fn resolve(&self, defaults: &Settings) -> Result<Resolved, RecipeError> {
+        self.check_description()?;
+        let settings = self.settings(defaults)?;
+        settings.check()?;
+        if let Some(frame) = &self.frame {
+            frame.rotation()?;
+        }
+        self.check_region()?;
+        let rule = self.profile_by.as_deref().map(ProfileRule::parse).transpose()?;
+        let slicing = SliceRequest { rule, frame: self.frame, region: self.region };
+        Ok(Resolved { settings, unit: self.unit, slicing, recipe: self.filled(&settings) })
+    }
+
+    fn settings(&self, default: &Settings) -> Result<Settings, RecipeError> {
+        Ok(Settings {
+            method: self.method.unwrap_or(default.method),
+            epsilon_mm: self.epsilon()?.unwrap_or(default.epsilon_mm),
+            inlier_ratio_min: self.inlier_ratio_min.unwrap_or(default.inlier_ratio_min),
+            iterations_max: self.iterations_max.unwrap_or(default.iterations_max),
+            points_min: self.points_min.unwrap_or(default.points_min),
+            arc_min_deg: self.arc_min_deg.unwrap_or(default.arc_min_deg),
+            profiles_min: self.profiles_min.unwrap_or(default.profiles_min),
+            axial_length_min_mm: self.axial_length_min_mm.unwrap_or(default.axial_length_min_mm),
+            nominal_radius_mm: self.nominal_radius_mm.or(default.nominal_radius_mm),
+        })
+    }
+
+    fn epsilon(&self) -> Result<Option<f64>, RecipeError> {
+        check_positive("noise_sigma_mm", self.noise_sigma_mm)?;
+        check_positive("epsilon_noise_multiple", self.epsilon_noise_multiple)?;
+        match (self.epsilon_mm, self.epsilon_noise_multiple, self.noise_sigma_mm) {
+            (Some(_), Some(_), _) => Err(RecipeError::EpsilonTwice),
+            (None, Some(_), None) => Err(RecipeError::NoiseUnknown),
+            (None, Some(multiple), Some(sigma)) => Ok(Some(multiple * sigma)),
+            (epsilon, None, _) => Ok(epsilon),
+        }
+    }
+
+    fn filled(&self, settings: &Settings) -> Self {
+        Self {
+            method: Some(settings.method),
+            epsilon_mm: Some(settings.epsilon_mm),
+            // The multiple has become the length beside it.
+            epsilon_noise_multiple: None,
+            inlier_ratio_min: Some(settings.inlier_ratio_min),
+            iterations_max: Some(settings.iterations_max),
+            points_min: Some(settings.points_min),
+            arc_min_deg: Some(settings.arc_min_deg),
+            profiles_min: Some(settings.profiles_min),
+            axial_length_min_mm: Some(settings.axial_length_min_mm),
+            nominal_radius_mm: settings.nominal_radius_mm,
+            ..self.clone()
+        }
+    }
+
+    fn check_region(&self) -> Result<(), RecipeError> {
+        let bounds = self.region.map_or([None; 3], |region| [region.x_mm, region.y_mm, region.z_mm]);
+        for (axis, bound) in ["x_mm", "y_mm", "z_mm"].into_iter().zip(bounds) {
+            if bound.is_some_and(|[lower, upper]| !(lower.is_finite() && upper.is_finite() && lower <= upper)) {
+                return Err(RecipeError::Region { axis });
+            }
+        }
+        Ok(())
+    }
+
+    fn check_description(&self) -> Result<(), RecipeError> {
+        let characters_count = self.description.as_ref().map_or(0, |text| text.chars().count());
+        let characters_max = DESCRIPTION_CHARACTERS_MAX;
+        if characters_count > characters_max {
+            return Err(RecipeError::DescriptionTooLong { characters_count, characters_max });
+        }
+        Ok(())
+    }
+}
+
+fn check_positive(name: &'static str, value: Option<f64>) -> Result<(), RecipeError> {
+    match value {
+        Some(value) if !(value > 0.0 && value <= 1e5) => {
+            Err(RecipeError::OutOfRange { name, allowed: "above 0 and at most 100000", value })
+        }
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_are_those_of_the_estimation() {
+        assert_eq!(Recipe::default().resolve(&Settings::default()).expect("valid").settings, Settings::default());
+    }
+
+    #[test]
+    fn what_is_said_above_holds_and_the_rest_shines_through() {
+        let under = Recipe { points_min: Some(30), epsilon_mm: Some(0.2), ..Recipe::default() };
+        let over = Recipe { epsilon_noise_multiple: Some(3.0), noise_sigma_mm: Some(0.05), ..Recipe::default() };
+        let settings = over.over(&under).resolve(&Settings::default()).expect("valid").settings;
+        assert_eq!(settings.points_min, 30);
+        assert!((settings.epsilon_mm - 0.15).abs() < 1e-12, "a length below does not meet a multiple above");
+    }
+
+    #[test]
+    fn the_resolved_recipe_resolves_to_itself() {
+        let recipe = Recipe {
+            epsilon_noise_multiple: Some(3.0),
+            noise_sigma_mm: Some(0.05),
+            profile_by: Some("x_pitch_mm=0.5".to_owned()),
+            ..Recipe::default()
+        };
+        let elsewhere = Settings { points_min: 99, ..Settings::default() };
+        let resolved = recipe.resolve(&elsewhere).expect("valid");
+        assert_eq!(resolved.recipe.resolve(&Settings::default()), Ok(resolved), "whatever the defaults have become");
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_by_name() {
+        let refused = |recipe: Recipe| recipe.check().expect_err("refused").to_string();
+        assert!(refused(Recipe { iterations_max: Some(0), ..Recipe::default() }).starts_with("iterations_max"));
+        assert!(refused(Recipe { noise_sigma_mm: Some(-1.0), ..Recipe::default() }).starts_with("noise_sigma_mm"));
+        assert!(refused(Recipe { profile_by: Some("gap".into()), ..Recipe::default() }).starts_with("profile_by"));
+        let region = Some(Region { y_mm: Some([1.0, 0.0]), ..Region::default() });
+        assert!(refused(Recipe { region, ..Recipe::default() }).contains("y_mm"));
+        let twice = Recipe { epsilon_mm: Some(0.1), epsilon_noise_multiple: Some(2.0), ..Recipe::default() };
+        assert_eq!(Recipe { noise_sigma_mm: Some(0.1), ..twice }.check(), Err(RecipeError::EpsilonTwice));
+    }
+}

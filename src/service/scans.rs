@@ -1,0 +1,116 @@
+//! Raw scans: kept under their content, looked up, handed out byte for byte. Must not know what is measured from them.
+
+use super::{Recipe, Resolved, Service, ServiceError};
+use crate::scan::decode::{Format, FormatClaims, Limits};
+use crate::store::{CompleteScan, Listing, Page, RecordedScan, ScanRow};
+use std::fs::File;
+use std::io::BufReader;
+
+/// What is said about the bytes of a scan besides themselves.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Origin {
+    /// The format named on purpose.
+    pub parameter: Option<Format>,
+    /// The media type they were sent with.
+    pub media_type: Option<String>,
+    /// The name of the file.
+    pub file_name: Option<String>,
+}
+
+impl Origin {
+    /// The same for the reader.
+    #[must_use]
+    pub fn claims(&self) -> FormatClaims<'_> {
+        FormatClaims {
+            parameter: self.parameter,
+            media_type: self.media_type.as_deref(),
+            file_name: self.file_name.as_deref(),
+        }
+    }
+}
+
+/// The content of a kept scan.
+#[derive(Debug)]
+pub struct Content {
+    /// Its record.
+    pub row: ScanRow,
+    /// Its bytes, to be read from the beginning.
+    pub file: File,
+}
+
+/// What became of a scan that was to be kept.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Kept {
+    /// Nobody sent these bytes before.
+    New(ScanRow),
+    /// Somebody did.
+    Known(ScanRow),
+}
+
+impl Service {
+    /// Keeps a scan after reading it once; what cannot be read leaves nothing behind. The same bytes are kept once.
+    ///
+    /// # Errors
+    /// [`ServiceError`]; nothing is recorded then.
+    pub async fn store_scan(&self, scan: CompleteScan, origin: Origin) -> Result<Kept, ServiceError> {
+        let resolved = Recipe::default().resolve(&self.defaults)?;
+        let (file, limits) = (scan.open().await?, self.capacity.scan.clone());
+        let file_name = origin.file_name.clone();
+        let (format, points_count) =
+            self.compute.run(move || count_points(file, &origin, &resolved, &limits)).await??;
+        let created_at = self.clock.now();
+        let stored = scan.place().await?;
+        let row = ScanRow {
+            id: stored.id,
+            created_at,
+            bytes_count: stored.bytes_count,
+            format: format.name().to_owned(),
+            points_count: Some(points_count),
+            description: file_name,
+        };
+        match self.store.record_scan(&row).await? {
+            RecordedScan::New => {
+                self.advance();
+                Ok(Kept::New(row))
+            }
+            RecordedScan::Known(row) => Ok(Kept::Known(row)),
+        }
+    }
+
+    /// The record of a scan.
+    ///
+    /// # Errors
+    /// [`ServiceError::ScanUnknown`].
+    pub async fn scan(&self, id: &str) -> Result<ScanRow, ServiceError> {
+        self.store.scan(id).await?.ok_or_else(|| ServiceError::ScanUnknown { id: id.to_owned() })
+    }
+
+    /// A page of the scans, newest first.
+    ///
+    /// # Errors
+    /// What the store says.
+    pub async fn scans(&self, page: &Page) -> Result<Listing<ScanRow>, ServiceError> {
+        Ok(self.store.scans(page).await?)
+    }
+
+    /// The bytes of a scan.
+    ///
+    /// # Errors
+    /// [`ServiceError::ScanUnknown`], [`ServiceError::ScanFileMissing`].
+    pub async fn scan_content(&self, id: &str) -> Result<Content, ServiceError> {
+        let row = self.scan(id).await?;
+        let file = self.store.open_scan(id).await?;
+        Ok(Content { file: file.ok_or_else(|| ServiceError::ScanFileMissing { id: id.to_owned() })?, row })
+    }
+}
+
+fn count_points(
+    file: File,
+    origin: &Origin,
+    resolved: &Resolved,
+    limits: &Limits,
+) -> Result<(Format, u64), super::MeasureError> {
+    let mut reader = BufReader::with_capacity(super::answer::READ_BLOCK_BYTES, file);
+    let decoded = super::read(&mut reader, &origin.claims(), resolved, limits)?;
+    Ok((decoded.format, u64::try_from(decoded.cloud.columns.len()).unwrap_or(u64::MAX)))
+}

@@ -1,0 +1,110 @@
+//! The OpenAPI document, its examples and the page that shows it.
+
+use crate::harness::{Running, start};
+use coaxis::http::{COMMITTED, Code, openapi_json};
+use serde_json::Value;
+
+/// Set, it makes the test write the document instead of comparing it.
+const UPDATE: &str = "UPDATE_OPENAPI";
+
+#[test]
+fn the_committed_document_is_the_one_that_the_code_describes() {
+    let generated = openapi_json().expect("a document");
+    if std::env::var_os(UPDATE).is_some() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/openapi/coaxis.json");
+        std::fs::write(path, generated).expect("written");
+        return;
+    }
+    assert!(
+        generated == COMMITTED,
+        "openapi/coaxis.json is out of date; run the tests with {UPDATE}=1 once and read its diff"
+    );
+}
+
+#[test]
+fn the_readme_has_the_table_of_problem_codes() {
+    let readme = include_str!("../../README.md");
+    assert!(readme.contains(&Code::table()), "write what `coaxis openapi --problems` prints into README.md");
+}
+
+#[test]
+fn the_document_is_served_as_it_is_committed() {
+    let (service, _folder) = start();
+    let answer = service.get("/openapi.json");
+    assert_eq!(
+        (answer.status, answer.header("content-type"), answer.text().as_str()),
+        (200, "application/json", COMMITTED)
+    );
+}
+
+#[test]
+fn the_page_loads_nothing_from_outside() {
+    let (service, _folder) = start();
+    let page = service.get("/docs");
+    assert_eq!((page.status, page.header("content-type")), (200, "text/html; charset=utf-8"));
+    assert!(page.header("content-security-policy").contains("script-src 'self'"));
+    let text = page.text();
+    let addresses = text.split(['"']).filter(|part| part.starts_with('/') || part.contains("://"));
+    for address in addresses {
+        assert!(address.starts_with("/docs/"), "{address}");
+        let file = service.get(address);
+        assert_eq!((file.status, file.header("x-content-type-options")), (200, "nosniff"), "{address}");
+    }
+    service.get("/docs/nothing.js").problem(404, "route_unknown");
+}
+
+fn operations(document: &Value) -> impl Iterator<Item = (&str, &str, &Value)> {
+    let paths = document["paths"].as_object().expect("paths").iter();
+    paths.flat_map(|(path, item)| {
+        let methods = item.as_object().expect("an item").iter();
+        methods.map(move |(method, operation)| (path.as_str(), method.as_str(), operation))
+    })
+}
+
+#[test]
+fn every_operation_is_named_summarised_and_tells_how_it_refuses() {
+    let document: Value = serde_json::from_str(COMMITTED).expect("JSON");
+    for (path, method, operation) in operations(&document) {
+        let id = operation["operationId"].as_str().expect("a name");
+        let verb = id.split('_').next().expect("a verb");
+        assert!(["create", "list", "get", "put"].contains(&verb), "{id}");
+        assert!(!operation["summary"].as_str().expect("a summary").is_empty(), "{method} {path}");
+        let responses = operation["responses"].as_object().expect("responses");
+        assert!(responses.keys().any(|status| status.starts_with('2')), "{id}");
+        for (status, response) in responses.iter().filter(|(status, _)| status.as_str() >= "400") {
+            let schema = &response["content"]["application/problem+json"]["schema"]["$ref"];
+            assert_eq!(schema, "#/components/schemas/Problem", "{id} {status}");
+        }
+    }
+}
+
+#[test]
+fn every_example_of_a_body_works() {
+    let (service, _folder) = start();
+    let document: Value = serde_json::from_str(COMMITTED).expect("JSON");
+    for (name, send) in EXAMPLES {
+        let example = &document["components"]["schemas"][name]["example"];
+        assert!(example.is_object(), "{name} has no example");
+        send(&service, example);
+    }
+}
+
+type Send = fn(&Running, &Value);
+
+/// Bodies of requests, and where they go.
+const EXAMPLES: [(&str, Send); 3] = [
+    ("JsonScan", |service, example| {
+        service.post_json("/v1/measurements", example).expect(201);
+    }),
+    ("Recipe", |service, example| {
+        service.put("/v1/recipes/example", &[], example).expect(201);
+    }),
+    ("MeasurementOrder", |service, example| {
+        // The example names a scan that nobody sent; with one that is there it works.
+        service.post_json("/v1/measurements", example).problem(404, "scan_unknown");
+        let scan = service.post("/v1/scans", &crate::bodies::exact_csv()).expect(201);
+        let mut order = example.clone();
+        order["scan_id"] = scan["id"].clone();
+        service.post_json("/v1/measurements", &order).expect(201);
+    }),
+];

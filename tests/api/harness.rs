@@ -1,0 +1,234 @@
+//! A service to talk to, and the words to talk with. Started in this process, on a free port, with a folder of its own that
+//! is removed at the end.
+
+use coaxis::config::Config;
+use coaxis::http::{Server, Stopper};
+use coaxis::service::{Capacity, Service};
+use serde_json::Value;
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::mpsc;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// Longer than anything here takes; a test that reaches it has failed.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A running service.
+pub(crate) struct Running {
+    pub(crate) address: SocketAddr,
+    stopper: Stopper,
+    thread: Option<JoinHandle<()>>,
+    agent: ureq::Agent,
+}
+
+/// A folder that is removed at the end.
+pub(crate) struct Folder(PathBuf);
+
+impl Folder {
+    pub(crate) fn new() -> Self {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let number = COUNT.fetch_add(1, Ordering::Relaxed);
+        let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("api-{}-{number}", std::process::id()));
+        std::fs::create_dir_all(&path).expect("a folder");
+        Self(path)
+    }
+
+    pub(crate) fn path(&self) -> &Path {
+        &self.0
+    }
+
+    /// Files of scans, those that are coming in included.
+    pub(crate) fn scan_files_count(&self) -> usize {
+        fn count(folder: &Path) -> usize {
+            let entries = std::fs::read_dir(folder).expect("readable");
+            entries
+                .map(|entry| entry.expect("entry").path())
+                .map(|path| if path.is_dir() { count(&path) } else { 1 })
+                .sum()
+        }
+        count(&self.0.join("scans"))
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// A service with the default configuration and a folder of its own.
+pub(crate) fn start() -> (Running, Folder) {
+    start_with(|_| {})
+}
+
+/// A service whose configuration `change` has had its way with.
+pub(crate) fn start_with(change: impl FnOnce(&mut Config)) -> (Running, Folder) {
+    let folder = Folder::new();
+    (start_on(&folder, change), folder)
+}
+
+/// A service on a folder that may have been used before.
+pub(crate) fn start_on(folder: &Folder, change: impl FnOnce(&mut Config)) -> Running {
+    let mut config =
+        Config { listen: SocketAddr::from(([127, 0, 0, 1], 0)), data: folder.path().to_owned(), ..Config::default() };
+    change(&mut config);
+    config.check().expect("a valid configuration");
+    let (sender, receiver) = mpsc::channel();
+    let thread = std::thread::spawn(move || {
+        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
+        runtime.expect("a runtime").block_on(async move {
+            let capacity = Capacity::from_config(&config);
+            let service = Service::open(&config.data, capacity, config.estimation).await.expect("a store");
+            let server = Server::bind(&config, service).expect("a port");
+            sender.send((server.address(), server.stopper())).expect("somebody waits");
+            server.serve().await.expect("it serves");
+        });
+    });
+    let (address, stopper) = receiver.recv().expect("it starts");
+    let agent = ureq::Agent::config_builder().http_status_as_error(false).timeout_global(Some(PATIENCE)).build();
+    Running { address, stopper, thread: Some(thread), agent: agent.into() }
+}
+
+/// An answer, read to its end.
+#[derive(Debug, Clone)]
+pub(crate) struct Answer {
+    pub(crate) status: u16,
+    pub(crate) headers: Vec<(String, String)>,
+    pub(crate) body: Vec<u8>,
+}
+
+impl Answer {
+    pub(crate) fn header(&self, name: &str) -> &str {
+        let found = self.headers.iter().find(|(key, _)| key.eq_ignore_ascii_case(name));
+        found.map(|(_, value)| value.as_str()).unwrap_or_default()
+    }
+
+    pub(crate) fn text(&self) -> String {
+        String::from_utf8(self.body.clone()).expect("text")
+    }
+
+    pub(crate) fn json(&self) -> Value {
+        serde_json::from_slice(&self.body).unwrap_or_else(|error| panic!("{error}: {}", self.text()))
+    }
+
+    /// The body, once the status is as expected.
+    #[track_caller]
+    pub(crate) fn expect(&self, status: u16) -> Value {
+        assert_eq!(self.status, status, "{}", self.text());
+        self.json()
+    }
+
+    /// The body, once it is a problem of this status and code with everything that every problem has.
+    #[track_caller]
+    pub(crate) fn problem(&self, status: u16, code: &str) -> Value {
+        assert_eq!((self.status, self.header("content-type")), (status, "application/problem+json"), "{}", self.text());
+        let problem = self.json();
+        assert_eq!(problem["code"], code, "{problem}");
+        assert_eq!(problem["status"], status);
+        assert_eq!(problem["type"], format!("urn:coaxis:problem:{code}"));
+        assert_eq!(problem["request_id"], self.header("x-request-id"));
+        assert!(problem["retryable"].is_boolean() && !problem["title"].as_str().expect("title").is_empty());
+        assert!(problem["detail"].as_str().expect("detail").len() > 10);
+        problem
+    }
+}
+
+impl Running {
+    pub(crate) fn url(&self, path: &str) -> String {
+        format!("http://{}{path}", self.address)
+    }
+
+    pub(crate) fn get(&self, path: &str) -> Answer {
+        self.get_with(path, &[])
+    }
+
+    pub(crate) fn get_with(&self, path: &str, headers: &[(&str, &str)]) -> Answer {
+        let request = headers.iter().fold(self.agent.get(self.url(path)), |r, (name, value)| r.header(*name, *value));
+        read(request.call())
+    }
+
+    pub(crate) fn delete(&self, path: &str) -> Answer {
+        read(self.agent.delete(self.url(path)).call())
+    }
+
+    pub(crate) fn post(&self, path: &str, body: &[u8]) -> Answer {
+        self.post_with(path, &[], body)
+    }
+
+    pub(crate) fn post_json(&self, path: &str, body: &Value) -> Answer {
+        self.post_with(path, &[("content-type", "application/json")], body.to_string().as_bytes())
+    }
+
+    pub(crate) fn post_with(&self, path: &str, headers: &[(&str, &str)], body: &[u8]) -> Answer {
+        let request = headers.iter().fold(self.agent.post(self.url(path)), |r, (name, value)| r.header(*name, *value));
+        read(request.send(body))
+    }
+
+    pub(crate) fn put(&self, path: &str, headers: &[(&str, &str)], body: &Value) -> Answer {
+        let request = self.agent.put(self.url(path)).header("content-type", "application/json");
+        let request = headers.iter().fold(request, |r, (name, value)| r.header(*name, *value));
+        read(request.send(body.to_string()))
+    }
+
+    /// Sends bytes as they are; the answer is what comes back until the service closes.
+    pub(crate) fn raw(&self, bytes: &[u8]) -> String {
+        let mut stream = self.connect();
+        stream.write_all(bytes).expect("sent");
+        rest(&mut stream)
+    }
+
+    pub(crate) fn connect(&self) -> TcpStream {
+        let stream = TcpStream::connect(self.address).expect("it listens");
+        stream.set_read_timeout(Some(PATIENCE)).expect("a timeout");
+        stream
+    }
+
+    /// Begins to stop: no further connection is taken.
+    pub(crate) fn begin_to_stop(&self) {
+        self.stopper.stop();
+    }
+
+    /// Stops and waits until everything is over.
+    pub(crate) fn stop(mut self) {
+        self.end();
+    }
+
+    /// Waits until everything is over, once it was told to stop.
+    pub(crate) fn wait(mut self) {
+        self.thread.take().expect("it runs").join().expect("it ended in good order");
+    }
+
+    fn end(&mut self) {
+        self.stopper.stop();
+        if let Some(thread) = self.thread.take() {
+            thread.join().expect("it ended in good order");
+        }
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            self.end();
+        }
+    }
+}
+
+/// What comes until the other side closes.
+pub(crate) fn rest(stream: &mut TcpStream) -> String {
+    let mut answer = Vec::new();
+    // A reset after the answer is an end, too.
+    let _ = stream.read_to_end(&mut answer);
+    String::from_utf8_lossy(&answer).into_owned()
+}
+
+fn read(response: Result<ureq::http::Response<ureq::Body>, ureq::Error>) -> Answer {
+    let mut response = response.expect("an answer");
+    let headers = response.headers().iter();
+    let headers = headers.map(|(name, value)| (name.to_string(), value.to_str().expect("text").to_owned())).collect();
+    let body = response.body_mut().with_config().limit(1 << 30).read_to_vec().expect("a body");
+    Answer { status: response.status().as_u16(), headers, body }
+}

@@ -1,0 +1,134 @@
+//! Too much and too slow: refused with the limit in the problem, and the service goes on.
+
+use crate::bodies::{exact_csv, large_npy};
+use crate::harness::{rest, start, start_with};
+use std::io::Write;
+use std::sync::Barrier;
+
+#[test]
+fn an_announced_length_beyond_the_limit_is_refused_before_the_body_is_read() {
+    let (service, folder) = start_with(|config| config.limits.body_bytes_max = 2000);
+    let head = "POST /v1/measurements HTTP/1.1\r\nHost: a\r\nContent-Length: 999999999\r\nConnection: close\r\n\r\n";
+    let answer = service.raw(head.as_bytes());
+    assert!(answer.starts_with("HTTP/1.1 413 ") && answer.contains("\"announced_bytes\":999999999"), "{answer}");
+    let refused = service.post("/v1/measurements", &exact_csv());
+    assert_eq!(refused.problem(413, "body_too_large")["bytes_max"], 2000);
+    let chunked = "POST /v1/scans HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: chunked\r\nConnection: close\r\n\r\n";
+    let mut bytes = chunked.as_bytes().to_vec();
+    bytes.extend_from_slice(format!("{:x}\r\n{}\r\n0\r\n\r\n", 3000, "1".repeat(3000)).as_bytes());
+    let answer = service.raw(&bytes);
+    assert!(answer.contains("\"body_too_large\""), "{answer}");
+    assert_eq!(folder.scan_files_count(), 0);
+}
+
+#[test]
+fn a_client_that_asks_before_sending_gets_the_refusal_instead_of_a_go_ahead() {
+    let (service, _folder) = start_with(|config| config.limits.body_bytes_max = 2000);
+    let head = |length: usize| {
+        format!(
+            "POST /v1/scans HTTP/1.1\r\nHost: a\r\nExpect: 100-continue\r\nContent-Length: {length}\r\nConnection: close\r\n\r\n"
+        )
+    };
+    let answer = service.raw(head(5000).as_bytes());
+    assert!(answer.starts_with("HTTP/1.1 413 "), "{answer}");
+    let mut stream = service.connect();
+    let body = b"0,0,0\n".repeat(10);
+    stream.write_all(head(body.len()).as_bytes()).expect("sent");
+    let mut go_ahead = [0; 25];
+    std::io::Read::read_exact(&mut stream, &mut go_ahead).expect("a go-ahead");
+    assert_eq!(&go_ahead, b"HTTP/1.1 100 Continue\r\n\r\n");
+    stream.write_all(&body).expect("sent");
+    assert!(rest(&mut stream).starts_with("HTTP/1.1 201 "));
+}
+
+#[test]
+fn slow_header_lines_end_the_connection() {
+    let (service, _folder) = start_with(|config| config.timeouts.header_ms = 50);
+    let answer = service.raw(b"GET /v1/status HTTP/1.1\r\nHost: a\r\nX-Never");
+    assert_eq!(answer, "", "closed without an answer");
+    service.get("/v1/status").expect(200);
+}
+
+#[test]
+fn a_slow_body_is_408_and_leaves_nothing_behind() {
+    let head = "POST /v1/scans HTTP/1.1\r\nHost: a\r\nContent-Length: 100\r\nConnection: close\r\n\r\n1,2,3\n";
+    let (service, folder) = start_with(|config| config.timeouts.body_idle_ms = 50);
+    let answer = service.raw(head.as_bytes());
+    assert!(answer.starts_with("HTTP/1.1 408 ") && answer.contains("\"idle_ms\":50"), "{answer}");
+    assert_eq!(folder.scan_files_count(), 0);
+    let (service, _folder) = start_with(|config| config.timeouts.body_total_ms = 50);
+    let answer = service.raw(head.as_bytes());
+    assert!(answer.starts_with("HTTP/1.1 408 ") && answer.contains("\"total_ms\":50"), "{answer}");
+}
+
+#[test]
+fn a_body_that_breaks_off_leaves_nothing_behind() {
+    let (service, folder) = start();
+    let mut stream = service.connect();
+    let head = "POST /v1/measurements HTTP/1.1\r\nHost: a\r\nContent-Length: 100\r\n\r\n1,2,3\n";
+    stream.write_all(head.as_bytes()).expect("sent");
+    stream.shutdown(std::net::Shutdown::Write).expect("half closed");
+    rest(&mut stream);
+    service.stop();
+    assert_eq!(folder.scan_files_count(), 0);
+}
+
+#[test]
+fn addresses_header_lines_and_json_have_a_length_too() {
+    let (service, _folder) = start();
+    let long = service.get(&format!("/v1/scans?cursor={}", "a".repeat(5000)));
+    assert_eq!(long.problem(414, "url_too_long")["url_bytes_max"], 4096);
+    let headers = service.get_with("/v1/scans", &[("x-long", &"a".repeat(17_000))]);
+    assert_eq!(headers.problem(431, "headers_too_large")["header_bytes_max"], 16_384);
+    let text = "a".repeat(70_000);
+    let recipe = service.put("/v1/recipes/a", &[], &serde_json::json!({ "description": text }));
+    assert_eq!(recipe.problem(413, "body_too_large")["bytes_max"], 65_536);
+    let order = serde_json::json!({ "scan_id": text });
+    service.post_json("/v1/measurements", &order).problem(413, "body_too_large");
+}
+
+#[test]
+fn points_and_profiles_have_a_number() {
+    let (service, _folder) = start_with(|config| config.scan.points_max = 700);
+    assert_eq!(service.post("/v1/measurements", &exact_csv()).problem(413, "too_many_points")["points_max"], 700);
+    let (service, _folder) = start_with(|config| config.scan.profiles_max = 11);
+    assert_eq!(service.post("/v1/measurements", &exact_csv()).problem(413, "too_many_profiles")["profiles_max"], 11);
+    let (service, _folder) = start_with(|config| config.scan.points_per_profile_max = 59);
+    service.post("/v1/measurements", &exact_csv()).problem(413, "profile_too_long");
+}
+
+#[test]
+fn beyond_running_and_queue_the_answer_is_busy_and_tells_when_to_come_back() {
+    const CLIENTS: usize = 12;
+    let (service, _folder) = start_with(|config| {
+        config.limits.measurements_running_max = 1;
+        config.limits.queue_max = 0;
+    });
+    let body = large_npy();
+    let together = Barrier::new(CLIENTS);
+    let answers: Vec<_> = std::thread::scope(|scope| {
+        let ask = || {
+            together.wait();
+            service.post("/v1/measurements", &body)
+        };
+        let threads: Vec<_> = (0..CLIENTS).map(|_| scope.spawn(ask)).collect();
+        threads.into_iter().map(|thread| thread.join().expect("answered")).collect()
+    });
+    assert!(answers.iter().any(|answer| answer.status == 201));
+    let busy: Vec<_> = answers.iter().filter(|answer| answer.status != 201).collect();
+    assert!(!busy.is_empty(), "twelve at once are more than one at a time");
+    for answer in busy {
+        assert_eq!(answer.problem(503, "busy")["running_max_count"], 1);
+        assert_eq!(answer.header("retry-after"), "1");
+    }
+    service.post("/v1/measurements", &body).expect(201);
+}
+
+#[test]
+fn one_connection_too_many_is_closed() {
+    let (service, _folder) = start_with(|config| config.limits.connections_max = 1);
+    let mut first = service.connect();
+    first.write_all(b"GET /health/live HTTP/1.1\r\nHost: a\r\n\r\n").expect("sent");
+    std::io::Read::read_exact(&mut first, &mut [0; 15]).expect("answered");
+    assert_eq!(rest(&mut service.connect()), "", "closed without an answer");
+}

@@ -1,0 +1,15 @@
+//! The service from outside: one binary that starts it on a free port with a store of its own, and talks HTTP over
+//! loopback. Must not look at anything that a client could not see.
+
+#![expect(clippy::expect_used, clippy::panic, clippy::indexing_slicing, reason = "tests may fail")]
+
+mod bodies;
+mod command;
+mod documents;
+mod harness;
+mod life;
+mod limits;
+mod measurements;
+mod recipes;
+mod scans;
+mod wrong_scans;

@@ -1,0 +1,67 @@
+//! Recipes: putting, replacing what one has seen, measuring with them.
+
+use crate::bodies::exact_csv;
+use crate::harness::start;
+use insta::assert_json_snapshot;
+use serde_json::{Value, json};
+
+#[test]
+fn a_recipe_is_put_got_listed_and_replaced_by_whoever_has_seen_it() {
+    let (service, _folder) = start();
+    let path = "/v1/recipes/shaft-200";
+    let first = service.put(path, &[], &json!({"nominal_radius_mm": 200.0, "points_min": 30}));
+    assert_json_snapshot!("recipe", first.expect(201), { ".created_at" => "[time]", ".updated_at" => "[time]" });
+    assert_eq!(service.get(path).header("etag"), first.header("etag"));
+    assert_eq!(service.get("/v1/recipes").expect(200)["recipes"], json!([first.json()]));
+
+    let blind = service.put(path, &[], &json!({})).problem(428, "precondition_required");
+    assert_eq!(format!("\"{}\"", blind["current_etag"].as_str().expect("a tag")), first.header("etag"));
+    let seen = service.put(path, &[("if-match", first.header("etag"))], &json!({"points_min": 40}));
+    assert_eq!(seen.expect(200)["revision"], 2);
+    let outdated = service.put(path, &[("if-match", first.header("etag"))], &json!({"points_min": 50}));
+    assert_eq!(outdated.problem(412, "recipe_changed")["current_etag"], seen.json()["etag"]);
+    service.put(path, &[("if-none-match", "*")], &json!({})).problem(412, "recipe_changed");
+    assert_eq!(service.put(path, &[("if-match", "*")], &json!({})).expect(200)["revision"], 3);
+    service.put("/v1/recipes/new", &[("if-match", "*")], &json!({})).problem(412, "recipe_changed");
+    service.put(path, &[("if-match", "r1")], &json!({})).problem(400, "request_header_invalid");
+}
+
+#[test]
+fn what_cannot_be_is_refused_when_the_recipe_is_put() {
+    let (service, _folder) = start();
+    let refused = |body: Value, code: &str| service.put("/v1/recipes/a", &[], &body).problem(422, code);
+    assert_eq!(refused(json!({"iterations_max": 51}), "recipe_invalid")["field"], "iterations_max");
+    assert_eq!(refused(json!({"epsilon_noise_multiple": 3}), "recipe_invalid")["field"], "noise_sigma_mm");
+    assert_eq!(refused(json!({"profile_by": "gap"}), "recipe_invalid")["field"], "profile_by");
+    assert_eq!(refused(json!({"region": {"x_mm": [2, 1]}}), "recipe_invalid")["field"], "region.x_mm");
+    let parallel = json!({"frame": {"origin_mm": [0, 0, 0], "x_axis": [1, 0, 0], "z_axis": [1, 0, 0]}});
+    assert_eq!(refused(parallel, "recipe_invalid")["field"], "frame");
+    let unknown = refused(json!({"epsilon": 0.1}), "json_invalid");
+    assert!(unknown["detail"].as_str().expect("text").contains("epsilon"), "{unknown}");
+    service.put("/v1/recipes/A", &[], &json!({})).problem(422, "option_invalid");
+    let text = service.post_with("/v1/recipes/a", &[], b"");
+    text.problem(405, "method_not_allowed");
+    service.get("/v1/recipes/a").problem(404, "recipe_unknown");
+}
+
+#[test]
+fn the_request_holds_over_the_recipe_and_the_recipe_over_the_configuration() {
+    let folder = crate::harness::Folder::new();
+    let service = crate::harness::start_on(&folder, |config| {
+        config.estimation.points_min = 25;
+        config.estimation.arc_min_deg = 50.0;
+    });
+    let recipe = json!({"arc_min_deg": 55.0, "method": "section_line_plain", "region": {"x_mm": [0.0, 60.0]}});
+    service.put("/v1/recipes/part", &[], &recipe).expect(201);
+    let measurement = service.post("/v1/measurements?recipe=part&method=section_line", &exact_csv()).expect(201);
+    let used = &measurement["provenance"]["recipe"];
+    assert_eq!(
+        (&used["method"], &used["arc_min_deg"], &used["points_min"]),
+        (&json!("section_line"), &json!(55.0), &json!(25))
+    );
+    assert_eq!(measurement["provenance"]["recipe_name"], "part");
+    assert_eq!(measurement["profiles"]["total_count"], 7, "x = 0, 10, … 60");
+    let listed = service.get("/v1/measurements?recipe=part").expect(200);
+    assert_eq!(listed["measurements"][0]["id"], measurement["id"]);
+    assert_eq!(service.get("/v1/measurements?recipe=other").expect(200)["measurements"], json!([]));
+}

@@ -1,0 +1,48 @@
+//! Keeping scans and handing them out.
+
+use crate::bodies::exact_csv;
+use crate::harness::start;
+use insta::assert_json_snapshot;
+
+#[test]
+fn a_scan_is_kept_once_under_its_content_and_comes_back_byte_for_byte() {
+    let (service, folder) = start();
+    let answer = service.post("/v1/scans", &exact_csv());
+    let scan = answer.expect(201);
+    assert_eq!(answer.header("location"), format!("/v1/scans/{}", scan["id"].as_str().expect("an id")));
+    assert_json_snapshot!("scan", scan, { ".created_at" => "[time]" });
+    assert_eq!(service.post("/v1/scans", &exact_csv()).expect(200), scan);
+    assert_eq!(service.get(answer.header("location")).expect(200), scan);
+    assert_eq!(service.get("/v1/scans").expect(200)["scans"], serde_json::json!([scan]));
+    let content = service.get(&format!("{}/content", answer.header("location")));
+    assert_eq!((content.status, content.body), (200, exact_csv()));
+    assert_eq!(folder.scan_files_count(), 1);
+}
+
+#[test]
+fn a_packed_scan_is_the_same_scan() {
+    let (service, _folder) = start();
+    let plain = service.post("/v1/scans", &exact_csv()).expect(201);
+    let gzip = {
+        use std::io::Write;
+        let mut packer = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+        packer.write_all(&exact_csv()).expect("packed");
+        packer.finish().expect("packed")
+    };
+    let zstd = zstd::encode_all(exact_csv().as_slice(), 3).expect("packed");
+    for (encoding, body) in [("gzip", &gzip), ("zstd", &zstd), ("identity", &exact_csv())] {
+        let answer = service.post_with("/v1/scans", &[("content-encoding", encoding)], body);
+        assert_eq!(answer.expect(200)["id"], plain["id"], "{encoding}");
+    }
+    service.post_with("/v1/scans", &[("content-encoding", "br")], b"x").problem(415, "encoding_unsupported");
+}
+
+#[test]
+fn an_unknown_scan_is_404() {
+    let (service, _folder) = start();
+    for id in [format!("s-{}", "0".repeat(64)), "..%2f..%2fcoaxis.db".to_owned(), "%ff".to_owned()] {
+        let answer = service.get(&format!("/v1/scans/{id}"));
+        answer.problem(404, if id == "%ff" { "route_unknown" } else { "scan_unknown" });
+        assert_eq!(service.get(&format!("/v1/scans/{id}/content")).status, 404);
+    }
+}

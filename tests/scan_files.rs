@@ -1,0 +1,125 @@
+//! Every file of `tests/data` is read with the counts that its header or its truth states.
+
+#![expect(clippy::expect_used, clippy::indexing_slicing, reason = "a test that panics has failed, as it should")]
+
+use coaxis::geometry::Frame;
+use coaxis::scan::decode::{FormatClaims, Limits, Request, Unit, decode, find_format};
+use coaxis::scan::slice::{Region, SliceRequest, slice};
+use coaxis::scan::{Cloud, Columns, Scan};
+use std::fs;
+
+fn bytes_of(name: &str) -> Vec<u8> {
+    fs::read(format!("{}/tests/data/{name}", env!("CARGO_MANIFEST_DIR"))).expect("the file is there")
+}
+
+fn cloud_of(name: &str, unit: Option<Unit>) -> Cloud {
+    let bytes = bytes_of(name);
+    let claims = FormatClaims { file_name: Some(name), ..FormatClaims::default() };
+    let format = find_format(&claims, bytes.get(..512).unwrap_or(&bytes)).expect("known");
+    let limits = Limits::default();
+    decode(format, &mut bytes.as_slice(), &Request { unit, profile_column: None, limits: &limits }).expect("reads")
+}
+
+fn scan_of(cloud: Cloud) -> Scan {
+    slice(cloud, &SliceRequest::default(), &Limits::default()).expect("slices")
+}
+
+/// (profiles, places for points) of a made scan.
+fn truth_of(name: &str) -> (usize, usize) {
+    let truth: serde_json::Value = serde_json::from_slice(&bytes_of(name)).expect("JSON");
+    let count = |key: &str| usize::try_from(truth[key].as_u64().expect("a count")).expect("small");
+    (count("profiles_count"), count("profiles_count") * count("points_per_profile_count"))
+}
+
+#[test]
+fn made_scans_have_the_profiles_and_points_of_their_truth() {
+    for (name, rule) in [
+        ("clean-arc110.ply", "x_value"),
+        ("interference-arc140.csv", "column=profile"),
+        ("clamped-arc90.pcd", "row"),
+        ("small-arc120.npy", "row"),
+    ] {
+        let stem = name.split('.').next().expect("a stem");
+        let (profiles, places) = truth_of(&format!("made/{stem}.truth.json"));
+        let cloud = cloud_of(&format!("made/{name}"), None);
+        let (missing, found) = (cloud.missing_count, cloud.columns.len());
+        let scan = scan_of(cloud);
+        assert_eq!((scan.stations().len(), scan.rule()), (profiles, rule), "{name}");
+        // The table leaves drop-outs out: its rows are its points, without the header and the end.
+        let places = if name.ends_with("csv") {
+            bytes_of("made/interference-arc140.csv").iter().filter(|byte| **byte == b'\n').count() - 1
+        } else {
+            places
+        };
+        assert_eq!(found + usize::try_from(missing).expect("small"), places, "{name}");
+        assert!(found * 100 > places * 95, "{name}: a few drop-outs, not more");
+    }
+}
+
+#[test]
+fn the_truth_s_middle_is_the_middle_of_the_stations() {
+    for stem in ["clean-arc110.ply", "interference-arc140.csv", "clamped-arc90.pcd", "small-arc120.npy"] {
+        let scan = scan_of(cloud_of(&format!("made/{stem}"), None));
+        let name = format!("made/{}.truth.json", stem.split('.').next().expect("a stem"));
+        let truth: serde_json::Value = serde_json::from_slice(&bytes_of(&name)).expect("JSON");
+        let xs: Vec<f64> = scan.stations().iter().map(|station| station.x).collect();
+        let middle = f64::midpoint(xs[0], xs[xs.len() - 1]);
+        assert!((middle - truth["x_ref_mm"].as_f64().expect("a number")).abs() < 1e-3, "{stem}");
+    }
+}
+
+#[test]
+fn single_precision_is_kept_and_double_too() {
+    assert!(matches!(cloud_of("made/clean-arc110.ply", None).columns, Columns::F32 { .. }));
+    assert!(matches!(cloud_of("made/small-arc120.npy", None).columns, Columns::F64 { .. }));
+}
+
+#[test]
+fn the_bolt_is_read_past_its_faces_and_its_unit_is_known() {
+    let cloud = cloud_of("real/stud-bolt.ply", None);
+    assert_eq!((cloud.columns.len(), cloud.missing_count), (8565, 0));
+    let bytes = bytes_of("real/stud-bolt.ply");
+    let limits = Limits::default();
+    let format = find_format(&FormatClaims::default(), &bytes).expect("known");
+    let request = Request { unit: Some(Unit::Metre), profile_column: None, limits: &limits };
+    let error = decode(format, &mut bytes.as_slice(), &request).expect_err("the file says mm");
+    assert_eq!(error.code(), "unit_conflict");
+    assert!(scan_of(cloud).rule().ends_with("(chosen)"));
+}
+
+#[test]
+fn the_mug_unpacks_and_is_cut_out_of_its_scene_in_a_declared_frame() {
+    let cloud = cloud_of("real/mug-on-table.pcd", Some(Unit::Metre));
+    assert_eq!(cloud.columns.len() as u64 + cloud.missing_count, 640 * 480);
+    // Some frame across the view; what counts is that the window holds in it.
+    let frame = Frame { origin_mm: [0.0, 0.0, 800.0], x_axis: [0.0, -1.0, 0.0], z_axis: [0.0, 0.0, -1.0] };
+    let region = Region { x_mm: Some([-300.0, 300.0]), y_mm: Some([-200.0, 200.0]), z_mm: Some([-200.0, 200.0]) };
+    let request = SliceRequest { rule: None, frame: Some(frame), region: Some(region) };
+    let scan = slice(cloud, &request, &Limits::default()).expect("slices");
+    assert!(scan.stations().len() > 10 && scan.rule().ends_with("(chosen)"), "{}", scan.rule());
+    for station in scan.stations() {
+        assert!(station.x.abs() <= 300.0);
+        for index in station.start..station.end {
+            assert!(scan.columns().get(index).expect("a point").iter().all(|value| value.abs() <= 200.0));
+        }
+    }
+}
+
+#[test]
+fn the_laser_patch_has_its_profiles_along_y() {
+    let cloud = cloud_of("real/laser-profile-patch.npy", None);
+    assert_eq!(cloud.columns.len() as u64 + cloud.missing_count, 87_422);
+    let frame = Frame { origin_mm: [0.0; 3], x_axis: [0.0, 1.0, 0.0], z_axis: [0.0, 0.0, 1.0] };
+    let request = SliceRequest { frame: Some(frame), ..SliceRequest::default() };
+    let scan = slice(cloud, &request, &Limits::default()).expect("slices");
+    assert_eq!((scan.stations().len(), scan.rule()), (457, "x_value"));
+}
+
+#[test]
+fn reference_points_are_read_to_the_last_digit() {
+    let cloud = cloud_of("reference/tracker8.xyz", None);
+    assert_eq!((cloud.columns.len(), cloud.stripes[0].x), (8, -59.57));
+    assert_eq!(cloud.columns.get(0), Some([-7.72, 17.57]));
+    let cloud = cloud_of("reference/cylinder20.xyz", Some(Unit::Metre));
+    assert_eq!((cloud.columns.len(), cloud.columns.get(0)), (20, Some([2.199_701 * 1000.0, 0.000_008 * 1000.0])));
+}
