@@ -51,6 +51,10 @@ pub struct Pose {
 pub enum RadiusSource {
     /// From the data alone.
     Fitted,
+    /// As given.
+    Nominal,
+    /// From the data and what was known before.
+    Prior,
 }
 
 /// Covariance of (deflection, pitch, y_ref, z_ref, radius) in radians and millimetres.
@@ -204,6 +208,46 @@ pub enum Refusal {
         /// Robust spread of the radii.
         radius_spread_mm: f64,
     },
+    /// No cylinder that enough of the points lie on.
+    #[error(
+        "no cylinder{} was found that enough of the points lie on; check the unit, the frame and the region{}",
+        .nominal_radius_mm.map_or_else(String::new, |radius| format!(" of about {radius} mm radius")),
+        .nominal_radius_mm.map_or("", |_| ", and the nominal radius")
+    )]
+    NoCylinder {
+        /// From the recipe.
+        nominal_radius_mm: Option<f64>,
+    },
+    /// Two surfaces that could both be the part.
+    #[error(
+        "the scan could be a part of {radius_a_mm:.3} mm radius (on {:.0} % of the profiles) or one of {radius_b_mm:.3} mm \
+         (on {:.0} %); say which by nominal_radius_mm", 100.0 * .coverage_a, 100.0 * .coverage_b
+    )]
+    TwoCylinders {
+        /// Radius of the one.
+        radius_a_mm: f64,
+        /// Share of the profiles that show it.
+        coverage_a: f64,
+        /// Radius of the other.
+        radius_b_mm: f64,
+        /// Share of the profiles that show it.
+        coverage_b: f64,
+    },
+    /// The data leave the pose open.
+    #[error(
+        "the data leave the pose open: standard uncertainties of {angle_deg:.4}° and {position_mm:.3} mm where {angle_max_deg}° \
+         and {position_max_mm} mm are allowed; scan a longer or wider piece, or give the radius (radius: fixed or prior)"
+    )]
+    PoseUndetermined {
+        /// The larger standard uncertainty of the two angles.
+        angle_deg: f64,
+        /// What is allowed.
+        angle_max_deg: f64,
+        /// The larger standard uncertainty of y_ref and z_ref.
+        position_mm: f64,
+        /// What is allowed.
+        position_max_mm: f64,
+    },
 }
 
 impl Refusal {
@@ -217,6 +261,9 @@ impl Refusal {
             Self::TooFewValidProfiles { .. } => "too_few_valid_profiles",
             Self::AxialLengthTooShort { .. } => "axial_length_too_short",
             Self::SectionsDisagree { .. } => "sections_disagree",
+            Self::NoCylinder { .. } => "no_cylinder",
+            Self::TwoCylinders { .. } => "two_cylinders",
+            Self::PoseUndetermined { .. } => "pose_undetermined",
         }
     }
 }

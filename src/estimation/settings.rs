@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Method {
+    /// One robust fit of one cylinder to every point of every profile.
+    Cylinder,
     /// Published robust method: per-profile ellipse by Tukey M-estimation, inner-point rule, robust line.
     #[default]
     SectionLine,
@@ -14,13 +16,14 @@ pub enum Method {
 }
 
 impl Method {
-    /// All methods, the default first.
-    pub const ALL: [Self; 2] = [Self::SectionLine, Self::SectionLinePlain];
+    /// All methods, the best first.
+    pub const ALL: [Self; 3] = [Self::Cylinder, Self::SectionLine, Self::SectionLinePlain];
 
     /// The name used in requests, results and flags.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
+            Self::Cylinder => "cylinder",
             Self::SectionLine => "section_line",
             Self::SectionLinePlain => "section_line_plain",
         }
@@ -31,6 +34,19 @@ impl Method {
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|method| method.name() == name)
     }
+}
+
+/// How the radius is treated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RadiusRule {
+    /// From the data alone.
+    #[default]
+    Free,
+    /// The nominal radius, exactly.
+    Fixed,
+    /// The nominal radius with its uncertainty, weighed against the data.
+    Prior,
 }
 
 /// Everything that decides an estimate, besides the scan. Lengths in mm.
@@ -55,8 +71,16 @@ pub struct Settings {
     pub profiles_min: u32,
     /// Valid profiles closer together than this along x refuse the scan.
     pub axial_length_min_mm: f64,
-    /// The radius that the drawing gives; a fitted radius far from it is warned of.
+    /// The radius that the drawing gives. `cylinder` looks for nothing else; the other methods warn of a radius far from it.
     pub nominal_radius_mm: Option<f64>,
+    /// How `cylinder` treats the radius; anything but free needs the nominal one.
+    pub radius: RadiusRule,
+    /// Standard uncertainty of the nominal radius.
+    pub radius_sigma_mm: Option<f64>,
+    /// Angles of `cylinder` that are known worse than this refuse the scan; standard uncertainty.
+    pub angle_uncertainty_max_deg: f64,
+    /// Positions of `cylinder` at x_ref that are known worse than this refuse the scan; standard uncertainty.
+    pub position_uncertainty_max_mm: f64,
 }
 
 impl Default for Settings {
@@ -71,6 +95,10 @@ impl Default for Settings {
             profiles_min: 3,
             axial_length_min_mm: 10.0,
             nominal_radius_mm: None,
+            radius: RadiusRule::default(),
+            radius_sigma_mm: None,
+            angle_uncertainty_max_deg: 0.5,
+            position_uncertainty_max_mm: 1.0,
         }
     }
 }
@@ -118,6 +146,30 @@ impl Settings {
                 positive,
                 self.nominal_radius_mm.unwrap_or(1.0),
                 self.nominal_radius_mm.is_none_or(length),
+            ),
+            (
+                "nominal_radius_mm",
+                "given where radius is fixed or prior",
+                0.0,
+                self.radius == RadiusRule::Free || self.nominal_radius_mm.is_some(),
+            ),
+            (
+                "radius_sigma_mm",
+                positive,
+                self.radius_sigma_mm.unwrap_or(0.0),
+                self.radius_sigma_mm.map_or(self.radius != RadiusRule::Prior, length),
+            ),
+            (
+                "angle_uncertainty_max_deg",
+                "above 0 and at most 90",
+                self.angle_uncertainty_max_deg,
+                self.angle_uncertainty_max_deg > 0.0 && self.angle_uncertainty_max_deg <= 90.0,
+            ),
+            (
+                "position_uncertainty_max_mm",
+                positive,
+                self.position_uncertainty_max_mm,
+                length(self.position_uncertainty_max_mm),
             ),
         ];
         match checks.into_iter().find(|(_, _, _, holds)| !holds) {

@@ -1,6 +1,6 @@
 //! The words that requests choose from, as closed sets: methods, formats, units. Each turns into the domain's own.
 
-use crate::estimation::Method;
+use crate::estimation::{Method, RadiusRule};
 use crate::scan::decode::{Format, Unit};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -10,10 +10,25 @@ use utoipa::ToSchema;
 #[serde(rename_all = "snake_case")]
 #[schema(as = Method)]
 pub(super) enum MethodName {
+    /// One robust fit of one cylinder to every point of every profile.
+    Cylinder,
     /// The published robust method.
     SectionLine,
     /// The same without re-weighting and without the inner-point rule; for comparison only.
     SectionLinePlain,
+}
+
+/// How the radius is treated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+#[schema(as = RadiusRule)]
+pub(super) enum RadiusName {
+    /// From the data alone.
+    Free,
+    /// The nominal radius, exactly.
+    Fixed,
+    /// The nominal radius with its uncertainty, weighed against the data.
+    Prior,
 }
 
 /// How a scan is written.
@@ -55,6 +70,7 @@ pub(super) enum UnitName {
 impl From<MethodName> for Method {
     fn from(name: MethodName) -> Self {
         match name {
+            MethodName::Cylinder => Self::Cylinder,
             MethodName::SectionLine => Self::SectionLine,
             MethodName::SectionLinePlain => Self::SectionLinePlain,
         }
@@ -64,8 +80,29 @@ impl From<MethodName> for Method {
 impl From<Method> for MethodName {
     fn from(method: Method) -> Self {
         match method {
+            Method::Cylinder => Self::Cylinder,
             Method::SectionLine => Self::SectionLine,
             Method::SectionLinePlain => Self::SectionLinePlain,
+        }
+    }
+}
+
+impl From<RadiusName> for RadiusRule {
+    fn from(name: RadiusName) -> Self {
+        match name {
+            RadiusName::Free => Self::Free,
+            RadiusName::Fixed => Self::Fixed,
+            RadiusName::Prior => Self::Prior,
+        }
+    }
+}
+
+impl From<RadiusRule> for RadiusName {
+    fn from(rule: RadiusRule) -> Self {
+        match rule {
+            RadiusRule::Free => Self::Free,
+            RadiusRule::Fixed => Self::Fixed,
+            RadiusRule::Prior => Self::Prior,
         }
     }
 }

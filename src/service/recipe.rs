@@ -1,7 +1,7 @@
 //! How a kind of part is measured: what the operator may say, checked, laid over what somebody else said, and resolved
 //! into what scan and estimation take. Must not know where a recipe is kept, nor how it is sent.
 
-use crate::estimation::{Method, SettingError, Settings};
+use crate::estimation::{Method, RadiusRule, SettingError, Settings};
 use crate::geometry::{Frame, FrameError};
 use crate::scan::decode::Unit;
 use crate::scan::slice::{Region, SliceRequest};
@@ -48,6 +48,18 @@ pub struct Recipe {
     /// The radius that the drawing gives.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub nominal_radius_mm: Option<f64>,
+    /// How `cylinder` treats the radius: free, fixed or prior.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub radius: Option<RadiusRule>,
+    /// Standard uncertainty of the nominal radius.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub radius_sigma_mm: Option<f64>,
+    /// Angles of `cylinder` known worse than this refuse the scan; standard uncertainty.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub angle_uncertainty_max_deg: Option<f64>,
+    /// Positions of `cylinder` at x_ref known worse than this refuse the scan; standard uncertainty.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub position_uncertainty_max_mm: Option<f64>,
     /// Unit of the file's coordinates; millimetres where nobody says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<Unit>,
@@ -156,6 +168,10 @@ impl Recipe {
             profiles_min: self.profiles_min.or(under.profiles_min),
             axial_length_min_mm: self.axial_length_min_mm.or(under.axial_length_min_mm),
             nominal_radius_mm: self.nominal_radius_mm.or(under.nominal_radius_mm),
+            radius: self.radius.or(under.radius),
+            radius_sigma_mm: self.radius_sigma_mm.or(under.radius_sigma_mm),
+            angle_uncertainty_max_deg: self.angle_uncertainty_max_deg.or(under.angle_uncertainty_max_deg),
+            position_uncertainty_max_mm: self.position_uncertainty_max_mm.or(under.position_uncertainty_max_mm),
             unit: self.unit.or(under.unit),
             profile_by: self.profile_by.or_else(|| under.profile_by.clone()),
             frame: self.frame.or(under.frame),
@@ -199,6 +215,12 @@ impl Recipe {
             profiles_min: self.profiles_min.unwrap_or(default.profiles_min),
             axial_length_min_mm: self.axial_length_min_mm.unwrap_or(default.axial_length_min_mm),
             nominal_radius_mm: self.nominal_radius_mm.or(default.nominal_radius_mm),
+            radius: self.radius.unwrap_or(default.radius),
+            radius_sigma_mm: self.radius_sigma_mm.or(default.radius_sigma_mm),
+            angle_uncertainty_max_deg: self.angle_uncertainty_max_deg.unwrap_or(default.angle_uncertainty_max_deg),
+            position_uncertainty_max_mm: self
+                .position_uncertainty_max_mm
+                .unwrap_or(default.position_uncertainty_max_mm),
         })
     }
 
@@ -226,6 +248,10 @@ impl Recipe {
             profiles_min: Some(settings.profiles_min),
             axial_length_min_mm: Some(settings.axial_length_min_mm),
             nominal_radius_mm: settings.nominal_radius_mm,
+            radius: Some(settings.radius),
+            radius_sigma_mm: settings.radius_sigma_mm,
+            angle_uncertainty_max_deg: Some(settings.angle_uncertainty_max_deg),
+            position_uncertainty_max_mm: Some(settings.position_uncertainty_max_mm),
             ..self.clone()
         }
     }

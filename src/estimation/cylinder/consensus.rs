@@ -8,7 +8,7 @@
 use super::model::{Cylinder, Response};
 use super::sample::Sample;
 use crate::scan::Station;
-use nalgebra::{Matrix5, Vector5};
+use nalgebra::{Matrix5, RowVector5, Vector5};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -38,11 +38,16 @@ const ROUNDS_MAX: usize = 16;
 const SIEVE_POINTS: usize = 800;
 /// Starts kept by a round's sieve.
 const KEPT: usize = 16;
+/// Steps of Newton's method from a nearly exact cylinder.
+const NEWTON_STEPS: usize = 3;
 /// Chance of missing the best surface.
 const MISS: f64 = 1e-4;
 
 /// The best starts, best first, no two alike.
 pub(super) fn hypotheses(sample: &Sample, bounds: &Bounds, most: usize) -> Vec<Hypothesis> {
+    if sample.stations.len() < 2 {
+        return Vec::new();
+    }
     let sieve = sieve(sample);
     let mut best: Vec<Hypothesis> = Vec::new();
     for round in 0..ROUNDS_MAX {
@@ -57,7 +62,8 @@ pub(super) fn hypotheses(sample: &Sample, bounds: &Bounds, most: usize) -> Vec<H
         let mut drawn: Vec<Hypothesis> = drawn.into_iter().flatten().collect();
         drawn.sort_by(|a, b| a.score.total_cmp(&b.score));
         drawn.truncate(KEPT);
-        let whole = drawn.par_iter().map(|h| Hypothesis { score: score_whole(sample, &h.cylinder, bounds.tolerance), ..*h });
+        let whole =
+            drawn.par_iter().map(|h| Hypothesis { score: score_whole(sample, &h.cylinder, bounds.tolerance), ..*h });
         best.extend(whole.collect::<Vec<_>>());
         best.sort_by(|a, b| a.score.total_cmp(&b.score));
         best = distinct(best, sample, bounds.tolerance, most);
@@ -119,8 +125,8 @@ fn draw_cylinder(sample: &Sample, bounds: &Bounds, chance: &mut ChaCha8Rng) -> O
     let (centre, radius) = circle(ring, bounds)?;
     let other = placed(pair, radius, centre)?;
     let cylinder = through(first.x, centre, second.x, other, radius, bounds)?;
-    let five = ring.map(|[y, z]| [first.x, y, z]).into_iter().chain(pair.map(|[y, z]| [second.x, y, z]));
-    within(exact(cylinder, &five.collect::<Vec<_>>())?, bounds)
+    let ([a, b, c], [d, e]) = (ring.map(|[y, z]| [first.x, y, z]), pair.map(|[y, z]| [second.x, y, z]));
+    within(exact(cylinder, [a, b, c, d, e])?, bounds)
 }
 
 /// The circle through three points.
@@ -162,15 +168,12 @@ fn through(x1: f64, c1: [f64; 2], x2: f64, c2: [f64; 2], radius: f64, bounds: &B
 }
 
 /// The cylinder that passes exactly through five points, by Newton's method from one that nearly does.
-fn exact(mut cylinder: Cylinder, five: &[[f64; 3]]) -> Option<Cylinder> {
-    for _ in 0..3 {
-        let (mut rows, mut distances) = (Matrix5::zeros(), Vector5::zeros());
-        for (index, &[x, y, z]) in five.iter().enumerate() {
-            let Response { d, a, b, t } = cylinder.slice(x).response(y, z);
-            rows.set_row(index, &Vector5::new(a * t, b * t, a, b, -1.0).transpose());
-            distances[index] = d;
-        }
-        cylinder = cylinder.moved(&-rows.lu().solve(&distances)?)?;
+fn exact(mut cylinder: Cylinder, five: [[f64; 3]; 5]) -> Option<Cylinder> {
+    for _ in 0..NEWTON_STEPS {
+        let responses = five.map(|[x, y, z]| cylinder.slice(x).response(y, z));
+        let rows = responses.map(|Response { a, b, t, .. }| RowVector5::new(a * t, b * t, a, b, -1.0));
+        let distances = Vector5::from(responses.map(|response| response.d));
+        cylinder = cylinder.moved(&-Matrix5::from_rows(&rows).lu().solve(&distances)?)?;
     }
     Some(cylinder)
 }

@@ -1,6 +1,15 @@
-//! One cylinder through all profiles at once: start by consensus, settle on a sample, solve on every point.
+//! One cylinder through all profiles at once. Every profile serves, also one that is half under a clamp: what its other half
+//! says about slopes and radius is as good as anybody's.
+//!
+//! ```text
+//! Scan --sample--> Sample --consensus--> starts --settle--> candidates --choose--> one --solve--> Solution --judge--> verdicts
+//!                         (five points)         (coarse to fine)      (coverage, nominal radius) (every point)
+//! ```
 
-pub(super) mod consensus;
+mod candidates;
+mod consensus;
+mod extent;
+mod judge;
 mod model;
 mod sample;
 mod settle;
@@ -8,63 +17,168 @@ mod solve;
 mod step;
 mod sums;
 
-use crate::estimation::robust;
-use crate::scan::Scan;
+use super::unusable::unusable;
+use super::{
+    Component, Outcome, Pose, Profile, Progress, RadiusRule, RadiusSource, Reason, Refusal, Settings, Uncertainty,
+};
+use crate::scan::{Scan, Station};
+use candidates::{Candidate, Choice};
 use consensus::Bounds;
-pub use explore::explore;
+use judge::Model;
+use model::Cylinder;
+use nalgebra::{Matrix5, Vector5};
 use sample::Sample;
-use settle::Settled;
+use solve::Solution;
 use step::Hold;
 
-mod explore {
-    use super::*;
-    pub fn explore(scan: &Scan) -> Option<([f64; 6], [f64; 5], f64)> {
-        let sample = Sample::take(scan, |s| s.end - s.start >= 6, 128, 96);
-        let size = size(&sample);
-        let noise = roughness(scan);
-        let tolerance = (4.0 * noise).max(0.002 * size).min(0.02 * size);
-        let bounds = Bounds { slope_max: 0.27, radius_mm: [0.3 * size, 10.0 * size], tolerance };
-        let starts = consensus::hypotheses(&sample, &bounds, 12);
-        if std::env::var("DBG").is_ok() { println!("size {size} noise {noise} tol {tolerance} starts {:?}", starts.first()); }
-        let mut settled: Vec<(f64, Settled)> = Vec::new();
-        for s in &starts {
-            if let Some(s) = settle::settle(&sample, s.cylinder, tolerance * 2.0, Hold::Free) {
-                settled.push((0.0, s));
-            }
+/// Sampled for the start: enough that the finest surface is told from its neighbours.
+const SAMPLE_PROFILES_MAX: usize = 128;
+const SAMPLE_POINTS_MAX: usize = 96;
+/// Steepest slope that is looked for, beyond the 10° that parts are held to.
+const SLOPE_MAX: f64 = 0.35;
+/// Radii that are looked for, in sizes of a profile: a full section has half of its diagonal, an arc of 10° six times it.
+const RADIUS_SIZES: [f64; 2] = [0.25, 8.0];
+/// Radii that are looked for about a nominal one, relative to it.
+const NOMINAL_REACH: f64 = 0.02;
+/// What is near a start: this many times the roughness, but within these shares of the size of a profile.
+const TOLERANCE_ROUGHNESS: f64 = 4.0;
+const TOLERANCE_SIZES: [f64; 2] = [0.002, 0.02];
+
+/// The pose or why there is none, and what became of every profile.
+pub(super) fn find(scan: &Scan, settings: &Settings, progress: &Progress) -> (Outcome, Vec<Profile>) {
+    let used: Vec<bool> = scan.stations().iter().map(|s| s.end - s.start >= settings.points_min as usize).collect();
+    match search(scan, &used, settings) {
+        Err(refusal) => (Outcome::Refused(refusal), unjudged(scan, &used)),
+        Ok(solution) => {
+            let model = Model {
+                cylinder: &solution.cylinder,
+                sigma: solution.sigma,
+                sums: &solution.profiles,
+                passes_count: solution.passes_count,
+            };
+            let profiles = judge::judge(scan, &used, model, settings);
+            profiles.iter().for_each(|_| progress.advance());
+            let outcome = match weigh(scan, &solution, settings) {
+                Some(refusal) => Outcome::Refused(refusal),
+                None => Outcome::Accepted(Box::new(pose(&solution, settings))),
+            };
+            (outcome, profiles)
         }
-        let finest = settled.iter().map(|(_, s)| s.sigma).fold(f64::INFINITY, f64::min).max(noise);
-        for (score, s) in &mut settled {
-            *score = consensus::score_whole(&sample, &s.cylinder, 4.0 * finest);
-        }
-        settled.sort_by(|a, b| a.0.total_cmp(&b.0));
-        if std::env::var("DBG").is_ok() { println!("settled {} {:?}", settled.len(), settled.first()); }
-        let best = settled.first()?.1;
-        let solution = solve::solve(scan, &vec![true; scan.stations().len()], &best, Hold::Free)?;
-        let mid = solution.cylinder.about((scan.stations().first()?.x + scan.stations().last()?.x) / 2.0);
-        Some(([mid.p, mid.q, mid.y_ref, mid.z_ref, mid.radius, mid.x_ref], solution.covariance.diagonal().map(|v| v.sqrt()).into(), solution.sigma))
     }
-    fn size(sample: &Sample) -> f64 {
-        let mut sizes: Vec<f64> = sample.stations.iter().map(|s| {
-            let (y, z) = sample.points(s);
-            let e = |v: &[f64]| v.iter().fold(f64::MIN, |a, b| a.max(*b)) - v.iter().fold(f64::MAX, |a, b| a.min(*b));
-            e(y).hypot(e(z))
-        }).collect();
-        sizes.sort_by(f64::total_cmp);
-        sizes[sizes.len() / 2]
+}
+
+fn search(scan: &Scan, used: &[bool], settings: &Settings) -> Result<Solution, Refusal> {
+    if let Some(refusal) = unusable(scan, settings) {
+        return Err(refusal);
     }
-    fn roughness(scan: &Scan) -> f64 {
-        let mut squared = Vec::new();
-        let stride = (scan.stations().len() / 64).max(1);
-        for s in scan.stations().iter().step_by(stride) {
-            let at = |i: usize| scan.columns().get(i).unwrap_or_default();
-            for i in s.start + 1..s.end - 1 {
-                let (a, b, c) = (at(i - 1), at(i), at(i + 1));
-                // distance of b from the chord a-c
-                let (dy, dz) = (c[0] - a[0], c[1] - a[1]);
-                let d = ((b[0] - a[0]) * dz - (b[1] - a[1]) * dy) / dy.hypot(dz).max(1e-12);
-                squared.push(d * d / 1.5);
-            }
-        }
-        robust::sigma(&squared, &mut Vec::new())
+    let profiles_count = scan.stations().len();
+    let valid_count = used.iter().filter(|used| **used).count();
+    let profiles_min = settings.profiles_min;
+    if valid_count < profiles_min as usize {
+        let most_common = Reason::TooFewPoints;
+        return Err(Refusal::TooFewValidProfiles { valid_count, profiles_count, profiles_min, most_common });
     }
+    too_short(scan.stations().iter().zip(used).filter(|(_, used)| **used).map(|(s, _)| s), settings)?;
+    let sample = Sample::take(scan, used, SAMPLE_PROFILES_MAX, SAMPLE_POINTS_MAX);
+    let hold = hold(settings);
+    let bounds = bounds(scan, &sample, settings);
+    let found = candidates::candidates(&sample, &bounds, hold);
+    let chosen = match candidates::choose(&found, settings.nominal_radius_mm) {
+        Choice::One(candidate) => candidate,
+        Choice::Two(a, b) => return Err(two_cylinders(&a, &b)),
+        Choice::None => return Err(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm }),
+    };
+    solve::solve(scan, used, &chosen.settled, hold)
+        .ok_or(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm })
+}
+
+fn bounds(scan: &Scan, sample: &Sample, settings: &Settings) -> Bounds {
+    let size = extent::size(sample);
+    let [least, most] = TOLERANCE_SIZES;
+    let tolerance = (TOLERANCE_ROUGHNESS * extent::roughness(scan)).clamp(least * size, most * size);
+    let radius_mm = match settings.nominal_radius_mm {
+        Some(nominal) => [nominal * (1.0 - NOMINAL_REACH), nominal * (1.0 + NOMINAL_REACH)],
+        None => RADIUS_SIZES.map(|sizes| sizes * size),
+    };
+    Bounds { slope_max: SLOPE_MAX, radius_mm, tolerance }
+}
+
+fn hold(settings: &Settings) -> Hold {
+    match (settings.radius, settings.nominal_radius_mm) {
+        (RadiusRule::Fixed, Some(radius)) => Hold::Fixed { radius },
+        (RadiusRule::Prior, Some(radius)) => Hold::Prior { radius, sigma: settings.radius_sigma_mm.unwrap_or(0.0) },
+        _ => Hold::Free,
+    }
+}
+
+fn too_short<'a>(stations: impl Iterator<Item = &'a Station>, settings: &Settings) -> Result<(), Refusal> {
+    let (low, high) = stations.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), s| (low.min(s.x), high.max(s.x)));
+    let (axial_length_mm, axial_length_min_mm) = (high - low, settings.axial_length_min_mm);
+    if axial_length_mm < axial_length_min_mm {
+        return Err(Refusal::AxialLengthTooShort { axial_length_mm, axial_length_min_mm });
+    }
+    Ok(())
+}
+
+fn two_cylinders(a: &Candidate, b: &Candidate) -> Refusal {
+    Refusal::TwoCylinders {
+        radius_a_mm: a.settled.cylinder.radius,
+        coverage_a: a.coverage,
+        radius_b_mm: b.settled.cylinder.radius,
+        coverage_b: b.coverage,
+    }
+}
+
+/// Refusals that the solution gives rise to.
+fn weigh(scan: &Scan, solution: &Solution, settings: &Settings) -> Option<Refusal> {
+    let shown = |(_, sums): &(&Station, &sums::Sums)| sums.weight >= 3.0;
+    let stations = scan.stations().iter().zip(&solution.profiles).filter(shown).map(|(station, _)| station);
+    if let Err(refusal) = too_short(stations, settings) {
+        return Some(refusal);
+    }
+    let [[p, ..], [_, q, ..], [_, _, y, ..], [_, _, _, z, _], _] = covariance(solution).into();
+    let (angle_deg, position_mm) = (p.max(q).sqrt().to_degrees(), y.max(z).sqrt());
+    let (angle_max_deg, position_max_mm) = (settings.angle_uncertainty_max_deg, settings.position_uncertainty_max_mm);
+    let known = angle_deg <= angle_max_deg && position_mm <= position_max_mm;
+    (!known).then_some(Refusal::PoseUndetermined { angle_deg, angle_max_deg, position_mm, position_max_mm })
+}
+
+/// Of (deflection, pitch, y_ref, z_ref, radius).
+fn covariance(solution: &Solution) -> Matrix5<f64> {
+    let Cylinder { p, q, .. } = solution.cylinder;
+    let slopes = Vector5::new(1.0 / (1.0 + p * p), 1.0 / (1.0 + q * q), 1.0, 1.0, 1.0);
+    let to_angles = Matrix5::from_diagonal(&slopes);
+    to_angles * solution.covariance * to_angles
+}
+
+fn pose(solution: &Solution, settings: &Settings) -> Pose {
+    let covariance = covariance(solution);
+    let standard = covariance.diagonal().map(|variance| variance.max(0.0).sqrt()).into();
+    Pose {
+        axis: solution.cylinder.axis(),
+        x_ref: solution.cylinder.x_ref,
+        radius: solution.cylinder.radius,
+        radius_source: match settings.radius {
+            RadiusRule::Free => RadiusSource::Fitted,
+            RadiusRule::Fixed => RadiusSource::Nominal,
+            RadiusRule::Prior => RadiusSource::Prior,
+        },
+        uncertainty: Uncertainty {
+            covariance: covariance.into(),
+            budget: vec![Component { source: "repeatability".to_owned(), standard }],
+        },
+    }
+}
+
+/// The profiles of a scan that no cylinder was found in.
+fn unjudged(scan: &Scan, used: &[bool]) -> Vec<Profile> {
+    let reason = |used: &bool| if *used { Reason::NotConverged } else { Reason::TooFewPoints };
+    let profile = |(station, used): (&Station, &bool)| Profile {
+        x: station.x,
+        points_count: station.end - station.start,
+        rejected: Some(reason(used)),
+        section: None,
+        offset: None,
+    };
+    scan.stations().iter().zip(used).map(profile).collect()
 }

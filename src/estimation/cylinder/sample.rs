@@ -11,8 +11,9 @@ pub(super) struct Sample {
 }
 
 impl Sample {
-    pub(super) fn take(scan: &Scan, usable: impl Fn(&Station) -> bool, profiles_max: usize, points_max: usize) -> Self {
-        let usable: Vec<&Station> = scan.stations().iter().filter(|station| usable(station)).collect();
+    pub(super) fn take(scan: &Scan, used: &[bool], profiles_max: usize, points_max: usize) -> Self {
+        let usable: Vec<&Station> =
+            scan.stations().iter().zip(used).filter(|(_, used)| **used).map(|(station, _)| station).collect();
         let mut sample = Self { stations: Vec::new(), y: Vec::new(), z: Vec::new() };
         for station in spread(usable.len(), profiles_max).filter_map(|index| usable.get(index)) {
             let start = sample.y.len();
@@ -48,7 +49,6 @@ impl Sample {
         }
         rest
     }
-
 }
 
 /// `most` indices spread evenly over `count`, or all of them.

@@ -11,7 +11,7 @@ use super::step::{self, Hold};
 use super::sums::{Curvature, Sums, Weighting, sum};
 use crate::estimation::robust;
 use crate::scan::{Scan, Station};
-use nalgebra::{Matrix5, Vector5};
+use nalgebra::Matrix5;
 use rayon::prelude::*;
 
 /// The fit, and each profile's share in it.
@@ -23,18 +23,22 @@ pub(super) struct Solution {
     pub(super) covariance: Matrix5<f64>,
     /// One a station, at the last step but one.
     pub(super) profiles: Vec<Sums>,
+    /// Passes over all points.
+    pub(super) passes_count: u32,
 }
 
-const STEPS_MAX: usize = 10;
+const STEPS_MAX: u32 = 10;
 /// A step below this share of its own standard deviation changes nothing that could be told.
 const SETTLED: f64 = 1e-2;
+/// Points of a profile that decide how much it counts in the middle.
+const MIDDLE_POINTS: usize = 32;
 /// Stations in one piece of work: fixed, so that sums do not depend on threads.
 const CHUNK: usize = 16;
 
 /// Solves from what a sample settled on, with the stations that `used` marks.
 pub(super) fn solve(scan: &Scan, used: &[bool], start: &Settled, hold: Hold) -> Option<Solution> {
-    let (mut cylinder, sigma) = (start.cylinder, start.sigma);
-    for _ in 0..STEPS_MAX {
+    let (mut cylinder, sigma) = (start.cylinder.about(middle(scan, used, start)), start.sigma);
+    for passes_count in 1..=STEPS_MAX {
         let profiles = pass(scan, used, &cylinder, sigma);
         let mut sums = Sums::zero();
         profiles.iter().for_each(|profile| sums.add(profile));
@@ -43,10 +47,24 @@ pub(super) fn solve(scan: &Scan, used: &[bool], start: &Settled, hold: Hold) -> 
         cylinder = cylinder.moved(&step)?;
         if (normal * step).dot(&step).abs().sqrt() < SETTLED * sigma {
             let covariance = sandwich(&normal, &profiles, hold)?;
-            return Some(Solution { cylinder, sigma, covariance, profiles });
+            return Some(Solution { cylinder, sigma, covariance, profiles, passes_count });
         }
     }
     None
+}
+
+/// Mean x of the points on the start, by a few of each profile: where position and slopes are nearly uncorrelated.
+fn middle(scan: &Scan, used: &[bool], start: &Settled) -> f64 {
+    let reach = robust::TUKEY_C * start.sigma;
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (station, _) in scan.stations().iter().zip(used).filter(|(_, used)| **used) {
+        let slice = start.cylinder.slice(station.x);
+        let stride = ((station.end - station.start) / MIDDLE_POINTS).max(1);
+        let points = (station.start..station.end).step_by(stride).filter_map(|index| scan.columns().get(index));
+        let on = points.filter(|[y, z]| slice.distance(*y, *z).abs() < reach).count() as f64;
+        (sum, count) = (sum + on * station.x, count + on);
+    }
+    if count > 0.0 { sum / count } else { start.cylinder.x_ref }
 }
 
 fn pass(scan: &Scan, used: &[bool], cylinder: &Cylinder, sigma: f64) -> Vec<Sums> {
@@ -67,10 +85,9 @@ fn sandwich(normal: &Matrix5<f64>, profiles: &[Sums], hold: Hold) -> Option<Matr
     let bread = step::invert(normal)?;
     let (mut meat, mut clusters_count) = (Matrix5::zeros(), 0.0_f64);
     for profile in profiles.iter().filter(|profile| profile.weight > 0.0) {
-        let mut gradient: Vector5<f64> = profile.gradient;
-        if hold == Hold::Fixed {
-            gradient[4] = 0.0;
-        }
+        // A fixed radius has no say and learns nothing.
+        let fixed = matches!(hold, Hold::Fixed { .. });
+        let gradient = if fixed { profile.gradient.component_mul(&step::OTHERS) } else { profile.gradient };
         meat += gradient * gradient.transpose();
         clusters_count += 1.0;
     }

@@ -8,11 +8,16 @@ use nalgebra::{Matrix5, Vector5};
 pub(super) enum Hold {
     /// From the data alone.
     Free,
-    /// Known exactly.
-    Fixed,
+    /// Known exactly, mm.
+    Fixed { radius: f64 },
     /// Known to be `radius` ± `sigma` (standard uncertainty), mm.
     Prior { radius: f64, sigma: f64 },
 }
+
+/// The radius among the parameters,
+const RADIUS: Vector5<f64> = Vector5::new(0.0, 0.0, 0.0, 0.0, 1.0);
+/// and all the others.
+pub(super) const OTHERS: Vector5<f64> = Vector5::new(1.0, 1.0, 1.0, 1.0, 0.0);
 
 /// The normal matrix and gradient with what is known of the radius in them. `noise` is the points' standard deviation, mm.
 ///
@@ -21,16 +26,15 @@ pub(super) fn system(sums: &Sums, hold: Hold, noise: f64, radius: f64) -> (Matri
     let (mut normal, mut gradient) = (sums.normal, sums.gradient);
     match hold {
         Hold::Free => {}
-        Hold::Fixed => {
-            normal.row_mut(4).fill(0.0);
-            normal.column_mut(4).fill(0.0);
-            normal[(4, 4)] = 1.0;
-            gradient[4] = 0.0;
+        Hold::Fixed { radius: known } => {
+            let others = Matrix5::from_diagonal(&OTHERS);
+            normal = others * normal * others + Matrix5::from_diagonal(&RADIUS);
+            gradient = gradient.component_mul(&OTHERS) + RADIUS * (radius - known);
         }
         Hold::Prior { radius: expected, sigma } => {
             let stiffness = (noise / sigma).powi(2);
-            normal[(4, 4)] += stiffness;
-            gradient[4] += stiffness * (radius - expected);
+            normal += Matrix5::from_diagonal(&(RADIUS * stiffness));
+            gradient += RADIUS * (stiffness * (radius - expected));
         }
     }
     (normal, gradient)

@@ -97,8 +97,26 @@ fn add<const SLOPE: bool>(
         let (kaa, kab, kbb) = (ka * a, ka * b, kb * b);
         let (wda, wdb) = (wd * a, wd * b);
         let terms = [
-            w, wd, wda, wdb, wda * t, wdb * t, k, ka, kb, kaa, kab, kbb, ka * t, kb * t, kaa * t, kab * t, kbb * t,
-            kaa * t * t, kab * t * t, kbb * t * t,
+            w,
+            wd,
+            wda,
+            wdb,
+            wda * t,
+            wdb * t,
+            k,
+            ka,
+            kb,
+            kaa,
+            kab,
+            kbb,
+            ka * t,
+            kb * t,
+            kaa * t,
+            kab * t,
+            kbb * t,
+            kaa * t * t,
+            kab * t * t,
+            kbb * t * t,
         ];
         for (total, term) in totals.iter_mut().zip(terms) {
             #[expect(clippy::indexing_slicing, reason = "i runs over the constant length of the arrays")]
@@ -145,7 +163,8 @@ mod tests {
             for [y, z] in &points {
                 let Response { d, a, b, t } = cylinder.slice(70.0).response(*y, *z);
                 let rest = (1.0 - d * d / 0.0004).max(0.0);
-                let bend = if curvature == Curvature::Weight { rest * rest } else { rest * (1.0 - 5.0 * d * d / 0.0004) };
+                let bend =
+                    if curvature == Curvature::Weight { rest * rest } else { rest * (1.0 - 5.0 * d * d / 0.0004) };
                 let row = Vector5::new(a * t, b * t, a, b, -1.0);
                 expected.gradient += row * (rest * rest * d);
                 expected.normal += row * row.transpose() * bend;

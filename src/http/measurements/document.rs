@@ -241,6 +241,8 @@ impl From<&Pose> for PoseDocument {
             radius_mm: pose.radius,
             radius_source: match pose.radius_source {
                 RadiusSource::Fitted => "fitted",
+                RadiusSource::Nominal => "nominal",
+                RadiusSource::Prior => "prior",
             },
             end_face: None,
         }

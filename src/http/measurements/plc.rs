@@ -17,8 +17,8 @@ pub(in super::super) struct PlcDocument {
     #[schema(minimum = 1, maximum = 2)]
     verdict_code: u8,
     /// 0 none, 1 too_few_profiles, 2 points_identical, 3 points_collinear, 4 too_few_valid_profiles,
-    /// 5 axial_length_too_short, 6 sections_disagree.
-    #[schema(minimum = 0, maximum = 6)]
+    /// 5 axial_length_too_short, 6 sections_disagree, 7 no_cylinder, 8 two_cylinders, 9 pose_undetermined.
+    #[schema(minimum = 0, maximum = 9)]
     refusal_code: u8,
     /// Warnings; read the whole document where there are any.
     warnings_count: u64,
@@ -95,6 +95,9 @@ const fn number_of(refusal: &Refusal) -> u8 {
         Refusal::TooFewValidProfiles { .. } => 4,
         Refusal::AxialLengthTooShort { .. } => 5,
         Refusal::SectionsDisagree { .. } => 6,
+        Refusal::NoCylinder { .. } => 7,
+        Refusal::TwoCylinders { .. } => 8,
+        Refusal::PoseUndetermined { .. } => 9,
     }
 }
 

@@ -1,6 +1,6 @@
 //! A recipe as clients write and read it. Every field may be left out. Must not know what a field does.
 
-use super::super::names::{MethodName, UnitName};
+use super::super::names::{MethodName, RadiusName, UnitName};
 use crate::geometry::Frame;
 use crate::scan::slice::Region;
 use crate::service::Recipe;
@@ -59,6 +59,21 @@ pub struct RecipeDocument {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
     pub nominal_radius_mm: Option<f64>,
+    /// How `cylinder` treats the radius: free, fixed or prior.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(in super::super) radius: Option<RadiusName>,
+    /// Standard uncertainty of the nominal radius.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
+    pub radius_sigma_mm: Option<f64>,
+    /// Angles of `cylinder` known worse than this refuse the scan; standard uncertainty.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(exclusive_minimum = 0.0, maximum = 90.0)]
+    pub angle_uncertainty_max_deg: Option<f64>,
+    /// Positions of `cylinder` at x_ref known worse than this refuse the scan; standard uncertainty.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
+    pub position_uncertainty_max_mm: Option<f64>,
     /// Unit of the file's coordinates.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(in super::super) unit: Option<UnitName>,
@@ -118,6 +133,10 @@ impl From<RecipeDocument> for Recipe {
             profiles_min: document.profiles_min,
             axial_length_min_mm: document.axial_length_min_mm,
             nominal_radius_mm: document.nominal_radius_mm,
+            radius: document.radius.map(Into::into),
+            radius_sigma_mm: document.radius_sigma_mm,
+            angle_uncertainty_max_deg: document.angle_uncertainty_max_deg,
+            position_uncertainty_max_mm: document.position_uncertainty_max_mm,
             unit: document.unit.map(Into::into),
             profile_by: document.profile_by,
             frame: document.frame.map(|frame| Frame {
@@ -145,6 +164,10 @@ impl From<Recipe> for RecipeDocument {
             profiles_min: recipe.profiles_min,
             axial_length_min_mm: recipe.axial_length_min_mm,
             nominal_radius_mm: recipe.nominal_radius_mm,
+            radius: recipe.radius.map(Into::into),
+            radius_sigma_mm: recipe.radius_sigma_mm,
+            angle_uncertainty_max_deg: recipe.angle_uncertainty_max_deg,
+            position_uncertainty_max_mm: recipe.position_uncertainty_max_mm,
             unit: recipe.unit.map(Into::into),
             profile_by: recipe.profile_by,
             frame: recipe.frame.map(|frame| FrameDocument {

@@ -5,7 +5,7 @@
 //! profile as the cluster: whatever the points of a profile share is in its centre, so nothing is assumed about them.
 //! In: centres and radii of profiles. Out: axis, radius, covariance, weights. Must not know of points.
 
-use super::robust;
+use crate::estimation::robust;
 use crate::geometry::AxisLine;
 use nalgebra::{Matrix2, Matrix5, Vector2, Vector5};
 

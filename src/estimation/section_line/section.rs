@@ -3,7 +3,7 @@
 //! why there is none. Must not know of other profiles.
 
 use super::conic::Conic;
-use super::{Method, Reason, Section, Settings, robust};
+use crate::estimation::{Method, Reason, Section, Settings, robust};
 use crate::geometry::{Angle, SectionEllipse};
 use std::f64::consts::TAU;
 

@@ -1,0 +1,64 @@
+//! Puts an estimate together from what a method found: conditioning, residuals, warnings. Must not fit or judge anything.
+
+use super::{Conditioning, Estimate, Method, Outcome, Profile, Residuals, Section, Settings, Warning};
+use crate::geometry::Angle;
+
+/// Below this arc a free ellipse is biased by more than its scatter, whatever the radius.
+const ARC_OF_BIAS_DEG: f64 = 120.0;
+/// A fitted radius this far from the nominal one, relative to it, is warned of.
+const RADIUS_TOLERANCE: f64 = 0.02;
+
+/// Puts the estimate together.
+pub(super) fn conclude(settings: &Settings, outcome: Outcome, profiles: Vec<Profile>) -> Estimate {
+    let valid: Vec<(&Profile, &Section)> =
+        profiles.iter().filter(|p| p.rejected.is_none()).filter_map(|p| Some((p, p.section.as_ref()?))).collect();
+    let seen: Vec<&Section> = if valid.is_empty() {
+        profiles.iter().filter_map(|p| p.section.as_ref()).collect()
+    } else {
+        valid.iter().map(|(_, section)| *section).collect()
+    };
+    let arc = median(seen.iter().map(|section| section.arc.radians()));
+    let points_count: usize = valid.iter().map(|(profile, _)| profile.points_count).sum();
+    let inner: f64 = valid.iter().map(|(profile, section)| section.inlier_ratio * profile.points_count as f64).sum();
+    let residuals = median(valid.iter().map(|(_, section)| section.sigma))
+        .map(|sigma| Residuals { sigma, inlier_ratio: inner / points_count as f64 });
+    let conditioning = Conditioning {
+        arc: arc.map(Angle::from_radians),
+        axial_length: axial_length(&profiles),
+        warnings: warnings(settings, &outcome, arc.map(f64::to_degrees)),
+    };
+    Estimate { method: settings.method, outcome, profiles, conditioning, residuals }
+}
+
+fn warnings(settings: &Settings, outcome: &Outcome, arc_deg: Option<f64>) -> Vec<Warning> {
+    let Outcome::Accepted(pose) = outcome else { return Vec::new() };
+    let radius_mm = pose.radius;
+    let differs = |nominal: &f64| (radius_mm - nominal).abs() > RADIUS_TOLERANCE * nominal;
+    [
+        (settings.method == Method::SectionLinePlain).then_some(Warning::NotRobust),
+        arc_deg
+            .filter(|arc| settings.method != Method::Cylinder && *arc < ARC_OF_BIAS_DEG)
+            .map(|arc_deg| Warning::ShortArc { arc_deg }),
+        settings
+            .nominal_radius_mm
+            .filter(differs)
+            .map(|nominal_radius_mm| Warning::RadiusDiffers { radius_mm, nominal_radius_mm }),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
+/// The upper of two middle values where there are two.
+pub(super) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut values: Vec<f64> = values.collect();
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// From the first valid profile to the last, mm.
+pub(super) fn axial_length(profiles: &[Profile]) -> f64 {
+    let mut used = profiles.iter().filter(|p| p.rejected.is_none()).map(|p| p.x);
+    let first = used.next();
+    first.zip(used.next_back()).map_or(0.0, |(first, last)| last - first)
+}

@@ -1,0 +1,53 @@
+//! The published method: an ellipse a profile by Tukey M-estimation, valid when enough of its points are inner points, then
+//! a robust line through the valid centres; and its non-robust comparison.
+//!
+//! ```text
+//! Scan --section, conic--> Section or Reason, a profile --axis--> line through the valid centres --verdict--> Outcome
+//! ```
+
+mod axis;
+mod conic;
+mod section;
+mod verdict;
+
+use super::{Method, Outcome, Profile, Progress, Settings};
+use crate::scan::{Scan, Station};
+use axis::{Centre, Reweighting};
+use rayon::prelude::*;
+
+/// The pose or why there is none, and what became of every profile.
+pub(super) fn find(scan: &Scan, settings: &Settings, progress: &Progress) -> (Outcome, Vec<Profile>) {
+    let mut profiles = fit_sections(scan, settings, progress);
+    let outcome = match verdict::before_fitting(scan, &profiles, settings) {
+        Some(refusal) => Outcome::Refused(refusal),
+        None => fit_axis(&mut profiles, settings),
+    };
+    (outcome, profiles)
+}
+
+fn fit_sections(scan: &Scan, settings: &Settings, progress: &Progress) -> Vec<Profile> {
+    let fit = |bench: &mut section::Bench, station: &Station| {
+        scan.load(*station, &mut bench.y, &mut bench.z);
+        let section = bench.fit(settings);
+        progress.advance();
+        verdict::profile(station, section, settings)
+    };
+    scan.stations().par_iter().map_init(section::Bench::default, fit).collect()
+}
+
+/// Draws the axis through the valid centres; marks those that lie off it.
+fn fit_axis(profiles: &mut [Profile], settings: &Settings) -> Outcome {
+    let reweighting = match settings.method {
+        Method::SectionLinePlain => Reweighting::None,
+        Method::SectionLine | Method::Cylinder => Reweighting::Tukey,
+    };
+    let centres: Vec<Centre> = profiles.iter().filter_map(verdict::centre).collect();
+    let Some(fit) = axis::fit(&centres, reweighting) else {
+        return Outcome::Refused(verdict::no_axis(profiles, settings));
+    };
+    verdict::mark_off_axis(profiles, &fit);
+    match verdict::after_fitting(profiles, settings) {
+        Some(refusal) => Outcome::Refused(refusal),
+        None => Outcome::Accepted(Box::new(verdict::pose(&fit))),
+    }
+}
