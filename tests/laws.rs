@@ -11,6 +11,7 @@ use proptest::prelude::*;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
+use rand_distr::Distribution;
 
 const ROBUST: [Method; 2] = [Method::Cylinder, Method::SectionLine];
 
@@ -204,6 +205,38 @@ fn hostile_numbers_never_panic_and_never_give_a_pose_that_is_not_finite() {
         let estimate = run(&scan_of(&vec![huge(scale); 8]), &by(method));
         if let Outcome::Accepted(pose) = estimate.outcome {
             assert!(pose.radius.is_finite() && pose.axis.direction().iter().all(|v| v.is_finite()), "{scale}");
+        }
+    }
+}
+
+#[test]
+fn what_is_no_cylinder_is_refused_by_every_robust_method() {
+    let mut chance = ChaCha8Rng::seed_from_u64(5);
+    let mut noise = |sigma: f64| rand_distr::Normal::new(0.0, sigma).expect("valid").sample(&mut chance);
+    let profiles = |point: &mut dyn FnMut(usize, f64) -> [f64; 2]| -> Vec<Vec<[f64; 2]>> {
+        (0..60).map(|i| (0..300).map(|j| point(i, f64::from(j) / 300.0)).collect()).collect()
+    };
+    let arc = |place: f64| ((0.1 + 0.8 * place) * std::f64::consts::PI).sin_cos();
+    let scenes: [(&str, &mut dyn FnMut(usize, f64) -> [f64; 2]); 6] = [
+        ("a ledge", &mut |_, s| [200.0 * s, if s > 0.9 { 5.0 } else { 0.0 } + (s * 7919.0).sin() * 0.03]),
+        ("a plane and one outlier", &mut |i, s| {
+            [200.0 * s, if i == 20 && s == 0.5 { 40.0 } else { (s * 7919.0 + i as f64).sin() * 0.03 }]
+        }),
+        ("a step", &mut |i, s| {
+            [200.0 * s, if (0.2..0.8).contains(&s) { 50.0 } else { (s * 7919.0 + i as f64).sin() * 0.04 }]
+        }),
+        ("a tube twice as wide as high", &mut |_, s| [100.0 * arc(s).1 + noise(0.05), 50.0 * arc(s).0]),
+        ("a cone", &mut |i, s| {
+            let radius = 100.0 - 0.5 * i as f64;
+            [radius * arc(s).1, radius * arc(s).0]
+        }),
+        ("a patch smaller than the resolution", &mut |i, s| [0.06 * s, 0.03 * (s * 7919.0 + i as f64).sin()]),
+    ];
+    for (name, point) in scenes {
+        let scan = scan_of(&profiles(point));
+        for method in ROBUST {
+            let outcome = run(&scan, &by(method)).outcome;
+            assert!(matches!(outcome, Outcome::Refused(_)), "{name} by {method:?}: {outcome:?}");
         }
     }
 }

@@ -139,6 +139,30 @@ impl Reason {
             Self::OffAxis => "off_axis",
         }
     }
+
+    /// What to do where most profiles are rejected for this.
+    fn advice(self, sigma_mm: Option<f64>, epsilon_mm: f64) -> String {
+        match (self, sigma_mm) {
+            (Self::TooFewPoints, _) => {
+                "lower points_min, or declare which points make a profile (profile_by)".to_owned()
+            }
+            (Self::NotConverged, _) => {
+                "no section of a cylinder fits them; check unit, frame, region and which column is the height"
+                    .to_owned()
+            }
+            (Self::LowInlierRatio, Some(sigma_mm)) => format!(
+                "their points scatter by {sigma_mm:.3} mm about their sections where epsilon_mm is {epsilon_mm}; if that is the \
+                 sensor's noise raise epsilon_mm, if it is interference use the method cylinder"
+            ),
+            (Self::LowInlierRatio, None) => "see the profiles".to_owned(),
+            (Self::ArcTooShort, _) => {
+                "show more of the section to the sensor, lower arc_min_deg, or use the method cylinder".to_owned()
+            }
+            (Self::OffAxis, _) => {
+                "their centres lie on no common line; check the order of the profiles and x".to_owned()
+            }
+        }
+    }
 }
 
 /// Why a scan has no pose, with the numbers that decided it.
@@ -173,8 +197,8 @@ pub enum Refusal {
     },
     /// Too few profiles passed.
     #[error(
-        "only {valid_count} of {profiles_count} profiles are valid, {profiles_min} are needed; most were rejected as \
-         {}; see the profiles for each reason", .most_common.name()
+        "only {valid_count} of {profiles_count} profiles are valid, {profiles_min} are needed; most were rejected as {}: {}",
+        .most_common.name(), .most_common.advice(*.sigma_mm, *.epsilon_mm)
     )]
     TooFewValidProfiles {
         /// Profiles that passed.
@@ -185,6 +209,10 @@ pub enum Refusal {
         profiles_min: u32,
         /// What most of the others failed on.
         most_common: Reason,
+        /// Median spread of the points about their sections, mm; `None` without a section.
+        sigma_mm: Option<f64>,
+        /// What counts as an inner point, mm.
+        epsilon_mm: f64,
     },
     /// The valid profiles lie too close together to give a direction.
     #[error(
@@ -207,6 +235,17 @@ pub enum Refusal {
         radius_mm: f64,
         /// Robust spread of the radii.
         radius_spread_mm: f64,
+    },
+    /// The sections are ellipses that their axis does not explain.
+    #[error(
+        "the sections are {axis_ratio:.3} times as long as wide where their axis explains {expected_ratio:.3}: the part is not \
+         round, or its arc too short for its noise; scan a wider arc, or use the method cylinder"
+    )]
+    SectionsNotRound {
+        /// Median of the longer over the shorter axis.
+        axis_ratio: f64,
+        /// The same of a cylinder about the fitted axis.
+        expected_ratio: f64,
     },
     /// No cylinder that enough of the points lie on.
     #[error(
@@ -261,6 +300,7 @@ impl Refusal {
             Self::TooFewValidProfiles { .. } => "too_few_valid_profiles",
             Self::AxialLengthTooShort { .. } => "axial_length_too_short",
             Self::SectionsDisagree { .. } => "sections_disagree",
+            Self::SectionsNotRound { .. } => "sections_not_round",
             Self::NoCylinder { .. } => "no_cylinder",
             Self::TwoCylinders { .. } => "two_cylinders",
             Self::PoseUndetermined { .. } => "pose_undetermined",
@@ -285,8 +325,8 @@ pub struct Conditioning {
 pub enum Warning {
     /// A free ellipse on a short arc is biased towards the sensor, and more profiles do not help.
     #[error(
-        "the sections span {arc_deg:.0}°: below 120° a freely fitted ellipse is biased along the viewing direction by \
-         more than its scatter shows"
+        "the sections span {arc_deg:.0}°: below 120° a freely fitted ellipse is pulled along the viewing direction, by about \
+         what the line fit_bias of the budget says; the method cylinder is not"
     )]
     ShortArc {
         /// Median arc of the valid sections.

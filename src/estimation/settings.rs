@@ -55,7 +55,7 @@ pub enum RadiusRule {
 pub struct Settings {
     /// How the pose is found.
     pub method: Method,
-    /// A point nearer than this to its ellipse is an inner point.
+    /// A point nearer than this to its ellipse is an inner point. A radius below four of these is not resolved.
     ///
     /// 0.111 mm reproduces the published inner ratio of 97.4 % on a smooth profile with a noise of 0.05 mm in y and z.
     pub epsilon_mm: f64,

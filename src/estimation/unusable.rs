@@ -28,7 +28,8 @@ fn collinear(scan: &Scan) -> bool {
     let (mut y, mut z) = (Vec::new(), Vec::new());
     scan.stations().iter().all(|station| {
         scan.load(*station, &mut y, &mut z);
-        straight(&y, &z)
+        // Two points are always on a line, which says nothing.
+        y.len() > 2 && straight(&y, &z)
     })
 }
 

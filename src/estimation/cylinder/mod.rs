@@ -40,6 +40,8 @@ const SLOPE_MAX: f64 = 0.35;
 const RADIUS_SIZES: [f64; 2] = [0.25, 8.0];
 /// Radii that are looked for about a nominal one, relative to it.
 const NOMINAL_REACH: f64 = 0.02;
+/// A cylinder whose radius is not this many ε is not resolved: everything lies on it.
+const RESOLVED: f64 = 4.0;
 /// What is near a start: this many times the roughness, but within these shares of the size of a profile.
 const TOLERANCE_ROUGHNESS: f64 = 4.0;
 const TOLERANCE_SIZES: [f64; 2] = [0.002, 0.02];
@@ -76,7 +78,15 @@ fn search(scan: &Scan, used: &[bool], settings: &Settings) -> Result<Solution, R
     let profiles_min = settings.profiles_min;
     if valid_count < profiles_min as usize {
         let most_common = Reason::TooFewPoints;
-        return Err(Refusal::TooFewValidProfiles { valid_count, profiles_count, profiles_min, most_common });
+        let (sigma_mm, epsilon_mm) = (None, settings.epsilon_mm);
+        return Err(Refusal::TooFewValidProfiles {
+            valid_count,
+            profiles_count,
+            profiles_min,
+            most_common,
+            sigma_mm,
+            epsilon_mm,
+        });
     }
     too_short(scan.stations().iter().zip(used).filter(|(_, used)| **used).map(|(s, _)| s), settings)?;
     let sample = Sample::take(scan, used, SAMPLE_PROFILES_MAX, SAMPLE_POINTS_MAX);
@@ -88,8 +98,14 @@ fn search(scan: &Scan, used: &[bool], settings: &Settings) -> Result<Solution, R
         Choice::Two(a, b) => return Err(two_cylinders(&a, &b)),
         Choice::None => return Err(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm }),
     };
-    solve::solve(scan, used, &chosen.settled, hold)
-        .ok_or(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm })
+    let resolved = |solution: &Solution| {
+        let [least, most] = bounds.radius_mm;
+        let radius = solution.cylinder.radius;
+        // At the end of what was looked for lies a plane or a line, not a part.
+        radius >= least && radius <= most && radius >= RESOLVED * settings.epsilon_mm
+    };
+    let solution = solve::solve(scan, used, &chosen.settled, hold).filter(resolved);
+    solution.ok_or(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm })
 }
 
 fn bounds(scan: &Scan, sample: &Sample, settings: &Settings) -> Bounds {

@@ -6,13 +6,15 @@
 //! ```
 
 mod axis;
+mod bias;
 mod conic;
 mod section;
 mod verdict;
 
-use super::{Method, Outcome, Profile, Progress, Settings};
+use super::{Method, Outcome, Profile, Progress, Section, Settings};
 use crate::scan::{Scan, Station};
 use axis::{Centre, Reweighting};
+use bias::Bias;
 use rayon::prelude::*;
 
 /// The pose or why there is none, and what became of every profile.
@@ -20,7 +22,7 @@ pub(super) fn find(scan: &Scan, settings: &Settings, progress: &Progress) -> (Ou
     let mut profiles = fit_sections(scan, settings, progress);
     let outcome = match verdict::before_fitting(scan, &profiles, settings) {
         Some(refusal) => Outcome::Refused(refusal),
-        None => fit_axis(&mut profiles, settings),
+        None => fit_axis(scan, &mut profiles, settings),
     };
     (outcome, profiles)
 }
@@ -36,7 +38,7 @@ fn fit_sections(scan: &Scan, settings: &Settings, progress: &Progress) -> Vec<Pr
 }
 
 /// Draws the axis through the valid centres; marks those that lie off it.
-fn fit_axis(profiles: &mut [Profile], settings: &Settings) -> Outcome {
+fn fit_axis(scan: &Scan, profiles: &mut [Profile], settings: &Settings) -> Outcome {
     let reweighting = match settings.method {
         Method::SectionLinePlain => Reweighting::None,
         Method::SectionLine | Method::Cylinder => Reweighting::Tukey,
@@ -46,8 +48,20 @@ fn fit_axis(profiles: &mut [Profile], settings: &Settings) -> Outcome {
         return Outcome::Refused(verdict::no_axis(profiles, settings));
     };
     verdict::mark_off_axis(profiles, &fit);
-    match verdict::after_fitting(profiles, settings) {
+    let bias = typical_bias(scan, profiles, settings);
+    match verdict::after_fitting(profiles, &fit.axis, bias, settings) {
         Some(refusal) => Outcome::Refused(refusal),
-        None => Outcome::Accepted(Box::new(verdict::pose(&fit))),
+        None => Outcome::Accepted(Box::new(verdict::pose(&fit, bias))),
     }
+}
+
+/// The bias of the valid profile whose arc is the median one.
+fn typical_bias(scan: &Scan, profiles: &[Profile], settings: &Settings) -> Bias {
+    let valid = profiles.iter().zip(scan.stations()).filter(|(profile, _)| profile.rejected.is_none());
+    let mut sections: Vec<(Section, Station)> = valid.filter_map(|(p, station)| Some((p.section?, *station))).collect();
+    sections.sort_by(|(a, _), (b, _)| a.arc.radians().total_cmp(&b.arc.radians()));
+    let Some((section, station)) = sections.get(sections.len() / 2) else { return Bias::default() };
+    let (mut y, mut z) = (Vec::new(), Vec::new());
+    scan.load(*station, &mut y, &mut z);
+    bias::bias(section, &y, &z, settings)
 }

@@ -2,22 +2,35 @@
 //! numbers that others calculated; must not fit anything itself.
 
 use super::axis::{Centre, Fit};
+use super::bias::Bias;
 use crate::estimation::conclude::{axial_length, median};
 use crate::estimation::unusable::unusable;
 use crate::estimation::{
     Component, Method, Pose, Profile, RadiusSource, Reason, Refusal, Section, Settings, Uncertainty, robust,
 };
+use crate::geometry::AxisLine;
 use crate::scan::{Scan, Station};
+use nalgebra::{Matrix5, Vector5};
 
-/// Radii of sections that scatter by more than this share of their median do not belong to one cylinder: on the shortest
-/// arc that is accepted by default, 60°, noise makes them scatter by a few hundredths.
-const RADIUS_SPREAD: f64 = 0.1;
+/// Radii of sections that scatter by more than this share of their median,
+const RADIUS_SPREAD: f64 = 0.03;
+/// and by more than this many times what their noise does, do not belong to one cylinder.
+const RADIUS_SCATTERS: f64 = 4.0;
+/// A section whose radius is not this many ε is not resolved: everything is an inner point.
+const RESOLVED: f64 = 4.0;
+/// The axes of a section relate as 1 to 1/cos of the tilt; below this, a tilt of 53°, it is no section of a part on a rail.
+const SLENDER: f64 = 0.6;
+/// Sections that are longer than the tilt of their axis makes them, by this share, are not round.
+const ROUND: f64 = 0.1;
 
 /// Judges a profile by its own section.
 pub(super) fn profile(station: &Station, section: Result<Section, Reason>, settings: &Settings) -> Profile {
     let rejected = match &section {
         Err(reason) => Some(*reason),
         Ok(_) if settings.method == Method::SectionLinePlain => None,
+        // Nearly flat or nearly anything else: an ellipse, but not of a cylinder that crosses the planes.
+        Ok(section) if section.ellipse.semi_minor < SLENDER * section.ellipse.semi_major => Some(Reason::NotConverged),
+        Ok(section) if section.ellipse.semi_minor < RESOLVED * settings.epsilon_mm => Some(Reason::NotConverged),
         Ok(section) if section.inlier_ratio < settings.inlier_ratio_min => Some(Reason::LowInlierRatio),
         Ok(section) if section.arc.degrees() < settings.arc_min_deg => Some(Reason::ArcTooShort),
         Ok(_) => None,
@@ -38,10 +51,21 @@ pub(super) fn before_fitting(scan: &Scan, profiles: &[Profile], settings: &Setti
 }
 
 /// Refusals that the finished axis gives rise to.
-pub(super) fn after_fitting(profiles: &[Profile], settings: &Settings) -> Option<Refusal> {
-    too_few_valid(profiles, settings)
-        .or_else(|| too_short(profiles, settings))
-        .or_else(|| (settings.method == Method::SectionLine).then(|| disagreement(profiles)).flatten())
+pub(super) fn after_fitting(profiles: &[Profile], axis: &AxisLine, bias: Bias, settings: &Settings) -> Option<Refusal> {
+    too_few_valid(profiles, settings).or_else(|| too_short(profiles, settings)).or_else(|| {
+        (settings.method == Method::SectionLine)
+            .then(|| disagreement(profiles, bias).or_else(|| not_round(profiles, axis)))
+            .flatten()
+    })
+}
+
+/// Sections are ellipses with the axes R and R·n, n² = 1 + p² + q²: what is longer or shorter is no cylinder's.
+fn not_round(profiles: &[Profile], axis: &AxisLine) -> Option<Refusal> {
+    let valid = profiles.iter().filter(|p| p.rejected.is_none()).filter_map(|p| p.section);
+    let axis_ratio = median(valid.map(|section| section.ellipse.semi_major / section.ellipse.semi_minor))?;
+    let expected_ratio = (1.0 + axis.p * axis.p + axis.q * axis.q).sqrt();
+    let round = (axis_ratio / expected_ratio - 1.0).abs() <= ROUND;
+    (!round).then_some(Refusal::SectionsNotRound { axis_ratio, expected_ratio })
 }
 
 fn too_short(profiles: &[Profile], settings: &Settings) -> Option<Refusal> {
@@ -50,17 +74,18 @@ fn too_short(profiles: &[Profile], settings: &Settings) -> Option<Refusal> {
         .then_some(Refusal::AxialLengthTooShort { axial_length_mm, axial_length_min_mm })
 }
 
-fn disagreement(profiles: &[Profile]) -> Option<Refusal> {
+fn disagreement(profiles: &[Profile], bias: Bias) -> Option<Refusal> {
     let radii = || profiles.iter().filter_map(centre).map(|centre| centre.radius);
     let radius_mm = median(radii())?;
     let squared: Vec<f64> = radii().map(|radius| (radius - radius_mm).powi(2)).collect();
     let radius_spread_mm = robust::sigma(&squared, &mut Vec::new());
-    (radius_spread_mm > RADIUS_SPREAD * radius_mm).then_some(Refusal::SectionsDisagree { radius_mm, radius_spread_mm })
+    let limit = (RADIUS_SPREAD * radius_mm).max(RADIUS_SCATTERS * bias.radius_scatter);
+    (radius_spread_mm > limit).then_some(Refusal::SectionsDisagree { radius_mm, radius_spread_mm })
 }
 
 /// The refusal where the valid centres allow no line at all.
 pub(super) fn no_axis(profiles: &[Profile], settings: &Settings) -> Refusal {
-    after_fitting(profiles, settings).unwrap_or(Refusal::AxialLengthTooShort {
+    too_few_valid(profiles, settings).unwrap_or(Refusal::AxialLengthTooShort {
         axial_length_mm: axial_length(profiles),
         axial_length_min_mm: settings.axial_length_min_mm,
     })
@@ -72,11 +97,16 @@ fn too_few_valid(profiles: &[Profile], settings: &Settings) -> Option<Refusal> {
     let counted = |reason: &Reason| profiles.iter().filter(|p| p.rejected == Some(*reason)).count();
     // The earlier of two equally common reasons names the plainer cause.
     let most_common = Reason::ALL.into_iter().rev().max_by_key(counted).unwrap_or(Reason::NotConverged);
-    (valid_count < profiles_min as usize).then_some(Refusal::TooFewValidProfiles {
+    let sigma_mm = median(profiles.iter().filter_map(|p| p.section).map(|section| section.sigma));
+    let epsilon_mm = settings.epsilon_mm;
+    let few = valid_count < profiles_min as usize;
+    few.then_some(Refusal::TooFewValidProfiles {
         valid_count,
         profiles_count,
         profiles_min,
         most_common,
+        sigma_mm,
+        epsilon_mm,
     })
 }
 
@@ -93,18 +123,23 @@ pub(super) fn mark_off_axis(profiles: &mut [Profile], fit: &Fit) {
     }
 }
 
-/// The pose with what its repeatability over the profiles says.
-pub(super) fn pose(fit: &Fit) -> Pose {
-    let [[a, ..], [_, b, ..], [_, _, c, ..], [_, _, _, d, _], [_, _, _, _, e]] = fit.covariance;
-    let standard = [a, b, c, d, e].map(|variance| variance.max(0.0).sqrt());
+/// The pose with what is known of its uncertainty: the scatter of the profiles, and what all of them are off alike.
+pub(super) fn pose(fit: &Fit, bias: Bias) -> Pose {
+    let repeatability = Component { source: "repeatability".to_owned(), standard: standard(&fit.covariance) };
+    let off = [0.0, 0.0, bias.y.abs(), bias.z.abs(), bias.radius.abs()];
+    let fit_bias = Component { source: "fit_bias".to_owned(), standard: off };
+    // Position and radius are off together: the ellipse shrinks away from where it is seen.
+    let shared = Vector5::new(0.0, 0.0, bias.y, bias.z, bias.radius);
+    let covariance = Matrix5::from(fit.covariance) + shared * shared.transpose();
     Pose {
         axis: fit.axis,
         x_ref: fit.x_ref,
         radius: fit.radius,
         radius_source: RadiusSource::Fitted,
-        uncertainty: Uncertainty {
-            covariance: fit.covariance,
-            budget: vec![Component { source: "repeatability".to_owned(), standard }],
-        },
+        uncertainty: Uncertainty { covariance: covariance.into(), budget: vec![repeatability, fit_bias] },
     }
+}
+
+fn standard(covariance: &[[f64; 5]; 5]) -> [f64; 5] {
+    Matrix5::from(*covariance).diagonal().map(|variance| variance.max(0.0).sqrt()).into()
 }
