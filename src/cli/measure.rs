@@ -116,10 +116,8 @@ impl Arguments {
         json: bool,
     ) -> Result<Verdict, Box<dyn Error>> {
         let source = open(path)?;
-        let (name, file_name) = match path == Path::new(STANDARD_INPUT) {
-            true => ("standard input".to_owned(), None),
-            false => (path.display().to_string(), Some(path.display().to_string())),
-        };
+        let file_name = Some(path.display().to_string()).filter(|name| name != STANDARD_INPUT);
+        let name = file_name.clone().unwrap_or_else(|| "standard input".to_owned());
         let reader = Box::new(BufReader::with_capacity(READ_BLOCK_BYTES, source));
         let origin = Origin { parameter: self.format, media_type: None, file_name };
         let measured = bar::with_bar(&name, |progress| measure_offline(reader, &origin, resolved, limits, progress));

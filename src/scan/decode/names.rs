@@ -177,7 +177,7 @@ fn read_axis(name: &str) -> Option<(Axis, Option<Unit>)> {
 fn read_long_axis(name: &str) -> Option<(Axis, Option<Unit>)> {
     let name = name.to_lowercase();
     let (mut axis, mut unit) = (None, None);
-    let words = name.split(|c: char| matches!(c, '_' | '-' | '[' | ']' | '(' | ')' | ' ' | '/' | '.'));
+    let words = name.split(['_', '-', '[', ']', '(', ')', ' ', '/', '.']);
     for word in words.filter(|word| !word.is_empty() && !POSITION_WORDS.contains(word)) {
         if let Some(found) = Axis::of_word(word) {
             axis.replace(found).is_none().then_some(())?;
