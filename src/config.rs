@@ -7,7 +7,8 @@ pub use layers::{ENVIRONMENT_PREFIX, Layers};
 
 use crate::estimation::{SettingError, Settings};
 use crate::scan::decode::Limits as ScanLimits;
-use serde::{Deserialize, Serialize};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
@@ -16,6 +17,7 @@ use std::path::PathBuf;
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
     /// Address and port to listen on; port 0 takes a free one.
+    #[serde(deserialize_with = "address")]
     pub listen: SocketAddr,
     /// Folder that holds records and scans; made where it is missing.
     pub data: PathBuf,
@@ -32,6 +34,14 @@ pub struct Config {
     pub timeouts: Timeouts,
     /// What holds for a measurement where neither the request nor its recipe says otherwise.
     pub estimation: Settings,
+}
+
+/// An address with a port; what is allowed is said, since a name such as localhost is none.
+fn address<'de, D: Deserializer<'de>>(text: D) -> Result<SocketAddr, D::Error> {
+    let text = String::deserialize(text)?;
+    text.parse().map_err(|_| {
+        Error::custom("must be an address and a port such as 127.0.0.1:8080 or [::1]:8080; names are not looked up")
+    })
 }
 
 /// What is written to the log, on standard error.

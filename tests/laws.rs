@@ -209,15 +209,18 @@ fn hostile_numbers_never_panic_and_never_give_a_pose_that_is_not_finite() {
     }
 }
 
+/// (y, z) of a place (0 to 1) of a profile.
+type Point<'a> = &'a mut dyn FnMut(usize, f64) -> [f64; 2];
+
 #[test]
 fn what_is_no_cylinder_is_refused_by_every_robust_method() {
     let mut chance = ChaCha8Rng::seed_from_u64(5);
     let mut noise = |sigma: f64| rand_distr::Normal::new(0.0, sigma).expect("valid").sample(&mut chance);
-    let profiles = |point: &mut dyn FnMut(usize, f64) -> [f64; 2]| -> Vec<Vec<[f64; 2]>> {
+    let profiles = |point: Point<'_>| -> Vec<Vec<[f64; 2]>> {
         (0..60).map(|i| (0..300).map(|j| point(i, f64::from(j) / 300.0)).collect()).collect()
     };
     let arc = |place: f64| ((0.1 + 0.8 * place) * std::f64::consts::PI).sin_cos();
-    let scenes: [(&str, &mut dyn FnMut(usize, f64) -> [f64; 2]); 6] = [
+    let scenes: [(&str, Point<'_>); 6] = [
         ("a ledge", &mut |_, s| [200.0 * s, if s > 0.9 { 5.0 } else { 0.0 } + (s * 7919.0).sin() * 0.03]),
         ("a plane and one outlier", &mut |i, s| {
             [200.0 * s, if i == 20 && s == 0.5 { 40.0 } else { (s * 7919.0 + i as f64).sin() * 0.03 }]

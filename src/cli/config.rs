@@ -41,11 +41,11 @@ pub(super) struct Sources {
 pub(super) fn run(arguments: &Arguments) -> Outcome {
     if let Some(file) = &arguments.check {
         Layers::default().file(file)?.build()?;
-        print(&format!("{} can be used\n", file.display()));
+        print(&format!("{} can be used\n", file.display()))?;
         return Ok(ExitCode::SUCCESS);
     }
     let config = if arguments.default { Config::default() } else { arguments.sources.config()? };
-    print(&toml::to_string(&config)?);
+    print(&toml::to_string(&config)?)?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -2,7 +2,7 @@
 //! pose beside the truth, where the pictures are and what to type next.
 
 use super::config::Sources;
-use super::serve::{start_log, stop_on_signal};
+use super::serve::{open_service, start_log, stop_on_signal};
 use super::simulate::write_made;
 use super::{Outcome, client, print};
 use crate::config::Config;
@@ -10,7 +10,6 @@ use crate::estimation::Method;
 use crate::http::Server;
 use crate::scan::decode::Format;
 use crate::scan::synthetic::{Part, Truth};
-use crate::service::{Capacity, Service};
 use serde_json::Value;
 use std::error::Error;
 use std::fs;
@@ -43,14 +42,14 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
 }
 
 async fn demonstrate(config: &Config, once: bool) -> Result<(), Box<dyn Error>> {
-    let service = Service::open(&config.data, Capacity::from_config(config), config.estimation).await?;
+    let service = open_service(config).await?;
     let server = Server::bind(config, service).map_err(|error| {
         format!("cannot listen on {}: {error}; choose another port with --listen 127.0.0.1:0", config.listen)
     })?;
     let (base, stopper) = (format!("http://{}", server.address()), server.stopper());
     tokio::spawn(stop_on_signal(stopper.clone()));
     let serving = tokio::spawn(server.serve());
-    let shown = show(&base, &config.data.join("demo")).await;
+    let shown = show(&base, &config.data.join("demo"), once).await;
     if once || shown.is_err() {
         stopper.stop();
     }
@@ -58,8 +57,8 @@ async fn demonstrate(config: &Config, once: bool) -> Result<(), Box<dyn Error>> 
     shown
 }
 
-/// Makes a scan, has it measured by both methods and prints what came out.
-async fn show(base: &str, folder: &Path) -> Result<(), Box<dyn Error>> {
+/// Makes a scan, has it measured by every method and prints what came out.
+async fn show(base: &str, folder: &Path, once: bool) -> Result<(), Box<dyn Error>> {
     let file = folder.join("scan.ply");
     fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     let truth_file = write_made(&Part::with_interference(1), Format::Ply, &file)?;
@@ -74,8 +73,8 @@ async fn show(base: &str, folder: &Path) -> Result<(), Box<dyn Error>> {
         }
         measurements.push((method, serde_json::from_str::<Value>(&answer.body)?));
     }
-    print(&report(base, &file, &truth, &measurements));
-    Ok(())
+    let end = if once { "" } else { "\nCtrl-C ends the service.\n" };
+    print(&(report(base, &file, &truth, &measurements) + end))
 }
 
 fn report(base: &str, file: &Path, truth: &Truth, measurements: &[(Method, Value)]) -> String {
@@ -113,6 +112,6 @@ fn report(base: &str, file: &Path, truth: &Truth, measurements: &[(Method, Value
     text + &format!(
         "\n\nLook at it in a browser:\n  {base}/v1/measurements/{id}/plots/residual_map.svg\n  {base}/docs\n\nGo on with:\n  \
          curl -s --data-binary @{file} '{base}/v1/measurements?format=ply'\n  curl -s '{base}/v1/measurements?limit=3'\n  \
-         curl -s {base}/v1/measurements/{id}/profiles -H 'Accept: text/csv'\n\nCtrl-C ends the service.\n"
+         curl -s {base}/v1/measurements/{id}/profiles -H 'Accept: text/csv'\n"
     )
 }

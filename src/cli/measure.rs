@@ -1,22 +1,24 @@
 //! `coaxis measure`: scan files to poses, without a service. The same document as over HTTP, or a table for people.
 
 use super::config::Sources;
-use super::{FAILED, Outcome, REFUSED, bar, complain, print, table};
+use super::{FAILED, Outcome, OutputClosed, REFUSED, bar, complain, print, table};
 use crate::estimation::Method;
 use crate::http::{MeasurementDocument, profiles_csv};
 use crate::plot::{Picture, Subject, draw};
 use crate::scan::decode::{Format, Limits, Unit};
 use crate::service::{Offline, Origin, Recipe, Resolved, Verdict, measure_offline};
+use std::collections::HashSet;
 use std::error::Error;
+use std::ffi::OsStr;
 use std::fs::{self, File};
-use std::io::{BufReader, IsTerminal};
+use std::io::{BufReader, IsTerminal, Read};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Measure scan files offline; exit code 0 accepted, 2 refused, 1 anything else
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// Scan files; gzip and zstd are undone
+    /// Scan files, - for standard input; gzip and zstd are undone
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Print one JSON document a line, also on a terminal
@@ -29,8 +31,11 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FILE")]
     recipe: Option<PathBuf>,
     /// Radius that the drawing gives
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", allow_hyphen_values = true)]
     nominal_radius_mm: Option<f64>,
+    /// A point nearer than this to its section is an inner point
+    #[arg(long, value_name = "MM", allow_hyphen_values = true)]
+    epsilon_mm: Option<f64>,
     /// Format of the files, where name and content do not say
     #[arg(long, value_parser = format)]
     format: Option<Format>,
@@ -40,10 +45,11 @@ pub(super) struct Arguments {
     /// Which points belong to one profile: column, column=NAME, row, x_value or x_pitch_mm=PITCH
     #[arg(long, value_name = "RULE")]
     profile_by: Option<String>,
-    /// Write what became of every profile to this file, CSV (with several scans: into this folder)
+    /// Write what became of every profile to this file, CSV (with several scans: into this folder, as
+    /// SCAN.csv)
     #[arg(long, value_name = "FILE")]
     profiles: Option<PathBuf>,
-    /// Write the pictures into this folder (with several scans: a folder each in it)
+    /// Write the pictures into this folder (with several scans: into the folder SCAN in it)
     #[arg(long, value_name = "FOLDER")]
     plots: Option<PathBuf>,
     /// Configuration file, TOML, for limits and defaults
@@ -54,12 +60,14 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> Outcome {
     let config = Sources::of_file(arguments.config.clone()).config()?;
     let resolved = arguments.recipe()?.resolve(&config.estimation)?;
+    arguments.check_names()?;
     let json = arguments.json || !std::io::stdout().is_terminal();
     let mut code = 0;
     for file in &arguments.files {
         match arguments.measure(file, &resolved, &config.scan, json) {
             Ok(Verdict::Accepted) => {}
             Ok(Verdict::Refused) => code = if code == FAILED { FAILED } else { REFUSED },
+            Err(error) if error.is::<OutputClosed>() => return Err(error),
             Err(error) => {
                 complain(error.as_ref());
                 code = FAILED;
@@ -74,6 +82,7 @@ impl Arguments {
         let flags = Recipe {
             method: self.method,
             nominal_radius_mm: self.nominal_radius_mm,
+            epsilon_mm: self.epsilon_mm,
             unit: self.unit,
             profile_by: self.profile_by.clone(),
             ..Recipe::default()
@@ -85,6 +94,20 @@ impl Arguments {
         Ok(flags.over(&recipe))
     }
 
+    /// Refuses scans whose output would be written over each other's.
+    fn check_names(&self) -> Result<(), String> {
+        let mut seen = HashSet::new();
+        let writes = self.plots.is_some() || self.profiles.is_some();
+        match self.files.iter().find(|file| !seen.insert(own_name(file))) {
+            Some(file) if writes => Err(format!(
+                "two scans are named {}, and the output of the one would overwrite the other's; rename one or measure them \
+                 one by one",
+                own_name(file).display()
+            )),
+            _ => Ok(()),
+        }
+    }
+
     fn measure(
         &self,
         path: &Path,
@@ -92,18 +115,19 @@ impl Arguments {
         limits: &Limits,
         json: bool,
     ) -> Result<Verdict, Box<dyn Error>> {
-        let name = path.display().to_string();
-        let file = File::open(path).map_err(|error| format!("{name}: {error}"))?;
-        let reader = Box::new(BufReader::with_capacity(READ_BLOCK_BYTES, file));
-        let origin = Origin { parameter: self.format, media_type: None, file_name: Some(name.clone()) };
+        let source = open(path)?;
+        let file_name = Some(path.display().to_string()).filter(|name| name != STANDARD_INPUT);
+        let name = file_name.clone().unwrap_or_else(|| "standard input".to_owned());
+        let reader = Box::new(BufReader::with_capacity(READ_BLOCK_BYTES, source));
+        let origin = Origin { parameter: self.format, media_type: None, file_name };
         let measured = bar::with_bar(&name, |progress| measure_offline(reader, &origin, resolved, limits, progress));
         let Offline { measurement, estimate, scan } = measured.map_err(|error| format!("{name}: {error}"))?;
         if let Some(place) = &self.profiles {
-            let place = if self.files.len() > 1 { place.join(stem(path)).with_extension("csv") } else { place.clone() };
+            let place = if self.files.len() > 1 { place.join(with_csv(own_name(path))) } else { place.clone() };
             write(&place, &profiles_csv(&estimate.profiles))?;
         }
         if let Some(folder) = &self.plots {
-            let folder = if self.files.len() > 1 { folder.join(stem(path)) } else { folder.clone() };
+            let folder = if self.files.len() > 1 { folder.join(own_name(path)) } else { folder.clone() };
             let subject = Subject { title: &name, epsilon_mm: resolved.settings.epsilon_mm, profile: None };
             for picture in Picture::ALL {
                 let place = folder.join(picture.name()).with_extension("svg");
@@ -112,9 +136,9 @@ impl Arguments {
         }
         let document = MeasurementDocument::from(&measurement);
         if json {
-            print(&format!("{}\n", serde_json::to_string(&document)?));
+            print(&format!("{}\n", serde_json::to_string(&document)?))?;
         } else {
-            print(&table::table(&name, &document));
+            print(&table::table(&name, &document))?;
         }
         Ok(measurement.verdict())
     }
@@ -123,8 +147,29 @@ impl Arguments {
 /// Reading a file in large blocks costs fewer calls; a scan has megabytes.
 const READ_BLOCK_BYTES: usize = 256 << 10;
 
-fn stem(path: &Path) -> &Path {
-    path.file_stem().map_or(Path::new("scan"), Path::new)
+/// The name that stands for standard input among the files.
+const STANDARD_INPUT: &str = "-";
+
+fn open(path: &Path) -> Result<Box<dyn Read>, String> {
+    if path == Path::new(STANDARD_INPUT) {
+        return Ok(Box::new(std::io::stdin()));
+    }
+    let file = File::open(path).map_err(|error| format!("{}: {error}", path.display()))?;
+    Ok(Box::new(file))
+}
+
+/// What a scan's output is named after: the whole file name, so that `s.ply` and `s.pcd` do not meet.
+fn own_name(path: &Path) -> &OsStr {
+    match path.file_name() {
+        Some(name) if name != STANDARD_INPUT => name,
+        _ => OsStr::new("stdin"),
+    }
+}
+
+fn with_csv(name: &OsStr) -> PathBuf {
+    let mut name = name.to_owned();
+    name.push(".csv");
+    name.into()
 }
 
 /// Writes a file, and the folder that it is to lie in.

@@ -13,6 +13,7 @@ mod table;
 
 use clap::{Parser, Subcommand};
 use std::error::Error;
+use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
 /// Measures the pose of the axis of a cylindrical part from laser profile scans.
@@ -61,7 +62,10 @@ pub fn run() -> ExitCode {
         Command::Health(arguments) => health::run(&arguments),
     };
     outcome.unwrap_or_else(|error| {
-        complain(error.as_ref());
+        // Who closed the pipe knows why the output ends; nobody else is there to be told.
+        if !error.is::<OutputClosed>() {
+            complain(error.as_ref());
+        }
         ExitCode::from(FAILED)
     })
 }
@@ -72,17 +76,57 @@ type Outcome = Result<ExitCode, Box<dyn Error>>;
 /// An error with its causes, for the person at the terminal.
 #[expect(clippy::print_stderr, reason = "this is where a command speaks to a person")]
 fn complain(error: &dyn Error) {
+    eprintln!("coaxis: {}", with_causes(error));
+}
+
+/// The text of an error and of its causes, each said once: some errors show their cause already.
+fn with_causes(error: &dyn Error) -> String {
     let mut text = error.to_string();
     let mut cause = error.source();
     while let Some(error) = cause {
-        text = format!("{text}: {error}");
+        let said = error.to_string();
+        if !text.contains(&said) {
+            text = format!("{text}: {said}");
+        }
         cause = error.source();
     }
-    eprintln!("coaxis: {text}");
+    text
 }
 
+/// Nobody reads the output any more, as with `coaxis openapi | head`.
+#[derive(Debug, thiserror::Error)]
+#[error("the output was closed")]
+struct OutputClosed;
+
 /// Writes what a command is for.
-#[expect(clippy::print_stdout, reason = "this is what the command is for")]
-fn print(text: &str) {
-    print!("{text}");
+///
+/// # Errors
+/// [`OutputClosed`] where nobody reads it, else what the operating system says.
+fn print(text: &str) -> Result<(), Box<dyn Error>> {
+    let mut out = std::io::stdout().lock();
+    out.write_all(text.as_bytes()).and_then(|()| out.flush()).map_err(|error| match error.kind() {
+        ErrorKind::BrokenPipe => OutputClosed.into(),
+        _ => format!("the output cannot be written: {error}").into(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, thiserror::Error)]
+    enum Refusal {
+        #[error("the file is damaged: {0}")]
+        Shown(#[source] std::num::ParseIntError),
+        #[error("the file is damaged")]
+        Linked(#[source] std::num::ParseIntError),
+    }
+
+    #[test]
+    fn a_cause_is_said_once_whether_the_error_shows_it_or_not() {
+        let cause = || "x".parse::<i32>().expect_err("no number");
+        let said = format!("the file is damaged: {}", cause());
+        assert_eq!(with_causes(&Refusal::Shown(cause())), said);
+        assert_eq!(with_causes(&Refusal::Linked(cause())), said);
+    }
 }

@@ -13,6 +13,6 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Outcome {
-    print(&if arguments.problems { Code::table() } else { openapi_json()? });
+    print(&if arguments.problems { Code::table() } else { openapi_json()? })?;
     Ok(ExitCode::SUCCESS)
 }

@@ -4,10 +4,12 @@ use super::Outcome;
 use super::config::Sources;
 use crate::config::{Config, Log, LogFormat};
 use crate::http::{Server, Stopper};
-use crate::service::{Capacity, Service};
+use crate::service::{Capacity, Service, ServiceError};
+use crate::store::StoreError;
 use std::error::Error;
 use std::io::IsTerminal;
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::signal::unix::{SignalKind, signal};
 use tracing_subscriber::EnvFilter;
@@ -30,7 +32,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
 }
 
 async fn serve(config: &Config) -> Result<(), Box<dyn Error>> {
-    let service = Service::open(&config.data, Capacity::from_config(config), config.estimation).await?;
+    let service = open_service(config).await?;
     let server = Server::bind(config, service)
         .map_err(|error| format!("cannot listen on {}: {error}; is another service running there?", config.listen))?;
     let address = server.address();
@@ -39,6 +41,20 @@ async fn serve(config: &Config) -> Result<(), Box<dyn Error>> {
     server.serve().await?;
     tracing::info!("stopped");
     Ok(())
+}
+
+/// The service on the folder that the configuration names.
+pub(super) async fn open_service(config: &Config) -> Result<Arc<Service>, Box<dyn Error>> {
+    Service::open(&config.data, Capacity::from_config(config), config.estimation).await.map_err(|error| match error {
+        ServiceError::Store(StoreError::FileUnavailable { path, source }) => format!(
+            "the data folder {} cannot be used: {}: {source}; give this user the right to write there, or another folder \
+             with --data FOLDER",
+            config.data.display(),
+            path.display()
+        )
+        .into(),
+        error => error.into(),
+    })
 }
 
 /// SIGTERM and SIGINT end the service; a second one changes nothing, the time for it is bounded anyway.

@@ -28,10 +28,10 @@ pub(super) struct ScanArguments {
     #[arg(long, value_parser = format)]
     format: Option<Format>,
     /// Radius of the part
-    #[arg(long, value_name = "MM", default_value_t = 200.0)]
+    #[arg(long, value_name = "MM", default_value_t = 200.0, allow_hyphen_values = true)]
     radius_mm: f64,
     /// From the first profile to the last
-    #[arg(long, value_name = "MM", default_value_t = 800.0)]
+    #[arg(long, value_name = "MM", default_value_t = 800.0, allow_hyphen_values = true)]
     length_mm: f64,
     /// Plane of the first profile
     #[arg(long, value_name = "MM", default_value_t = 0.0, allow_hyphen_values = true)]
@@ -43,7 +43,7 @@ pub(super) struct ScanArguments {
     #[arg(long, value_name = "COUNT", default_value_t = 640)]
     points: usize,
     /// Arc seen of each section
-    #[arg(long, value_name = "DEG", default_value_t = 140.0)]
+    #[arg(long, value_name = "DEG", default_value_t = 140.0, allow_hyphen_values = true)]
     arc_deg: f64,
     /// Tilt of the axis towards +Y
     #[arg(long, value_name = "DEG", default_value_t = 0.3575, allow_hyphen_values = true)]
@@ -58,28 +58,28 @@ pub(super) struct ScanArguments {
     #[arg(long, value_name = "MM", default_value_t = 6.514, allow_hyphen_values = true)]
     z_c0_mm: f64,
     /// Noise in y and in z, one standard deviation
-    #[arg(long, value_name = "MM", default_value_t = 0.05)]
+    #[arg(long, value_name = "MM", default_value_t = 0.05, allow_hyphen_values = true)]
     noise_mm: f64,
     /// Share of the profiles with screw holes: two groups of 2 % of the points sunk by 10 and 20 mm
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, allow_hyphen_values = true)]
     screw_holes: f64,
     /// Share of the profiles through a straight hole: 15 % of the points sunk by 30 mm
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, allow_hyphen_values = true)]
     straight_holes: f64,
     /// Share of the profiles under a clamp
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, allow_hyphen_values = true)]
     clamps: f64,
     /// Share of the arc that a clamp covers
-    #[arg(long, value_name = "SHARE", default_value_t = 0.5)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.5, allow_hyphen_values = true)]
     clamp_arc: f64,
     /// Height of a clamp above the surface
     #[arg(long, value_name = "MM", default_value_t = 25.0, allow_hyphen_values = true)]
     clamp_height_mm: f64,
     /// Share of the points that are missing
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, allow_hyphen_values = true)]
     drop_outs: f64,
     /// Share of the points that are thrown off by up to 10 mm
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, allow_hyphen_values = true)]
     spikes: f64,
     /// The same seed makes the same scan
     #[arg(long, default_value_t = 1)]
@@ -91,7 +91,7 @@ pub(super) fn run(subject: &Subject) -> Outcome {
     let part = arguments.part()?;
     let format = arguments.format()?;
     let truth_file = write_made(&part, format, &arguments.file)?;
-    print(&format!("{}\n{}\n", arguments.file.display(), truth_file.display()));
+    print(&format!("{}\n{}\n", arguments.file.display(), truth_file.display()))?;
     Ok(ExitCode::SUCCESS)
 }
 

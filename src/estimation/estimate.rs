@@ -35,7 +35,7 @@ pub enum Outcome {
 pub struct Pose {
     /// The axis.
     pub axis: AxisLine,
-    /// Middle of the profiles used, mm: where the position is known best and nearly independent of the angles.
+    /// Mean x of the profiles used, mm: where the position is known best and nearly independent of the angles.
     pub x_ref: f64,
     /// Radius of the part, mm.
     pub radius: f64,

@@ -79,7 +79,7 @@ pub struct PoseDocument {
     pub y_c0_mm: f64,
     /// Where the axis meets the plane x = 0.
     pub z_c0_mm: f64,
-    /// Middle of the profiles used: where the position is known best.
+    /// Mean x of what was used (valid profiles, or points on the part): the position is known best there.
     pub x_ref_mm: f64,
     /// The axis at `x_ref_mm`.
     pub y_ref_mm: f64,

@@ -31,7 +31,7 @@ pub(in super::super) struct PlcDocument {
     y_c0_um: Option<i64>,
     /// Where the axis meets x = 0, micrometres.
     z_c0_um: Option<i64>,
-    /// Middle of the profiles used, micrometres.
+    /// Mean x of what was used (valid profiles, or points on the part), micrometres.
     x_ref_um: Option<i64>,
     /// The axis there, micrometres.
     y_ref_um: Option<i64>,

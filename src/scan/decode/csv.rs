@@ -7,6 +7,7 @@
 //! | header | names with x, y, z; lines before it are passed over; also in the last comment before the rows |
 //! | no header | three columns are x y z; four are profile x y z where the first counts runs that share the second |
 //! | comments | lines that begin with `#` or `//`; `unit: mm` in one declares the unit |
+//! | line ends | LF, CR LF, or CR alone |
 //! | no point | a coordinate that is empty, `nan`, `-`, `null`, `n/a` |
 
 use super::fields::Separator;
@@ -22,7 +23,7 @@ const SAMPLE_LINES: usize = 64;
 
 /// Reads a table.
 pub(super) fn decode(reader: &mut dyn std::io::BufRead, request: &Request<'_>) -> Result<Cloud, DecodeError> {
-    let mut lines = Lines::new(reader, request.limits);
+    let mut lines = Lines::of_text(reader, request.limits)?;
     let sample = Sample::read(&mut lines)?;
     let table = sample.understand(request)?;
     let unit = settle_unit(request.unit, names::settle_stated(table.map.unit, sample.unit)?)?;
@@ -196,10 +197,10 @@ fn check_columns(columns: usize, limits: &Limits) -> Result<(), DecodeError> {
 fn split_names(line: &[u8], separator: Separator) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     for field in separator.split(line) {
-        let field = String::from_utf8_lossy(field);
+        let field = names::text_of(field);
         match names.last_mut() {
             Some(last) if separator == Separator::Blanks && field.starts_with(['[', '(']) => last.push_str(&field),
-            _ => names.push(field.into_owned()),
+            _ => names.push(field),
         }
     }
     while names.last().is_some_and(String::is_empty) {

@@ -143,7 +143,14 @@ pub enum DecodeError {
         limit: usize,
     },
     /// A column that is needed or asked for is not there.
-    #[error("there is no column {wanted}; the columns are: {}", found.join(", "))]
+    #[error(
+        "there is no column {wanted}; the columns are: {}; {}", found.join(", "),
+        if matches!(wanted.as_str(), "x" | "y" | "z") {
+            "rename the one that is meant, e.g. x_mm, y_mm, z_mm, or send three columns x, y, z without a header"
+        } else {
+            "name one of these"
+        }
+    )]
     UnknownColumn {
         /// What was looked for.
         wanted: String,
@@ -177,7 +184,10 @@ pub enum DecodeError {
         found: usize,
     },
     /// Something that is not a number where one should be.
-    #[error("line {line}, column {column} is not a number; leave the cell empty where there is no point")]
+    #[error(
+        "line {line}, column {column} is not a number; leave the cell empty where there is no point, and write a \
+         minus as the plain - of the keyboard (not as \u{2212} or a dash)"
+    )]
     BadNumber {
         /// Number of the line, from 1.
         line: u64,

@@ -9,12 +9,20 @@ pub(super) struct Lines<'a> {
     buffer: Vec<u8>,
     number: u64,
     bytes_max: usize,
+    /// The byte that ends a line.
+    end: u8,
 }
 
 impl<'a> Lines<'a> {
     /// From the reader's current position.
     pub(super) fn new(reader: &'a mut dyn BufRead, limits: &Limits) -> Self {
-        Self { reader, buffer: Vec::new(), number: 0, bytes_max: limits.line_bytes_max }
+        Self { reader, buffer: Vec::new(), number: 0, bytes_max: limits.line_bytes_max, end: b'\n' }
+    }
+
+    /// The same for text that may have been written with CR alone, as old programs do: where the first line ends so.
+    pub(super) fn of_text(reader: &'a mut dyn BufRead, limits: &Limits) -> Result<Self, DecodeError> {
+        let end = end_of_lines(reader.fill_buf()?);
+        Ok(Self { end, ..Self::new(reader, limits) })
     }
 
     /// The number of the last line given out, from 1.
@@ -22,10 +30,10 @@ impl<'a> Lines<'a> {
         self.number
     }
 
-    /// The next line without its end (LF or CR LF) and, in the first, without a byte order mark; `None` at the end.
+    /// The next line without its end (LF or CR LF, or CR where lines end so) and, in the first, without a byte order mark; `None` at the end.
     pub(super) fn next_line(&mut self) -> Result<Option<&[u8]>, DecodeError> {
         self.buffer.clear();
-        let read = self.reader.take(self.bytes_max as u64 + 2).read_until(b'\n', &mut self.buffer)?;
+        let read = self.reader.take(self.bytes_max as u64 + 2).read_until(self.end, &mut self.buffer)?;
         if read == 0 {
             return Ok(None);
         }
@@ -54,6 +62,12 @@ impl<'a> Lines<'a> {
     }
 }
 
+/// CR where it ends the first line of a text and no LF follows anywhere near, else LF.
+fn end_of_lines(head: &[u8]) -> u8 {
+    let behind_cr = head.iter().position(|byte| *byte == b'\r').and_then(|at| head.get(at + 1));
+    if behind_cr.is_some_and(|byte| *byte != b'\r') && !head.contains(&b'\n') { b'\r' } else { b'\n' }
+}
+
 /// The fields of a line that blanks separate.
 pub(super) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
@@ -77,6 +91,21 @@ mod tests {
         assert_eq!(lines.next_line().expect("reads"), Some(&b""[..]));
         assert_eq!(lines.next_line().expect("reads"), Some(&b"b"[..]));
         assert_eq!(lines.next_line().expect("reads"), None);
+    }
+
+    #[test]
+    fn lines_may_end_with_cr_alone() {
+        let limits = Limits::default();
+        for (text, expected) in [("a\rb\r", vec!["a", "b"]), ("a\r\nb", vec!["a", "b"]), ("a\rb\nc", vec!["a\rb", "c"])]
+        {
+            let mut bytes = text.as_bytes();
+            let mut lines = Lines::of_text(&mut bytes, &limits).expect("reads");
+            let mut found = Vec::new();
+            while let Some(line) = lines.next_line().expect("reads") {
+                found.push(String::from_utf8_lossy(line).into_owned());
+            }
+            assert_eq!(found, expected, "{text:?}");
+        }
     }
 
     #[test]

@@ -4,7 +4,7 @@
 use super::{DecodeError, Request, Unit, settle_unit};
 
 /// Names, without case, under which a column counts the profiles.
-const PROFILE_NAMES: [&str; 18] = [
+const PROFILE_NAMES: [&str; 25] = [
     "profile",
     "profile_index",
     "profile_id",
@@ -23,7 +23,17 @@ const PROFILE_NAMES: [&str; 18] = [
     "scan_index",
     "row",
     "station",
+    "profil",
+    "profil_nr",
+    "profil_index",
+    "profilnummer",
+    "zeile",
+    "zeile_nr",
+    "zeilennummer",
 ];
+
+/// Words that a coordinate's name may bear besides its axis and its unit.
+const POSITION_WORDS: [&str; 7] = ["pos", "position", "coord", "coordinate", "koord", "koordinate", "wert"];
 
 /// Where the columns that matter stand, by position.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,8 +62,13 @@ impl ColumnMap {
 pub(super) fn map_columns(names: &[String], request: &Request<'_>) -> Result<ColumnMap, DecodeError> {
     let mut point = [None; 3];
     let mut unit = None;
+    // An x beside an x_position is the one that is meant.
+    let plain = [Axis::X, Axis::Y, Axis::Z]
+        .iter()
+        .all(|axis| names.iter().filter_map(|name| read_plain_axis(name)).any(|(found, _)| found == *axis));
+    let read = if plain { read_plain_axis } else { read_axis };
     for (position, name) in names.iter().enumerate() {
-        let Some((axis, stated)) = read_axis(name) else { continue };
+        let Some((axis, stated)) = read(name) else { continue };
         let Some(slot) = point.get_mut(axis.index()) else { continue };
         if let Some(first) = slot.replace(position) {
             let first = names.get(first).cloned().unwrap_or_default();
@@ -80,9 +95,14 @@ pub(super) fn is_axis(name: &str) -> bool {
 
 /// The unit that a comment such as `unit: mm` or `Units = metres` states.
 pub(super) fn unit_of_comment(comment: &[u8]) -> Option<Unit> {
-    let comment = str::from_utf8(comment).ok()?.trim().to_lowercase();
+    let comment = text_of(comment).trim().to_lowercase();
     let rest = comment.strip_prefix("units").or_else(|| comment.strip_prefix("unit"))?;
     Unit::from_name(rest.trim_start().strip_prefix([':', '='])?)
+}
+
+/// Text of a name or comment: UTF-8, else the Latin-1 that spreadsheets write, so that a micrometre stays one.
+pub(super) fn text_of(bytes: &[u8]) -> String {
+    str::from_utf8(bytes).map_or_else(|_| bytes.iter().copied().map(char::from).collect(), str::to_owned)
 }
 
 /// The unit that a file states in two places.
@@ -98,7 +118,8 @@ fn find_label(names: &[String], request: &Request<'_>) -> Result<Option<(usize, 
     let position = match request.profile_column {
         Some(wanted) => Some(named(wanted).ok_or_else(|| unknown_column(wanted, names))?),
         None => PROFILE_NAMES.into_iter().find_map(|known| {
-            names.iter().position(|name| name.trim().replace([' ', '-'], "_").eq_ignore_ascii_case(known))
+            let plain = |name: &str| name.trim().trim_end_matches('.').replace("-", "_").replace(' ', "_");
+            names.iter().position(|name| plain(name).eq_ignore_ascii_case(known))
         }),
     };
     Ok(position.and_then(|position| Some((position, names.get(position)?.trim().to_owned()))))
@@ -127,6 +148,17 @@ impl Axis {
         }
     }
 
+    /// `x`, or `x` joined to a word for a position: `xpos`, `posx`.
+    fn of_word(word: &str) -> Option<Self> {
+        let letter = POSITION_WORDS
+            .iter()
+            .find_map(|known| {
+                word.strip_prefix(known).or_else(|| word.strip_suffix(known)).filter(|rest| rest.len() == 1)
+            })
+            .unwrap_or(word);
+        [Self::X, Self::Y, Self::Z].into_iter().find(|axis| axis.name() == letter)
+    }
+
     fn name(self) -> &'static str {
         match self {
             Self::X => "x",
@@ -136,8 +168,28 @@ impl Axis {
     }
 }
 
-/// Reads `x`, `X_mm`, `x[mm]`, `X (mm)`, `x mm`, `x/mm`, `x.mm`: an axis, and the unit behind it.
+/// Reads what [`read_plain_axis`] reads, and `X-Position`, `Pos_X`, `XPos`, `pos x (mm)`.
 fn read_axis(name: &str) -> Option<(Axis, Option<Unit>)> {
+    read_plain_axis(name).or_else(|| read_long_axis(name))
+}
+
+/// Reads an axis beside a word for a position: in any order, joined or apart, perhaps with a unit.
+fn read_long_axis(name: &str) -> Option<(Axis, Option<Unit>)> {
+    let name = name.to_lowercase();
+    let (mut axis, mut unit) = (None, None);
+    let words = name.split(['_', '-', '[', ']', '(', ')', ' ', '/', '.']);
+    for word in words.filter(|word| !word.is_empty() && !POSITION_WORDS.contains(word)) {
+        if let Some(found) = Axis::of_word(word) {
+            axis.replace(found).is_none().then_some(())?;
+        } else {
+            unit.replace(Unit::from_name(word)?).is_none().then_some(())?;
+        }
+    }
+    Some((axis?, unit))
+}
+
+/// Reads `x`, `X_mm`, `x[mm]`, `X (mm)`, `x mm`, `x/mm`, `x.mm`: an axis, and the unit behind it.
+fn read_plain_axis(name: &str) -> Option<(Axis, Option<Unit>)> {
     let name = name.trim();
     let mut letters = name.chars();
     let axis = match letters.next()? {
@@ -173,6 +225,11 @@ mod tests {
             (["X (mm)", "Y [mm]", "z mm"], Some(Unit::Millimetre)),
             (["x[um]", "y[\u{b5}m]", "z_um"], Some(Unit::Micrometre)),
             ([" X_m", "Y_m ", "Z"], Some(Unit::Metre)),
+            (["X-Position", "Y-Position", "Z-Position"], None),
+            (["Pos_X", "Pos_Y", "Pos_Z"], None),
+            (["XPos", "YPos", "ZPos"], None),
+            (["pos x (mm)", "pos y (mm)", "pos z (mm)"], Some(Unit::Millimetre)),
+            (["X-Koordinate [m]", "Y-Koordinate [m]", "Z-Koordinate [m]"], Some(Unit::Metre)),
         ] {
             let found = map(&names, None).expect("axes");
             assert_eq!((found.point, found.unit), ([0, 1, 2], unit), "{names:?}");
@@ -188,9 +245,30 @@ mod tests {
     }
 
     #[test]
+    fn german_names_of_the_profile_are_recognised() {
+        for name in ["Profil", "Profil-Nr", "Profil-Nr.", "Zeile"] {
+            assert_eq!(map(&["x", "y", "z", name], None).expect("axes").label, Some((3, name.to_owned())));
+        }
+    }
+
+    #[test]
+    fn a_plain_name_wins_over_a_longer_one_and_other_words_are_no_positions() {
+        assert_eq!(map(&["x_pos", "x", "y", "z"], None).expect("axes").point, [1, 2, 3]);
+        for name in ["nx", "x normal", "xy_pos", "pos", "x_x_pos", "x mm mm"] {
+            assert!(!is_axis(name), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_micro_sign_in_latin_1_is_read() {
+        assert_eq!(unit_of_comment(b"unit: \xb5m"), Some(Unit::Micrometre));
+        assert_eq!(map(&["x", "y", &text_of(b"z [\xb5m]")], None).expect("axes").unit, Some(Unit::Micrometre));
+    }
+
+    #[test]
     fn missing_double_and_contradicting_columns_are_refused() {
         let missing = map(&["a", "y", "z"], None).expect_err("no x").to_string();
-        assert!(missing.contains("no column x") && missing.contains("a, y, z"), "{missing}");
+        assert!(missing.contains("no column x") && missing.contains("a, y, z; rename"), "{missing}");
         assert_eq!(map(&["x", "X_mm", "y", "z"], None).expect_err("two x").code(), "column_ambiguous");
         assert_eq!(map(&["x_m", "y_mm", "z"], None).expect_err("units").code(), "unit_conflict");
     }
