@@ -10,7 +10,12 @@
 //! All of it happens in the one task that writes, so the same bytes sent by many clients at once never race. A file whose
 //! mark is gone is never removed: whoever loses the database does not lose the scans with it.
 
-use std::{fs, path::PathBuf, sync::Arc};
+use std::{
+    fs,
+    io::ErrorKind,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 use sqlx::SqliteConnection;
 
@@ -75,7 +80,7 @@ async fn clear_up(folder: &Arc<Folder>, sha256_hex: String, database: &mut Sqlit
         if let Some((shelf, place)) = orphan {
             remove(place)?;
             // The mark must not be gone before the file is.
-            if shelf.exists() {
+            if shelf.is_dir() {
                 folder::sync(&shelf)?;
             }
         }
@@ -90,14 +95,16 @@ async fn is_recorded(id: &str, database: &mut SqliteConnection) -> Result<bool, 
 
 fn remove(path: PathBuf) -> Result<(), StoreError> {
     match fs::remove_file(&path) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(StoreError::of_file(path)(error)),
+        Err(error) if !matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
+            Err(StoreError::of_file(path)(error))
+        }
         _ => Ok(()),
     }
 }
 
 impl CompleteScan {
     /// Whether the same bytes have their place already. A file of another length was damaged; these bytes mend it.
-    fn is_known(&self, place: &PathBuf) -> bool {
+    fn is_known(&self, place: &Path) -> bool {
         fs::metadata(place).is_ok_and(|there| there.is_file() && there.len() == self.bytes_count)
     }
 

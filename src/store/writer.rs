@@ -104,15 +104,19 @@ impl<W: Write> Job for Pending<W> {
         Box::pin(self.write.conclude(database))
     }
 
-    // In both, a caller that has gone away needs no answer.
+    // In both, a caller that has gone away needs no answer; and what the write holds is let go before there is one.
     fn acknowledge(self: Box<Self>) {
-        if let Some(outcome) = self.outcome {
-            let _ = self.answer.send(Ok(outcome));
+        let Self { write, outcome, answer } = *self;
+        drop(write);
+        if let Some(outcome) = outcome {
+            let _ = answer.send(Ok(outcome));
         }
     }
 
     fn refuse(self: Box<Self>, error: StoreError) {
-        let _ = self.answer.send(Err(error));
+        let Self { write, answer, .. } = *self;
+        drop(write);
+        let _ = answer.send(Err(error));
     }
 }
 

@@ -19,8 +19,8 @@ impl From<ServiceError> for Problem {
             E::Compute(cause) => cause.into(),
             E::Store(cause) => cause.into(),
             E::Content(cause) => cause.into(),
-            E::Recipe(cause) => recipe_problem(Code::RecipeInvalid, cause),
-            E::Option(cause) => recipe_problem(Code::OptionInvalid, cause),
+            E::Recipe(cause) => recipe_problem(Code::RecipeInvalid, &cause),
+            E::Option(cause) => recipe_problem(Code::OptionInvalid, &cause),
             E::UploadsBusy { uploads_max } => {
                 Self::new(Code::Busy, format!("{text}; nothing was recorded, try again after the time in Retry-After"))
                     .with("uploads_max_count", wide(uploads_max))
@@ -127,10 +127,10 @@ impl From<MeasureError> for Problem {
 }
 
 /// What cannot be, with the field that says so.
-fn recipe_problem(code: Code, error: RecipeError) -> Problem {
+fn recipe_problem(code: Code, error: &RecipeError) -> Problem {
     use RecipeError as E;
     let problem = Problem::new(code, error.to_string());
-    match error {
+    match *error {
         E::OutOfRange { name, allowed, value } => {
             problem.with("field", name).with("allowed", allowed).with("value", value)
         }

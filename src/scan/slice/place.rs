@@ -70,7 +70,7 @@ pub(super) fn move_into(cloud: &Cloud, frame: &Frame, coordinate_max_mm: f64) ->
     let rotation = frame.rotation()?;
     let origin = Vector3::from(frame.origin_mm);
     let moved = |x: f64, [y, z]: [f64; 2]| rotation * (Point3::new(x, y, z) - origin);
-    let beyond = |value: &f64| !(value.abs() <= coordinate_max_mm);
+    let beyond = |value: &f64| !(0.0..=coordinate_max_mm).contains(&value.abs());
     for (index, (stripe, point)) in each_point(cloud).enumerate() {
         if let Some(&value) = moved(stripe.x, point).iter().find(|value| beyond(value)) {
             return Err(SliceError::CoordinateOutOfRange { index, value, limit: coordinate_max_mm });

@@ -98,6 +98,7 @@ async fn a_file_whose_row_a_crash_prevented_is_removed_at_the_next_start_and_no_
     let _store = folder.open().await;
     let mut expected = vec![kept, unmarked];
     let mut found = folder.scan_ids();
-    (expected.sort(), found.sort());
+    expected.sort();
+    found.sort();
     assert_eq!((found, folder.incoming()), (expected, Vec::new()));
 }
