@@ -22,7 +22,7 @@ pub struct Config {
     /// Folder that holds records and scans; made where it is missing.
     pub data: PathBuf,
     /// Listen beyond this machine although there are neither tokens nor encryption: everybody on the network may
-    /// measure, read and delete.
+    /// measure, read, and put recipes.
     pub insecure_lan: bool,
     /// What is written to the log.
     pub log: Log,
@@ -83,6 +83,12 @@ pub struct Limits {
     pub measurements_running_max: u64,
     /// Measurements that wait for their turn; a further one is answered 503.
     pub queue_max: u64,
+    /// Uploads under way, from their first byte until the scan is kept or refused; a further one is answered 503.
+    pub uploads_max: u64,
+    /// Pictures that are drawn at a time, beside the measurements.
+    pub pictures_running_max: u64,
+    /// Pictures that wait for their turn; a further one is answered 503.
+    pub pictures_queue_max: u64,
     /// Threads that calculate; 0 takes one a core.
     pub threads: u64,
 }
@@ -132,6 +138,9 @@ impl Default for Limits {
             connections_max: 512,
             measurements_running_max: 2,
             queue_max: 16,
+            uploads_max: 64,
+            pictures_running_max: 1,
+            pictures_queue_max: 64,
             threads: 0,
         }
     }
@@ -230,7 +239,7 @@ impl Config {
     }
 
     /// Every number of the configuration with its least and greatest value.
-    fn ranges(&self) -> [(&'static str, u64, u64, u64); 21] {
+    fn ranges(&self) -> [(&'static str, u64, u64, u64); 24] {
         let (limits, scan, timeouts) = (&self.limits, &self.scan, &self.timeouts);
         let wide = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
         let hour = 3_600_000;
@@ -251,6 +260,9 @@ impl Config {
             ("scan.inflate_ratio_max", scan.inflate_ratio_max, 1, 10_000),
             ("limits.measurements_running_max", limits.measurements_running_max, 1, 1024),
             ("limits.queue_max", limits.queue_max, 0, 100_000),
+            ("limits.uploads_max", limits.uploads_max, 1, 100_000),
+            ("limits.pictures_running_max", limits.pictures_running_max, 1, 1024),
+            ("limits.pictures_queue_max", limits.pictures_queue_max, 0, 100_000),
             ("limits.threads", limits.threads, 0, 1024),
             ("timeouts.header_ms", timeouts.header_ms, 10, hour),
             ("timeouts.body_idle_ms", timeouts.body_idle_ms, 10, hour),

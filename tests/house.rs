@@ -20,7 +20,7 @@ const ROOMS: [(&str, &[&str]); 9] = [
 ];
 
 /// Crates and calls with the rooms that may use them.
-const RESERVED: [(&str, &[&str]); 9] = [
+const RESERVED: [(&str, &[&str]); 10] = [
     ("tokio::", &["store", "service", "http", "cli"]),
     ("axum::", &["http"]),
     ("axum_server::", &["http"]),
@@ -28,6 +28,7 @@ const RESERVED: [(&str, &[&str]); 9] = [
     ("sqlx::", &["store"]),
     ("clap::", &["cli"]),
     ("tracing::", &["store", "service", "http", "cli"]),
+    ("Instant::now", &["service", "cli"]),
     ("Timestamp::now", &["service"]),
     ("now_v7", &["service"]),
 ];

@@ -33,16 +33,24 @@ impl Frame {
     /// # Errors
     /// [`FrameError`] where the two axes do not span a plane.
     pub fn rotation(&self) -> Result<Matrix3<f64>, FrameError> {
-        let (x, z) = (Vector3::from(self.x_axis), Vector3::from(self.z_axis));
         if !self.origin_mm.iter().chain(&self.x_axis).chain(&self.z_axis).all(|v| v.is_finite()) {
             return Err(FrameError::NotFinite);
         }
-        let x = x.try_normalize(1e-12).ok_or(FrameError::Degenerate)?;
-        let z = z.try_normalize(1e-12).ok_or(FrameError::Degenerate)?;
+        let (x, z) = (direction(self.x_axis)?, direction(self.z_axis)?);
         let z = (z - x * x.dot(&z)).try_normalize(1e-6).ok_or(FrameError::Degenerate)?;
         let y = z.cross(&x);
         Ok(Matrix3::from_rows(&[x.transpose(), y.transpose(), z.transpose()]))
     }
+}
+
+/// An axis of length one. Scaled by its largest component first: the square of a large one would be infinite.
+fn direction(axis: [f64; 3]) -> Result<Vector3<f64>, FrameError> {
+    let axis = Vector3::from(axis);
+    let largest = axis.amax();
+    if largest == 0.0 {
+        return Err(FrameError::Degenerate);
+    }
+    axis.map(|component| component / largest).try_normalize(0.0).ok_or(FrameError::Degenerate)
 }
 
 #[cfg(test)]
@@ -61,6 +69,18 @@ mod tests {
     #[test]
     fn parallel_axes_are_refused() {
         let frame = Frame { origin_mm: [0.0; 3], x_axis: [1.0, 0.0, 0.0], z_axis: [-2.0, 0.0, 0.0] };
+        assert_eq!(frame.rotation(), Err(FrameError::Degenerate));
+    }
+
+    #[test]
+    fn an_axis_may_have_any_length_but_zero() {
+        for length in [f64::MAX, 1e200, 1e-200, f64::MIN_POSITIVE] {
+            let frame = Frame { origin_mm: [0.0; 3], x_axis: [length, 0.0, 0.0], z_axis: [length, 0.0, -length] };
+            let rotation = frame.rotation().expect("valid");
+            assert!((rotation * Vector3::x() - Vector3::x()).norm() < 1e-12, "{length}");
+            assert!((rotation * -Vector3::z() - Vector3::z()).norm() < 1e-12, "{length}");
+        }
+        let frame = Frame { origin_mm: [0.0; 3], x_axis: [0.0; 3], z_axis: [0.0, 0.0, 1.0] };
         assert_eq!(frame.rotation(), Err(FrameError::Degenerate));
     }
 }

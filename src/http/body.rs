@@ -2,13 +2,14 @@
 
 use super::app::App;
 use super::problem::{Code, Problem};
+use crate::service::Stopwatch;
 use axum::body::{Body, Bytes};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, header};
 use http_body_util::BodyExt;
 use std::collections::VecDeque;
 use std::time::Duration;
-use tokio::time::{Instant, timeout, timeout_at};
+use tokio::time::timeout;
 
 /// How much of a refused body is read and thrown away, so that its sender gets to read the refusal: one that is still
 /// writing when the connection closes would see a broken pipe instead.
@@ -24,8 +25,9 @@ pub(super) struct Pieces {
     bytes_count: u64,
     bytes_max: u64,
     idle: Duration,
-    deadline: Instant,
-    total_ms: u64,
+    total: Duration,
+    /// Runs since the body began.
+    watch: Stopwatch,
     /// Nothing is to be thrown away: the client waits for a go-ahead, which reading on would give, or sends nothing.
     silent: bool,
 }
@@ -36,15 +38,14 @@ impl Pieces {
     /// # Errors
     /// [`Code::BodyTooLarge`] where the announced length is beyond; nothing is read then.
     pub(super) fn new(parts: &Parts, body: Body, app: &App, bytes_max: u64) -> Result<Self, Problem> {
-        let total = Duration::from_millis(app.timeouts.body_total_ms);
         let pieces = Self {
             body: Some(body),
             ahead: VecDeque::new(),
             bytes_count: 0,
             bytes_max,
             idle: Duration::from_millis(app.timeouts.body_idle_ms),
-            deadline: Instant::now() + total,
-            total_ms: app.timeouts.body_total_ms,
+            total: Duration::from_millis(app.timeouts.body_total_ms),
+            watch: app.service.start_stopwatch(),
             silent: parts.headers.contains_key(header::EXPECT),
         };
         match announced_bytes(&parts.headers) {
@@ -99,10 +100,12 @@ impl Pieces {
     async fn receive(&mut self) -> Result<Option<Bytes>, Problem> {
         while let Some(body) = &mut self.body {
             self.silent = false;
-            let frame = match timeout_at(self.deadline, timeout(self.idle, body.frame())).await {
-                Ok(Ok(frame)) => frame,
-                Ok(Err(_)) => return Err(self.too_slow("nothing came for", "idle_ms", self.idle.as_millis())),
-                Err(_) => return Err(self.too_slow("it was not whole after", "total_ms", self.total_ms.into())),
+            let left = self.total.saturating_sub(self.watch.elapsed());
+            let Ok(frame) = timeout(self.idle.min(left), body.frame()).await else {
+                return Err(match self.idle < left {
+                    true => self.too_slow("nothing came for", "idle_ms", self.idle),
+                    false => self.too_slow("it was not whole after", "total_ms", self.total),
+                });
             };
             match frame.transpose().map_err(|_| self.interrupted())?.map(|frame| frame.into_data()) {
                 Some(Ok(data)) if data.is_empty() => {}
@@ -120,9 +123,9 @@ impl Pieces {
         if self.bytes_count > self.bytes_max { Err(too_large(self.bytes_max)) } else { Ok(data) }
     }
 
-    fn too_slow(&mut self, what: &str, member: &'static str, limit_ms: u128) -> Problem {
+    fn too_slow(&mut self, what: &str, member: &'static str, limit: Duration) -> Problem {
         self.silent = true;
-        let limit_ms = u64::try_from(limit_ms).unwrap_or(u64::MAX);
+        let limit_ms = u64::try_from(limit.as_millis()).unwrap_or(u64::MAX);
         Problem::new(Code::BodyTimeout, format!("the body came too slowly: {what} {limit_ms} ms; send it again"))
             .with(member, limit_ms)
             .with("received_bytes", self.bytes_count)

@@ -3,12 +3,34 @@
 use super::problem::{Code, Problem};
 use crate::store::{Cursor, Page};
 use axum::http::{HeaderMap, HeaderValue, Uri, header};
+use serde::Deserialize;
+use utoipa::IntoParams;
 
 /// Entries of a page where the query does not say.
 const LIMIT_DEFAULT: u32 = 100;
 
 /// Most entries of a page.
 const LIMIT_MAX: u32 = 1000;
+
+/// Which page of a list without filters.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct PageQuery {
+    /// Most entries of the page; 100 where nothing is said.
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<u32>,
+    /// `next_cursor` of the page before.
+    #[param(pattern = "^[0-9a-f]{16,400}$")]
+    cursor: Option<String>,
+}
+
+impl PageQuery {
+    /// The page.
+    pub(super) fn page(&self) -> Result<Page, Problem> {
+        page(self.limit, self.cursor.as_deref())
+    }
+}
 
 /// Which page is asked for.
 pub(super) fn page(limit: Option<u32>, cursor: Option<&str>) -> Result<Page, Problem> {

@@ -7,8 +7,7 @@ use super::extract::{header_text, media_type};
 use super::names::FormatName;
 use super::problem::{Code, Problem};
 use crate::scan::decode::Encoding;
-use crate::service::Origin;
-use crate::store::CompleteScan;
+use crate::service::{Arrived, Origin};
 use axum::http::{HeaderMap, HeaderName, header};
 
 const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
@@ -16,7 +15,10 @@ const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
 /// Longest id of a request.
 const REQUEST_ID_CHARACTERS_MAX: usize = 128;
 
-/// How the body is packed; `None` where it is not.
+/// What a browser or `curl -F` wraps files into.
+const FORM: &[u8] = b"multipart/";
+
+/// How the body is packed as the client says; `None` where it is not.
 ///
 /// # Errors
 /// [`Code::EncodingUnsupported`].
@@ -34,7 +36,7 @@ pub(super) fn content_encoding(headers: &HeaderMap) -> Result<Option<Encoding>, 
 /// What is said about the scan besides its bytes.
 ///
 /// # Errors
-/// [`Code::HeaderInvalid`].
+/// [`Code::HeaderInvalid`], [`Code::ContentTypeUnsupported`] for a form.
 pub(super) fn origin(format: Option<FormatName>, headers: &HeaderMap) -> Result<Origin, Problem> {
     let media_type = match headers.contains_key(header::CONTENT_TYPE) {
         true => Some(
@@ -43,6 +45,11 @@ pub(super) fn origin(format: Option<FormatName>, headers: &HeaderMap) -> Result<
         ),
         false => None,
     };
+    let kind = media_type.unwrap_or_default().trim_start().as_bytes();
+    if kind.get(..FORM.len()).is_some_and(|start| start.eq_ignore_ascii_case(FORM)) {
+        let detail = "a form is not read; send the bare bytes of the scan: curl --data-binary @scan.ply, not -F";
+        return Err(Problem::new(Code::ContentTypeUnsupported, detail));
+    }
     Ok(Origin { parameter: format.map(Into::into), media_type: media_type.map(str::to_owned), file_name: None })
 }
 
@@ -73,15 +80,11 @@ pub(super) fn request_id(said: Option<String>, headers: &HeaderMap) -> Result<Op
 ///
 /// # Errors
 /// What the body, the packing or the store says.
-pub(super) async fn receive(
-    app: &App,
-    pieces: &mut Pieces,
-    encoding: Option<Encoding>,
-) -> Result<CompleteScan, Problem> {
+pub(super) async fn receive(app: &App, pieces: &mut Pieces, encoding: Option<Encoding>) -> Result<Arrived, Problem> {
     let mut upload = app.service.begin_upload(encoding).await?;
     while let Some(piece) = pieces.next().await? {
         upload.write(&piece).await?;
     }
     app.metrics.received(pieces.bytes_count());
-    Ok(upload.complete().await?)
+    Ok(app.service.complete_upload(upload).await?)
 }

@@ -6,7 +6,7 @@ pub(super) use document::RecipeDocument;
 
 use super::app::App;
 use super::extract::{Json as JsonBody, Path, Query, header_text};
-use super::paging::{link_next, page};
+use super::paging::{PageQuery, link_next};
 use super::problem::{Code, Problem};
 use crate::service::{Put, RecipeName, StoredRecipe};
 use crate::store::{Listing, Precondition};
@@ -15,8 +15,8 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
-use serde::{Deserialize, Serialize};
-use utoipa::{IntoParams, ToSchema};
+use serde::Serialize;
+use utoipa::ToSchema;
 
 /// A recipe with what is known about its revision.
 #[derive(Debug, Serialize, ToSchema)]
@@ -48,34 +48,20 @@ pub(super) struct RecipeList {
     next_cursor: Option<String>,
 }
 
-/// Which recipes.
-#[derive(Debug, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-pub(super) struct ListQuery {
-    /// Most entries of the page; 100 where nothing is said.
-    #[param(minimum = 1, maximum = 1000)]
-    limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    #[param(pattern = "^[0-9a-f]{16,400}$")]
-    cursor: Option<String>,
-}
-
 /// List recipes
 ///
 /// The latest made first, by the page. The header `Link` names the next page.
 #[utoipa::path(
-    get, path = "/v1/recipes", tag = "recipes", params(ListQuery),
+    get, path = "/v1/recipes", tag = "recipes", params(PageQuery),
     responses((status = 200, description = "A page of recipes", body = RecipeList,
         headers(("Link" = String, description = "The next page, rel=\"next\"; absent at the end"))))
 )]
 pub(super) async fn list_recipes(
     State(app): State<App>,
-    Query(query): Query<ListQuery>,
+    Query(query): Query<PageQuery>,
     uri: Uri,
 ) -> Result<(HeaderMap, Json<RecipeList>), Problem> {
-    let page = page(query.limit, query.cursor.as_deref())?;
-    let Listing { rows, next } = app.service.recipes(&page).await?;
+    let Listing { rows, next } = app.service.recipes(&query.page()?).await?;
     let next_cursor = next.map(|cursor| cursor.to_string());
     let recipes = rows.into_iter().map(StoredRecipeDocument::from).collect();
     Ok((link_next(&uri, next_cursor.as_deref()), Json(RecipeList { recipes, next_cursor })))

@@ -4,7 +4,7 @@ use super::app::App;
 use super::body::Pieces;
 use super::extract::{Path, Query, query};
 use super::names::FormatName;
-use super::paging::{link_next, page};
+use super::paging::{PageQuery, link_next};
 use super::problem::Problem;
 use super::receive::{content_encoding, origin, receive};
 use crate::scan::decode::Format;
@@ -62,7 +62,8 @@ pub(super) struct CreateQuery {
 
 /// Keep a scan
 ///
-/// The bytes are kept under their SHA-256 after they were read once; gzip and zstd are undone (Content-Encoding).
+/// The bytes are kept under their SHA-256 after they were read once; gzip and zstd are undone, whether
+/// Content-Encoding says so or their first bytes do.
 #[utoipa::path(
     post, path = "/v1/scans", tag = "scans", params(CreateQuery),
     request_body(description = "A scan file", content((Vec<u8> = "application/octet-stream"))),
@@ -90,34 +91,20 @@ pub(super) async fn create_scan(State(app): State<App>, request: Request) -> Res
     Ok((status, [(header::LOCATION, location)], Json(ScanDocument::from(row))).into_response())
 }
 
-/// Which scans.
-#[derive(Debug, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-pub(super) struct ListQuery {
-    /// Most entries of the page; 100 where nothing is said.
-    #[param(minimum = 1, maximum = 1000)]
-    limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    #[param(pattern = "^[0-9a-f]{16,400}$")]
-    cursor: Option<String>,
-}
-
 /// List scans
 ///
 /// Newest first, by the page. The header `Link` names the next page.
 #[utoipa::path(
-    get, path = "/v1/scans", tag = "scans", params(ListQuery),
+    get, path = "/v1/scans", tag = "scans", params(PageQuery),
     responses((status = 200, description = "A page of scans", body = ScanList,
         headers(("Link" = String, description = "The next page, rel=\"next\"; absent at the end"))))
 )]
 pub(super) async fn list_scans(
     State(app): State<App>,
-    Query(query): Query<ListQuery>,
+    Query(query): Query<PageQuery>,
     uri: Uri,
 ) -> Result<(HeaderMap, Json<ScanList>), Problem> {
-    let page = page(query.limit, query.cursor.as_deref())?;
-    let Listing { rows, next } = app.service.scans(&page).await?;
+    let Listing { rows, next } = app.service.scans(&query.page()?).await?;
     let next_cursor = next.map(|cursor| cursor.to_string());
     let scans = rows.into_iter().map(ScanDocument::from).collect();
     Ok((link_next(&uri, next_cursor.as_deref()), Json(ScanList { scans, next_cursor })))
@@ -137,7 +124,7 @@ pub(super) async fn get_scan(State(app): State<App>, Path(id): Path<String>) -> 
 
 /// Get the bytes of a scan
 ///
-/// Exactly as they were sent, after any Content-Encoding was undone.
+/// Exactly as they were sent, after gzip or zstd was undone.
 #[utoipa::path(
     get, path = "/v1/scans/{id}/content", tag = "scans",
     params(("id" = String, Path, description = "Id of the scan")),

@@ -18,7 +18,7 @@ mod choose;
 mod group;
 mod place;
 
-pub use place::Region;
+pub use place::{Region, RegionError};
 
 use super::decode::Limits;
 use super::{Cloud, ProfileRule, Scan, ScanError};
@@ -41,11 +41,17 @@ pub enum SliceError {
     /// The declared frame is none.
     #[error(transparent)]
     Frame(#[from] FrameError),
-    /// A bound of the region is not a number, or the lower is above the upper.
-    #[error("{axis} of the region must be [lower, upper] with lower <= upper")]
-    RegionInvalid {
-        /// The bound's name.
-        axis: &'static str,
+    /// A point lies too far from the origin of the frame.
+    #[error(
+        "in the declared frame point {index} has a coordinate of {value} mm, beyond ±{limit} mm (coordinate_max_mm); check the frame and the unit"
+    )]
+    CoordinateOutOfRange {
+        /// Its position among the points, from 0.
+        index: usize,
+        /// The coordinate, mm.
+        value: f64,
+        /// The limit, mm.
+        limit: f64,
     },
     /// No point lies in the region.
     #[error("none of the {points} points lies in the region; check the region, the frame and the unit")]
@@ -110,7 +116,7 @@ impl SliceError {
     pub fn code(&self) -> &'static str {
         match self {
             Self::Frame(_) => "frame_invalid",
-            Self::RegionInvalid { .. } => "region_invalid",
+            Self::CoordinateOutOfRange { .. } => "coordinate_out_of_range",
             Self::RegionEmpty { .. } => "region_empty",
             Self::NoColumn { .. } => "no_profile_column",
             Self::NoRows => "no_rows",
@@ -130,7 +136,7 @@ impl SliceError {
 pub fn slice(cloud: Cloud, request: &SliceRequest, limits: &Limits) -> Result<Scan, SliceError> {
     let mut cloud = cloud;
     if let Some(frame) = &request.frame {
-        cloud = place::move_into(&cloud, frame)?;
+        cloud = place::move_into(&cloud, frame, limits.coordinate_max_mm)?;
     }
     if let Some(region) = &request.region {
         cloud = place::cut_to(&cloud, region)?;

@@ -1,6 +1,6 @@
 //! Measures a scan and records the result once per request. Must not know HTTP.
 
-use super::{Identity, Measured, Measurement, Origin, Recipe, RecipeName, Resolved, Service, ServiceError};
+use super::{Arrived, Identity, Measured, Measurement, Origin, Recipe, RecipeName, Resolved, Service, ServiceError};
 use crate::estimation::{Profile, Progress};
 use crate::scan::decode::{Format, Limits};
 use crate::store::{CompleteScan, Inserted, MeasurementRow, NewMeasurement, RequestKey, ScanRow};
@@ -44,24 +44,34 @@ pub struct Accepted {
 /// Where the bytes of a scan are.
 enum Source {
     /// Just arrived, not kept yet.
-    Arrived(CompleteScan),
+    Arrived(Arrived),
     /// Kept, as this row says.
     Kept(ScanRow),
 }
 
 impl Service {
-    /// Looks up the recipe, resolves it and sees whether there is room: what can be refused before the scan is sent.
+    /// Looks up the recipe, resolves it and sees whether there is room: what can be refused before the scan is sent. A
+    /// request that was answered before needs no room.
     ///
     /// # Errors
-    /// [`ServiceError::RecipeUnknown`], [`ServiceError::Recipe`], [`ServiceError::Compute`] where the queue is full.
+    /// [`ServiceError::Option`], [`ServiceError::RecipeUnknown`], [`ServiceError::Recipe`], [`ServiceError::Compute`]
+    /// where the queue is full.
     pub async fn accept(&self, order: Order) -> Result<Accepted, ServiceError> {
+        order.overrides.resolve(&self.defaults).map_err(ServiceError::Option)?;
         let under = match &order.recipe {
             Some(name) => self.recipe(name).await?.recipe,
             None => Recipe::default(),
         };
         let resolved = order.overrides.clone().over(&under).resolve(&self.defaults)?;
-        self.compute.check_free()?;
+        if !self.is_answered(order.request_id.as_deref()).await? {
+            self.compute.check_free()?;
+        }
         Ok(Accepted { order, resolved })
+    }
+
+    async fn is_answered(&self, request_id: Option<&str>) -> Result<bool, ServiceError> {
+        let Some(id) = request_id else { return Ok(false) };
+        Ok(self.store.measurement_by_request(id).await?.is_some())
     }
 
     /// Measures a scan that just arrived, and keeps it. What cannot be read leaves nothing behind.
@@ -70,7 +80,7 @@ impl Service {
     /// [`ServiceError`]; nothing is recorded then.
     pub async fn measure_upload(
         &self,
-        scan: CompleteScan,
+        scan: Arrived,
         origin: Origin,
         accepted: Accepted,
     ) -> Result<Answer, ServiceError> {
@@ -105,11 +115,14 @@ impl Service {
             recipe_name: order.recipe.map(RecipeName::into_string),
         };
         let (measurement, profiles) = Measurement::record(identity, &measured.prepared, measured.estimate, &resolved);
-        let scan = match source {
-            Source::Arrived(scan) => Some(self.place(scan, &measurement, &origin).await?),
-            Source::Kept(_) => None,
+        // The arrived scan holds its place until it is kept.
+        let (file, _place) = match source {
+            Source::Arrived(Arrived { scan, place }) => (Some(scan), Some(place)),
+            Source::Kept(_) => (None, None),
         };
-        self.insert(measurement, &profiles, scan, request).await
+        let scan = file.as_ref().map(|file| scan_row(file, &measurement, &origin));
+        let new = new_measurement(&measurement, &profiles, scan, request)?;
+        self.insert(measurement, new, file).await
     }
 
     async fn earlier_answer(&self, request: Option<&RequestKey>) -> Result<Option<Answer>, ServiceError> {
@@ -125,7 +138,7 @@ impl Service {
 
     async fn open_source(&self, source: &Source) -> Result<File, ServiceError> {
         match source {
-            Source::Arrived(scan) => Ok(scan.open().await?),
+            Source::Arrived(arrived) => Ok(arrived.scan.open().await?),
             Source::Kept(row) => {
                 let file = self.store.open_scan(&row.id).await?;
                 file.ok_or_else(|| ServiceError::ScanFileMissing { id: row.id.clone() })
@@ -150,43 +163,18 @@ impl Service {
             .await?
     }
 
-    async fn place(
-        &self,
-        scan: CompleteScan,
-        measurement: &Measurement,
-        origin: &Origin,
-    ) -> Result<ScanRow, ServiceError> {
-        let stored = scan.place().await?;
-        Ok(ScanRow {
-            id: stored.id,
-            created_at: measurement.created_at,
-            bytes_count: stored.bytes_count,
-            format: measurement.format.name().to_owned(),
-            points_count: Some(measurement.points_count),
-            description: origin.file_name.clone(),
-        })
-    }
-
     async fn insert(
         &self,
         measurement: Measurement,
-        profiles: &[Profile],
-        scan: Option<ScanRow>,
-        request: Option<RequestKey>,
+        new: NewMeasurement,
+        file: Option<CompleteScan>,
     ) -> Result<Answer, ServiceError> {
-        let unwritable = |source| ServiceError::RecordUnwritable { what: "measurement", source: Arc::new(source) };
-        let row = MeasurementRow {
-            id: measurement.id.clone(),
-            created_at: measurement.created_at,
-            verdict: measurement.verdict().name().to_owned(),
-            method: measurement.method.name().to_owned(),
-            scan_id: measurement.scan_id(),
-            recipe: measurement.recipe_name.clone(),
-            document: serde_json::to_string(&measurement).map_err(unwritable)?,
+        let request_id = new.request.as_ref().map(|request| request.id.clone()).unwrap_or_default();
+        let inserted = match file {
+            Some(file) => self.store.insert_measurement_of(new, file).await?,
+            None => self.store.insert_measurement(new).await?,
         };
-        let profiles = serde_json::to_vec(profiles).map_err(unwritable)?;
-        let request_id = request.as_ref().map(|request| request.id.clone()).unwrap_or_default();
-        match self.store.insert_measurement(NewMeasurement { row, scan, profiles, request }).await? {
+        match inserted {
             Inserted::New => {
                 self.note(&measurement);
                 Ok(Answer { measurement, replayed: false })
@@ -197,10 +185,40 @@ impl Service {
     }
 }
 
+fn scan_row(file: &CompleteScan, measurement: &Measurement, origin: &Origin) -> ScanRow {
+    ScanRow {
+        id: file.id(),
+        created_at: measurement.created_at,
+        bytes_count: file.bytes_count(),
+        format: measurement.format.name().to_owned(),
+        points_count: Some(measurement.points_count),
+        description: origin.file_name.clone(),
+    }
+}
+
+fn new_measurement(
+    measurement: &Measurement,
+    profiles: &[Profile],
+    scan: Option<ScanRow>,
+    request: Option<RequestKey>,
+) -> Result<NewMeasurement, ServiceError> {
+    let unwritable = |source| ServiceError::RecordUnwritable { what: "measurement", source: Arc::new(source) };
+    let row = MeasurementRow {
+        id: measurement.id.clone(),
+        created_at: measurement.created_at,
+        verdict: measurement.verdict().name().to_owned(),
+        method: measurement.method.name().to_owned(),
+        scan_id: measurement.scan_id(),
+        recipe: measurement.recipe_name.clone(),
+        document: serde_json::to_string(measurement).map_err(unwritable)?,
+    };
+    Ok(NewMeasurement { row, scan, profiles: serde_json::to_vec(profiles).map_err(unwritable)?, request })
+}
+
 impl Source {
     fn id(&self) -> String {
         match self {
-            Self::Arrived(scan) => scan.id(),
+            Self::Arrived(arrived) => arrived.scan.id(),
             Self::Kept(row) => row.id.clone(),
         }
     }

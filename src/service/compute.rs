@@ -1,11 +1,11 @@
-//! The one door to the processor: a pool of threads of its own, a few calculations at a time, a short queue, and an
-//! answer at once when both are full. Async threads never calculate. Must not know what is calculated.
+//! The way to the processor: a pool of threads of its own behind doors, one for each kind of work; a door lets a few
+//! calculations run at a time, has a short queue, and answers at once when both are full. Async threads never calculate. Must not know what is calculated.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
-/// A pool of threads behind a bounded queue.
+/// A door: a pool of threads behind a bounded queue.
 #[derive(Debug, Clone)]
 pub struct Compute {
     pool: Arc<rayon::ThreadPool>,
@@ -51,13 +51,23 @@ impl Compute {
     pub fn start(threads: usize, running_max: usize, queue_max: usize) -> Result<Self, rayon::ThreadPoolBuildError> {
         let pool =
             rayon::ThreadPoolBuilder::new().num_threads(threads).thread_name(|i| format!("compute-{i}")).build()?;
-        Ok(Self {
-            pool: Arc::new(pool),
+        Ok(Self::to(Arc::new(pool), running_max, queue_max))
+    }
+
+    /// A further door to the same pool, with places of its own: neither is refused for what goes through the other.
+    #[must_use]
+    pub fn beside(&self, running_max: usize, queue_max: usize) -> Self {
+        Self::to(Arc::clone(&self.pool), running_max, queue_max)
+    }
+
+    fn to(pool: Arc<rayon::ThreadPool>, running_max: usize, queue_max: usize) -> Self {
+        Self {
+            pool,
             places: Arc::new(Semaphore::new(running_max + queue_max)),
             turns: Arc::new(Semaphore::new(running_max)),
             running_max,
             queue_max,
-        })
+        }
     }
 
     /// Runs `work` on the pool. Whoever stops waiting while queued gives up the place; what runs, runs to its end.

@@ -11,15 +11,24 @@ pub enum ServiceError {
     /// The pool is full, or a calculation panicked.
     #[error(transparent)]
     Compute(#[from] ComputeError),
+    /// As many uploads are under way as may be.
+    #[error("{uploads_max} uploads are under way, which is as many as may be")]
+    UploadsBusy {
+        /// Uploads that may be under way.
+        uploads_max: usize,
+    },
     /// The store did not do its part.
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The content of an upload cannot be used.
     #[error(transparent)]
     Content(#[from] ContentError),
-    /// The recipe, or what the request says over it, cannot be used.
+    /// The recipe cannot be used, or not with what the request says over it.
     #[error(transparent)]
     Recipe(#[from] RecipeError),
+    /// What the request says cannot be, whatever the recipe.
+    #[error(transparent)]
+    Option(RecipeError),
     /// Nothing is kept under the id of this scan.
     #[error("there is no scan {id}")]
     ScanUnknown {
@@ -49,8 +58,14 @@ pub enum ServiceError {
     RecipeChanged {
         /// Its name.
         name: String,
-        /// Its current revision; `None` where there is no such recipe.
-        current_etag: Option<String>,
+        /// Its current revision.
+        current_etag: String,
+    },
+    /// A recipe was to be replaced that is not there.
+    #[error("there is no recipe {name} to be replaced")]
+    RecipeAbsent {
+        /// The name.
+        name: String,
     },
     /// The request's id was used for another request.
     #[error("the request id {request_id} was used for another request")]

@@ -18,6 +18,8 @@ mod recipe;
 mod recipes;
 mod records;
 mod scans;
+#[cfg(test)]
+mod tests;
 mod upload;
 
 pub use answer::{Accepted, Answer, Order, RequestId};
@@ -31,7 +33,7 @@ pub use recipe::{DESCRIPTION_CHARACTERS_MAX, Recipe, RecipeError, Resolved};
 pub use recipes::{Put, RecipeName, StoredRecipe};
 pub use records::Last;
 pub use scans::{Content, Kept, Origin};
-pub use upload::Upload;
+pub use upload::{Arrived, Upload};
 
 use crate::config::Config;
 use crate::estimation::Settings;
@@ -43,6 +45,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
+use upload::Uploads;
 
 /// What a service may take on.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,6 +60,12 @@ pub struct Capacity {
     pub running_max: usize,
     /// Calculations that wait.
     pub queue_max: usize,
+    /// Uploads under way: being received, unpacked, measured.
+    pub uploads_max: usize,
+    /// Pictures that are drawn at a time.
+    pub pictures_running_max: usize,
+    /// Pictures that wait.
+    pub pictures_queue_max: usize,
 }
 
 impl Capacity {
@@ -71,6 +80,9 @@ impl Capacity {
             threads: count(limits.threads),
             running_max: count(limits.measurements_running_max),
             queue_max: count(limits.queue_max),
+            uploads_max: count(limits.uploads_max),
+            pictures_running_max: count(limits.pictures_running_max),
+            pictures_queue_max: count(limits.pictures_queue_max),
         }
     }
 }
@@ -79,7 +91,13 @@ impl Capacity {
 #[derive(Debug)]
 pub struct Service {
     store: Store,
+    /// The door of measurements.
     compute: Compute,
+    /// The door of pictures: however many are asked for, no measurement is refused for them.
+    drawing: Compute,
+    /// The door of packed uploads. There is room for each of them to wait.
+    unpacking: Compute,
+    uploads: Uploads,
     capacity: Capacity,
     /// What holds where neither request nor recipe says otherwise.
     defaults: Settings,
@@ -100,10 +118,16 @@ impl Service {
         let store = Store::open(folder).await?;
         let compute = Compute::start(capacity.threads, capacity.running_max, capacity.queue_max)
             .map_err(|source| ServiceError::Threads(Arc::new(source)))?;
+        let drawing = compute.beside(capacity.pictures_running_max, capacity.pictures_queue_max);
+        let unpacking = compute.beside(capacity.running_max, capacity.uploads_max);
+        let uploads = Uploads::new(capacity.uploads_max);
         let clock = Clock;
         let service = Self {
             store,
             compute,
+            drawing,
+            unpacking,
+            uploads,
             capacity,
             defaults,
             clock,

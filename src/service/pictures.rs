@@ -12,7 +12,7 @@ impl Service {
     ///
     /// # Errors
     /// [`ServiceError::MeasurementUnknown`], [`ServiceError::ProfileUnknown`], [`ServiceError::ScanFileMissing`],
-    /// [`ServiceError::Compute`] where the queue is full.
+    /// [`ServiceError::Compute`] where as many pictures wait as may.
     pub async fn picture(&self, id: &str, picture: Picture, profile: Option<u64>) -> Result<String, ServiceError> {
         let measurement = self.measurement(id).await?;
         let profiles_count = measurement.tally.total_count;
@@ -27,7 +27,7 @@ impl Service {
         let file = file.ok_or(ServiceError::ScanFileMissing { id: scan_id })?;
         let limits = self.capacity.scan.clone();
         let view = View { measurement, profiles, resolved, picture, profile };
-        Ok(self.compute.run(move || view.draw(file, &limits)).await??)
+        Ok(self.drawing.run(move || view.draw(file, &limits)).await??)
     }
 }
 

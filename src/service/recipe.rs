@@ -4,7 +4,7 @@
 use crate::estimation::{Method, RadiusRule, SettingError, Settings};
 use crate::geometry::{Frame, FrameError};
 use crate::scan::decode::Unit;
-use crate::scan::slice::{Region, SliceRequest};
+use crate::scan::slice::{Region, RegionError, SliceRequest};
 use crate::scan::{ProfileRule, RuleError};
 use serde::{Deserialize, Serialize};
 
@@ -113,11 +113,8 @@ pub enum RecipeError {
     #[error("frame: {0}")]
     Frame(#[from] FrameError),
     /// A bound of the region is no range.
-    #[error("region: {axis} must be [lower, upper], both finite, the lower not above the upper")]
-    Region {
-        /// Name of the bound.
-        axis: &'static str,
-    },
+    #[error("region: {0}")]
+    Region(#[from] RegionError),
     /// More text than a description is.
     #[error("the description has {characters_count} characters, at most {characters_max} are kept")]
     DescriptionTooLong {
@@ -198,7 +195,9 @@ impl Recipe {
         if let Some(frame) = &self.frame {
             frame.rotation()?;
         }
-        self.check_region()?;
+        if let Some(region) = &self.region {
+            region.check()?;
+        }
         let rule = self.profile_by.as_deref().map(ProfileRule::parse).transpose()?;
         let slicing = SliceRequest { rule, frame: self.frame, region: self.region };
         Ok(Resolved { settings, unit: self.unit, slicing, recipe: self.filled(&settings) })
@@ -254,16 +253,6 @@ impl Recipe {
             position_uncertainty_max_mm: Some(settings.position_uncertainty_max_mm),
             ..self.clone()
         }
-    }
-
-    fn check_region(&self) -> Result<(), RecipeError> {
-        let bounds = self.region.map_or([None; 3], |region| [region.x_mm, region.y_mm, region.z_mm]);
-        for (axis, bound) in ["x_mm", "y_mm", "z_mm"].into_iter().zip(bounds) {
-            if bound.is_some_and(|[lower, upper]| !(lower.is_finite() && upper.is_finite() && lower <= upper)) {
-                return Err(RecipeError::Region { axis });
-            }
-        }
-        Ok(())
     }
 
     fn check_description(&self) -> Result<(), RecipeError> {

@@ -86,7 +86,7 @@ impl Service {
     /// Checks a recipe and puts it under its name where the precondition holds.
     ///
     /// # Errors
-    /// [`ServiceError::Recipe`], [`ServiceError::RecipeChanged`].
+    /// [`ServiceError::Recipe`], [`ServiceError::RecipeChanged`], [`ServiceError::RecipeAbsent`].
     pub async fn put_recipe(
         &self,
         name: &RecipeName,
@@ -101,10 +101,13 @@ impl Service {
         match put {
             PutRecipe::Created(row) => Ok(Put::Created(read_back(row)?)),
             PutRecipe::Replaced(row) => Ok(Put::Replaced(read_back(row)?)),
-            PutRecipe::PreconditionFailed { current } => Err(ServiceError::RecipeChanged {
-                name: name.as_str().to_owned(),
-                current_etag: current.map(|row| row.etag()),
-            }),
+            PutRecipe::PreconditionFailed { current } => {
+                let name = name.as_str().to_owned();
+                Err(match current {
+                    Some(row) => ServiceError::RecipeChanged { name, current_etag: row.etag() },
+                    None => ServiceError::RecipeAbsent { name },
+                })
+            }
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Raw scans: kept under their content, looked up, handed out byte for byte. Must not know what is measured from them.
 
-use super::{Recipe, Resolved, Service, ServiceError};
+use super::{Arrived, Recipe, Resolved, Service, ServiceError};
 use crate::scan::decode::{Format, FormatClaims, Limits};
-use crate::store::{CompleteScan, Listing, Page, RecordedScan, ScanRow};
+use crate::store::{Listing, Page, RecordedScan, ScanRow};
 use std::fs::File;
 use std::io::BufReader;
 
@@ -52,23 +52,23 @@ impl Service {
     ///
     /// # Errors
     /// [`ServiceError`]; nothing is recorded then.
-    pub async fn store_scan(&self, scan: CompleteScan, origin: Origin) -> Result<Kept, ServiceError> {
+    pub async fn store_scan(&self, arrived: Arrived, origin: Origin) -> Result<Kept, ServiceError> {
+        let Arrived { scan, place: _place } = arrived;
         let resolved = Recipe::default().resolve(&self.defaults)?;
         let (file, limits) = (scan.open().await?, self.capacity.scan.clone());
         let file_name = origin.file_name.clone();
         let (format, points_count) =
             self.compute.run(move || count_points(file, &origin, &resolved, &limits)).await??;
         let created_at = self.clock.now();
-        let stored = scan.place().await?;
         let row = ScanRow {
-            id: stored.id,
+            id: scan.id(),
             created_at,
-            bytes_count: stored.bytes_count,
+            bytes_count: scan.bytes_count(),
             format: format.name().to_owned(),
             points_count: Some(points_count),
             description: file_name,
         };
-        match self.store.record_scan(&row).await? {
+        match self.store.keep_scan(row.clone(), scan).await? {
             RecordedScan::New => {
                 self.advance();
                 Ok(Kept::New(row))

@@ -1,49 +1,81 @@
-//! A scan that comes in piece by piece, unpacked on the way, into a file of the store that is not kept yet.
+//! A scan that comes in piece by piece into a file of the store that is not kept yet, and is unpacked once it is whole.
 //! Dropped before its end, it leaves nothing behind. Must not know where the pieces come from.
+//!
+//! Nothing but memory and disk is waited for here, and no thread is held while a client sends: as many uploads as may be
+//! under way go on beside each other on however few threads.
 
+use super::answer::READ_BLOCK_BYTES;
 use super::{ContentError, Service, ServiceError};
-use crate::scan::decode::{DecodeError, Encoding, inflate};
+use crate::scan::decode::{Encoding, Limits, inflate};
 use crate::store::{CompleteScan, ScanWriter};
 use std::io::{self, BufReader, Read};
-use tokio::runtime::Handle;
-use tokio::sync::mpsc;
-use tokio::task::JoinHandle;
+use std::sync::Arc;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-/// Pieces that may wait for the thread that unpacks.
-const PIECES_WAITING: usize = 4;
+/// First bytes that tell how a body is packed.
+const HEAD_BYTES: usize = 4;
 
-/// What the thread that unpacks hands on at once, bytes.
-const BLOCK_BYTES: usize = 256 << 10;
+/// Places for uploads; each has at most two files that are not kept yet.
+#[derive(Debug)]
+pub(super) struct Uploads {
+    places: Arc<Semaphore>,
+    uploads_max: usize,
+}
 
 /// A scan that is coming in.
 #[derive(Debug)]
-pub struct Upload(Kind);
+pub struct Upload {
+    writer: ScanWriter,
+    encoding: Option<Encoding>,
+    head: Vec<u8>,
+    place: OwnedSemaphorePermit,
+}
 
+/// A scan that is here as a whole, unpacked and not kept yet. It holds its place among the uploads until it is kept or let
+/// go, so that the files that are not kept are as few as the uploads.
 #[derive(Debug)]
-enum Kind {
-    Plain(ScanWriter),
-    Packed { pieces: mpsc::Sender<Vec<u8>>, unpacking: JoinHandle<Result<ScanWriter, ServiceError>> },
+pub struct Arrived {
+    pub(super) scan: CompleteScan,
+    pub(super) place: OwnedSemaphorePermit,
+}
+
+impl Uploads {
+    pub(super) fn new(uploads_max: usize) -> Self {
+        let uploads_max = uploads_max.min(Semaphore::MAX_PERMITS);
+        Self { places: Arc::new(Semaphore::new(uploads_max)), uploads_max }
+    }
+
+    fn take_place(&self) -> Result<OwnedSemaphorePermit, ServiceError> {
+        let place = Arc::clone(&self.places).try_acquire_owned();
+        place.map_err(|_| ServiceError::UploadsBusy { uploads_max: self.uploads_max })
+    }
 }
 
 impl Service {
-    /// Begins an upload; `encoding` is how its pieces are packed.
+    /// Begins an upload; `encoding` is how its pieces are packed, where that is said. What is packed without a word is
+    /// known by its first bytes.
     ///
     /// # Errors
-    /// [`ServiceError::Store`] where there is no room for it.
+    /// [`ServiceError::UploadsBusy`], [`ServiceError::Store`] where there is no room for it.
     pub async fn begin_upload(&self, encoding: Option<Encoding>) -> Result<Upload, ServiceError> {
-        let limits = &self.capacity.scan;
-        let Some(encoding) = encoding else {
-            return Ok(Upload(Kind::Plain(self.store.begin_scan(self.capacity.body_bytes_max).await?)));
+        let place = self.uploads.take_place()?;
+        let writer = self.store.begin_scan(self.capacity.body_bytes_max).await?;
+        Ok(Upload { writer, encoding, head: Vec::with_capacity(HEAD_BYTES), place })
+    }
+
+    /// All pieces of an upload were written.
+    ///
+    /// # Errors
+    /// [`ServiceError::Store`] where there is no room, [`ServiceError::Content`] where it cannot be unpacked.
+    pub async fn complete_upload(&self, upload: Upload) -> Result<Arrived, ServiceError> {
+        let Upload { writer, encoding, head, place } = upload;
+        let sent = writer.complete().await?;
+        let Some(encoding) = encoding.or_else(|| Encoding::sniff(&head)) else {
+            return Ok(Arrived { scan: sent, place });
         };
-        let writer = self.store.begin_scan(limits.inflated_bytes_max).await?;
-        let (pieces, arriving) = mpsc::channel(PIECES_WAITING);
-        let (limits, handle) = (limits.clone(), Handle::current());
-        let unpacking = tokio::task::spawn_blocking(move || {
-            let packed = BufReader::new(Arriving { pieces: arriving, piece: io::Cursor::default() });
-            let mut unpacked = inflate(encoding, packed, &limits).map_err(ContentError::Packing)?;
-            unpack(&mut unpacked, writer, &handle)
-        });
-        Ok(Upload(Kind::Packed { pieces, unpacking }))
+        let limits = self.capacity.scan.clone();
+        let scan = self.unpacking.run(move || unpack(&sent, encoding, &limits)).await??;
+        Ok(Arrived { scan, place })
     }
 }
 
@@ -51,70 +83,25 @@ impl Upload {
     /// Takes the next piece. After an error only dropping is left.
     ///
     /// # Errors
-    /// [`ServiceError::Store`] where there is no room, [`ServiceError::Content`] where it cannot be unpacked.
+    /// [`ServiceError::Store`] where there is no room.
     pub async fn write(&mut self, piece: &[u8]) -> Result<(), ServiceError> {
-        match &mut self.0 {
-            Kind::Plain(writer) => Ok(writer.write(piece).await?),
-            Kind::Packed { pieces, unpacking } => match pieces.send(piece.to_vec()).await {
-                Ok(()) => Ok(()),
-                // The thread gave up, and its result says why; or it is done, and what follows is no part of the scan.
-                Err(_) => Err(match joined(unpacking).await {
-                    Ok(_) => ContentError::Packing(DecodeError::BadCompression).into(),
-                    Err(reason) => reason,
-                }),
-            },
-        }
-    }
-
-    /// All pieces were written.
-    ///
-    /// # Errors
-    /// [`ServiceError::Store`] where there is no room, [`ServiceError::Content`] where it cannot be unpacked.
-    pub async fn complete(self) -> Result<CompleteScan, ServiceError> {
-        let writer = match self.0 {
-            Kind::Plain(writer) => writer,
-            Kind::Packed { pieces, mut unpacking } => {
-                drop(pieces);
-                joined(&mut unpacking).await?
-            }
-        };
-        Ok(writer.complete().await?)
+        let wanting = HEAD_BYTES.saturating_sub(self.head.len());
+        self.head.extend(piece.iter().take(wanting));
+        Ok(self.writer.write(piece).await?)
     }
 }
 
-async fn joined(unpacking: &mut JoinHandle<Result<ScanWriter, ServiceError>>) -> Result<ScanWriter, ServiceError> {
-    unpacking.await.map_err(|_| super::ComputeError::Panicked)?
-}
-
-fn unpack(packed: &mut dyn Read, mut writer: ScanWriter, handle: &Handle) -> Result<ScanWriter, ServiceError> {
-    let mut block = vec![0; BLOCK_BYTES];
+fn unpack(sent: &CompleteScan, encoding: Encoding, limits: &Limits) -> Result<CompleteScan, ServiceError> {
+    let packed = BufReader::with_capacity(READ_BLOCK_BYTES, sent.open_blocking()?);
+    let mut unpacked = inflate(encoding, packed, limits).map_err(ContentError::Packing)?;
+    let mut part = sent.begin_another()?;
+    let mut block = vec![0; READ_BLOCK_BYTES];
     loop {
-        match packed.read(&mut block) {
-            Ok(0) => return Ok(writer),
-            Ok(count) => handle.block_on(writer.write(block.get(..count).unwrap_or_default()))?,
+        match unpacked.read(&mut block) {
+            Ok(0) => return Ok(part.complete()),
+            Ok(count) => part.append(block.get(..count).unwrap_or_default())?,
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
             Err(error) => return Err(ContentError::Packing(error.into()).into()),
-        }
-    }
-}
-
-/// The pieces as one stream for a thread that may block.
-struct Arriving {
-    pieces: mpsc::Receiver<Vec<u8>>,
-    piece: io::Cursor<Vec<u8>>,
-}
-
-impl Read for Arriving {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        loop {
-            match self.piece.read(buffer)? {
-                0 if !buffer.is_empty() => match self.pieces.blocking_recv() {
-                    Some(piece) => self.piece = io::Cursor::new(piece),
-                    // The end, or the client hung up: then nobody waits for what comes of it.
-                    None => return Ok(0),
-                },
-                count => return Ok(count),
-            }
         }
     }
 }

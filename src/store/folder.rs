@@ -4,12 +4,14 @@
 //! coaxis.lock      held by the process that has the store open
 //! coaxis.db        records, with -wal and -shm beside it
 //! scans/ab/abcd…   a raw scan by the SHA-256 of its content
-//! scans/tmp/7      a scan that is still coming in; whatever lies here at start-up is swept away
+//! scans/tmp/7      a scan that is still coming in; what lies here at start-up is swept away
+//! scans/tmp/abcd…  a mark: the scan of this digest may have its place and not its row yet
 //! ```
 //!
 //! Must not know the database's tables.
 
 use std::{
+    ffi::OsString,
     fs::{self, File, OpenOptions, TryLockError},
     io,
     path::{Path, PathBuf},
@@ -49,8 +51,7 @@ impl Folder {
 
     /// Where the scan of this digest lies: its folder and its file. `None` for anything but 64 hexadecimal digits.
     pub(super) fn scan(&self, sha256_hex: &str) -> Option<(PathBuf, PathBuf)> {
-        let well_formed = sha256_hex.len() == 64 && sha256_hex.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'));
-        let shelf = self.scans().join(sha256_hex.get(..2).filter(|_| well_formed)?);
+        let shelf = self.scans().join(sha256_hex.get(..2).filter(|_| is_digest(sha256_hex))?);
         let file = shelf.join(sha256_hex);
         Some((shelf, file))
     }
@@ -68,18 +69,40 @@ impl Folder {
         Ok((Temporary { path }, file))
     }
 
-    fn incoming(&self) -> PathBuf {
+    /// Where scans come in.
+    pub(super) fn incoming(&self) -> PathBuf {
         self.scans().join("tmp")
     }
 
-    fn sweep(&self) -> Result<(), StoreError> {
+    /// Where the mark of this digest lies, if it is one.
+    pub(super) fn mark(&self, sha256_hex: &str) -> Option<PathBuf> {
+        is_digest(sha256_hex).then(|| self.incoming().join(sha256_hex))
+    }
+
+    /// The digests that are marked.
+    pub(super) fn marked(&self) -> Result<Vec<String>, StoreError> {
+        let names = self.names_incoming()?.into_iter().filter_map(|name| name.into_string().ok());
+        Ok(names.filter(|name| is_digest(name)).collect())
+    }
+
+    fn names_incoming(&self) -> Result<Vec<OsString>, StoreError> {
         let incoming = self.incoming();
-        for entry in fs::read_dir(&incoming).map_err(StoreError::of_file(&incoming))? {
-            let path = entry.map_err(StoreError::of_file(&incoming))?.path();
+        let entries = fs::read_dir(&incoming).map_err(StoreError::of_file(&incoming))?;
+        entries.map(|entry| Ok(entry.map_err(StoreError::of_file(&incoming))?.file_name())).collect()
+    }
+
+    fn sweep(&self) -> Result<(), StoreError> {
+        for name in self.names_incoming()?.iter().filter(|name| !name.to_str().is_some_and(is_digest)) {
+            let path = self.incoming().join(name);
             fs::remove_file(&path).map_err(StoreError::of_file(&path))?;
         }
         Ok(())
     }
+}
+
+/// Whether a text is a SHA-256 as we write it.
+fn is_digest(text: &str) -> bool {
+    text.len() == 64 && text.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'))
 }
 
 /// A file that is removed when it is let go before it has been given its place.

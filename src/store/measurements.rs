@@ -3,9 +3,10 @@
 use sqlx::{FromRow, Row, SqliteConnection, error::ErrorKind, sqlite::SqliteRow};
 
 use super::{
-    Store, StoreError, broken_constraint,
+    CompleteScan, Store, StoreError, broken_constraint,
     columns::{micros, timestamp},
     page::{self, Cursor, Listed, Listing, Page},
+    placing::WithFile,
     rows::{AnsweredRequest, Filter, Inserted, MeasurementRow, NewMeasurement, RequestKey},
     scans, statements,
     writer::Write,
@@ -19,6 +20,14 @@ impl Store {
     /// [`StoreError::Unavailable`]. After these two the record may exist nevertheless; a request id settles it.
     pub async fn insert_measurement(&self, new: NewMeasurement) -> Result<Inserted, StoreError> {
         self.writer.write(new).await
+    }
+
+    /// The same with the file of the scan, which gets its place with the row.
+    ///
+    /// # Errors
+    /// As [`Store::insert_measurement`], and [`StoreError::FileUnavailable`].
+    pub async fn insert_measurement_of(&self, new: NewMeasurement, file: CompleteScan) -> Result<Inserted, StoreError> {
+        self.writer.write(WithFile::new(new, file).await?).await
     }
 
     /// The measurement of this id.

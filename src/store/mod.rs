@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! rows in ───> writer (one task, one transaction for all that wait) ───> coaxis.db ───> readers ───> rows out
-//! bytes in ──> scan_files (hash, sync, rename) ──> scans/ab/abcd… ──> a file to read from
+//! bytes in ──> scan_files (hash) ──> placing (with its row) ──> scans/ab/abcd… ──> a file to read from
 //! ```
 //!
 //! A write is acknowledged when it is durable, not before. Times and ids come in as arguments; documents are text that is
@@ -15,6 +15,7 @@ mod folder;
 mod measurements;
 mod migration;
 mod page;
+mod placing;
 mod recipes;
 mod rows;
 mod scan_files;
@@ -30,7 +31,7 @@ pub use rows::{
     AnsweredRequest, Counts, Filter, Inserted, MeasurementRow, NewMeasurement, Precondition, PutRecipe, RecipeRow,
     RecordedScan, RequestKey, ScanRow,
 };
-pub use scan_files::{CompleteScan, ScanWriter, StoredScan};
+pub use scan_files::{CompleteScan, ScanPart, ScanWriter};
 
 use std::{fmt::Write as _, io::Write as _, path::Path, sync::Arc};
 
@@ -75,6 +76,7 @@ impl Store {
         let folder = Arc::new(blocking(move || Folder::open(&root)).await?);
         let mut connection = connection::writer(&folder.database(), limits.database_bytes_max).await?;
         migration::migrate(&mut connection, migration::MIGRATIONS).await?;
+        placing::clear_up_all(&folder, &mut connection).await?;
         let readers = connection::readers(&folder.database()).await?;
         let writer = Writer::start(Arc::clone(&folder), limits, connection);
         Ok(Self { folder, writer, readers })

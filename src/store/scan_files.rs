@@ -1,7 +1,8 @@
-//! The content of raw scans: bytes come in by pieces and end as a file named by its SHA-256, complete and durable, or as
-//! nothing. Must not know formats or records.
+//! The content of raw scans on its way in: bytes come by pieces and end as a whole file with its SHA-256, or as nothing.
+//! Must not know formats or records; the place among the kept scans is given in `placing`.
 //!
-//! Pieces are gathered into blocks; a block is hashed and written on a blocking thread while the next one fills.
+//! Pieces are gathered into blocks; a block is hashed and written on a blocking thread while the next one fills. No
+//! blocking thread ever waits for another one.
 
 use std::{fs, io::Write as _, mem, sync::Arc};
 
@@ -10,49 +11,48 @@ use tokio::task::{JoinHandle, spawn_blocking};
 
 use super::{
     Store, StoreError,
-    folder::{self, Folder, Temporary},
+    folder::{Folder, Temporary},
     hex,
 };
 
 /// What goes to the blocking thread at once, bytes: large against a thread's waking, small against memory.
 const BLOCK_BYTES: usize = 256 * 1024;
 
-/// A raw scan that lies in the store.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct StoredScan {
-    /// `s-` and the digest.
-    pub id: String,
-    /// SHA-256 of the bytes, 64 lower-case hexadecimal digits.
-    pub sha256_hex: String,
-    /// Length of the file.
-    pub bytes_count: u64,
-}
-
-/// A raw scan that is coming in. Dropped before [`ScanWriter::finish`], it leaves nothing behind.
+/// A raw scan that is coming in. Dropped before [`ScanWriter::complete`], it leaves nothing behind.
 #[derive(Debug)]
 pub struct ScanWriter {
-    folder: Arc<Folder>,
     bytes_max: u64,
     bytes_count: u64,
     block: Vec<u8>,
     part: PartState,
 }
 
-/// A raw scan that is here as a whole and may be looked into before it is kept. Dropped before [`CompleteScan::place`],
-/// it leaves nothing behind.
+/// A raw scan that is here as a whole and may be looked into before it is kept. Dropped before it is recorded, it leaves
+/// nothing behind.
 #[derive(Debug)]
 pub struct CompleteScan {
+    pub(super) folder: Arc<Folder>,
+    pub(super) temporary: Temporary,
+    pub(super) file: fs::File,
+    pub(super) sha256_hex: String,
+    pub(super) bytes_count: u64,
+}
+
+/// The file of a scan that is coming in, with the digest of what it holds. All of its calls block. Dropped before
+/// [`ScanPart::complete`], it leaves nothing behind.
+#[derive(Debug)]
+pub struct ScanPart {
     folder: Arc<Folder>,
     temporary: Temporary,
     file: fs::File,
-    sha256_hex: String,
+    digest: Sha256,
     bytes_count: u64,
 }
 
 #[derive(Debug)]
 enum PartState {
-    Idle(Part),
-    Writing(JoinHandle<Result<(Part, Vec<u8>), StoreError>>),
+    Idle(ScanPart),
+    Writing(JoinHandle<Result<(ScanPart, Vec<u8>), StoreError>>),
     /// A write failed, or its caller went away in the middle of one.
     Lost,
 }
@@ -64,12 +64,8 @@ impl Store {
     /// [`StoreError::Full`], [`StoreError::FileUnavailable`].
     pub async fn begin_scan(&self, bytes_max: u64) -> Result<ScanWriter, StoreError> {
         let folder = Arc::clone(&self.folder);
-        let part = blocking({
-            let folder = Arc::clone(&folder);
-            move || Part::create(&folder)
-        });
-        let part = PartState::Idle(part.await?);
-        Ok(ScanWriter { folder, bytes_max, bytes_count: 0, block: Vec::with_capacity(BLOCK_BYTES), part })
+        let part = PartState::Idle(blocking(move || ScanPart::create(folder)).await?);
+        Ok(ScanWriter { bytes_max, bytes_count: 0, block: Vec::with_capacity(BLOCK_BYTES), part })
     }
 
     /// The path of the scan of this id, whether it is there or not; `None` for what is not a scan's id.
@@ -114,25 +110,16 @@ impl ScanWriter {
         Ok(())
     }
 
-    /// Gives the file its place. Durable on return.
-    ///
-    /// # Errors
-    /// [`StoreError::Full`], [`StoreError::FileUnavailable`].
-    pub async fn finish(self) -> Result<StoredScan, StoreError> {
-        self.complete().await?.place().await
-    }
-
     /// Ends the writing; the file can be read, and has no place yet.
     ///
     /// # Errors
     /// [`StoreError::Full`], [`StoreError::FileUnavailable`].
     pub async fn complete(mut self) -> Result<CompleteScan, StoreError> {
         let (mut part, _) = self.idle_part().await?;
-        let Self { folder, block, .. } = self;
+        let Self { block, .. } = self;
         blocking(move || {
             part.append(&block)?;
-            let Part { temporary, file, digest, bytes_count } = part;
-            Ok(CompleteScan { folder, temporary, file, sha256_hex: hex(&digest.finalize()), bytes_count })
+            Ok(part.complete())
         })
         .await
     }
@@ -149,7 +136,7 @@ impl ScanWriter {
     }
 
     /// The part and an empty block, once the write before is done.
-    async fn idle_part(&mut self) -> Result<(Part, Vec<u8>), StoreError> {
+    async fn idle_part(&mut self) -> Result<(ScanPart, Vec<u8>), StoreError> {
         match mem::replace(&mut self.part, PartState::Lost) {
             PartState::Idle(part) => Ok((part, Vec::with_capacity(BLOCK_BYTES))),
             PartState::Writing(task) => task.await.map_err(|_| StoreError::Closed)?,
@@ -180,51 +167,45 @@ impl CompleteScan {
         blocking(move || fs::File::open(&path).map_err(StoreError::of_file(path))).await
     }
 
-    /// Gives the file its place. Durable on return.
+    /// The same on a thread that may block.
+    ///
+    /// # Errors
+    /// [`StoreError::FileUnavailable`].
+    pub fn open_blocking(&self) -> Result<fs::File, StoreError> {
+        let path = self.temporary.path();
+        fs::File::open(path).map_err(StoreError::of_file(path))
+    }
+
+    /// Begins a scan that is made from this one, on a thread that may block.
     ///
     /// # Errors
     /// [`StoreError::Full`], [`StoreError::FileUnavailable`].
-    pub async fn place(self) -> Result<StoredScan, StoreError> {
-        blocking(move || self.settle()).await
-    }
-
-    /// First the content, then the name: a file under its digest is always whole. A file that is there already stays,
-    /// unless its length shows that it was damaged; then these bytes mend it.
-    fn settle(self) -> Result<StoredScan, StoreError> {
-        let Self { folder, temporary, file, sha256_hex, bytes_count } = self;
-        let (shelf, place) = folder.scan(&sha256_hex).ok_or(StoreError::Closed)?;
-        let known = fs::metadata(&place).is_ok_and(|there| there.is_file() && there.len() == bytes_count);
-        if !known {
-            file.sync_all().map_err(StoreError::of_file(temporary.path()))?;
-            folder::create(&shelf)?;
-            fs::rename(temporary.path(), &place).map_err(StoreError::of_file(&place))?;
-        }
-        // A known file too: whoever put it there may not have come this far yet.
-        folder::sync(&shelf)?;
-        folder::sync(&folder.scans())?;
-        Ok(StoredScan { id: format!("s-{sha256_hex}"), sha256_hex, bytes_count })
+    pub fn begin_another(&self) -> Result<ScanPart, StoreError> {
+        ScanPart::create(Arc::clone(&self.folder))
     }
 }
 
-/// The file of a scan that is coming in, with the digest of what it holds.
-#[derive(Debug)]
-struct Part {
-    temporary: Temporary,
-    file: fs::File,
-    digest: Sha256,
-    bytes_count: u64,
-}
-
-impl Part {
-    fn create(folder: &Folder) -> Result<Self, StoreError> {
+impl ScanPart {
+    fn create(folder: Arc<Folder>) -> Result<Self, StoreError> {
         let (temporary, file) = folder.create_part()?;
-        Ok(Self { temporary, file, digest: Sha256::new(), bytes_count: 0 })
+        Ok(Self { folder, temporary, file, digest: Sha256::new(), bytes_count: 0 })
     }
 
-    fn append(&mut self, block: &[u8]) -> Result<(), StoreError> {
+    /// Takes the next bytes.
+    ///
+    /// # Errors
+    /// [`StoreError::Full`], [`StoreError::FileUnavailable`].
+    pub fn append(&mut self, block: &[u8]) -> Result<(), StoreError> {
         self.digest.update(block);
         self.bytes_count += u64::try_from(block.len()).unwrap_or(u64::MAX);
         self.file.write_all(block).map_err(StoreError::of_file(self.temporary.path()))
+    }
+
+    /// Ends the writing.
+    #[must_use]
+    pub fn complete(self) -> CompleteScan {
+        let Self { folder, temporary, file, digest, bytes_count } = self;
+        CompleteScan { folder, temporary, file, sha256_hex: hex(&digest.finalize()), bytes_count }
     }
 }
 

@@ -3,9 +3,10 @@
 use sqlx::{FromRow, Row, SqliteConnection, sqlite::SqliteRow};
 
 use super::{
-    Store, StoreError,
+    CompleteScan, Store, StoreError,
     columns::{count, integer, micros, optional_count, timestamp},
     page::{self, Cursor, Listed, Listing, Page},
+    placing::WithFile,
     rows::{RecordedScan, ScanRow},
     statements,
     writer::Write,
@@ -18,6 +19,14 @@ impl Store {
     /// What every write may meet: [`StoreError::Full`], [`StoreError::Unavailable`].
     pub async fn record_scan(&self, scan: &ScanRow) -> Result<RecordedScan, StoreError> {
         self.writer.write(scan.clone()).await
+    }
+
+    /// Keeps a scan: records it and gives its file a place, both or neither. Durable on return.
+    ///
+    /// # Errors
+    /// As [`Store::record_scan`], and [`StoreError::FileUnavailable`].
+    pub async fn keep_scan(&self, row: ScanRow, file: CompleteScan) -> Result<RecordedScan, StoreError> {
+        self.writer.write(WithFile::new(row, file).await?).await
     }
 
     /// The record of the scan of this id.

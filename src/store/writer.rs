@@ -24,6 +24,11 @@ pub(super) trait Write: Send + Sync + 'static {
 
     /// Runs its statements. May run again after a roll-back, so it must not change itself.
     fn apply(&self, database: &mut SqliteConnection) -> impl Future<Output = Result<Self::Outcome, StoreError>> + Send;
+
+    /// Clears up what it did beside the database, once it is settled whether the write is done or refused.
+    fn conclude(&self, _database: &mut SqliteConnection) -> impl Future<Output = ()> + Send {
+        std::future::ready(())
+    }
 }
 
 /// The callers' end of the queue.
@@ -73,11 +78,13 @@ impl Writer {
 /// A write whose kind is forgotten, so that different ones share a queue.
 trait Job: Send {
     fn apply<'a>(&'a mut self, database: &'a mut SqliteConnection) -> Applying<'a>;
+    fn conclude<'a>(&'a mut self, database: &'a mut SqliteConnection) -> Concluding<'a>;
     fn acknowledge(self: Box<Self>);
     fn refuse(self: Box<Self>, error: StoreError);
 }
 
 type Applying<'a> = Pin<Box<dyn Future<Output = Result<(), StoreError>> + Send + 'a>>;
+type Concluding<'a> = Pin<Box<dyn Future<Output = ()> + Send + 'a>>;
 
 struct Pending<W: Write> {
     write: W,
@@ -93,15 +100,23 @@ impl<W: Write> Job for Pending<W> {
         })
     }
 
-    // In both, a caller that has gone away needs no answer.
+    fn conclude<'a>(&'a mut self, database: &'a mut SqliteConnection) -> Concluding<'a> {
+        Box::pin(self.write.conclude(database))
+    }
+
+    // In both, a caller that has gone away needs no answer; and what the write holds is let go before there is one.
     fn acknowledge(self: Box<Self>) {
-        if let Some(outcome) = self.outcome {
-            let _ = self.answer.send(Ok(outcome));
+        let Self { write, outcome, answer } = *self;
+        drop(write);
+        if let Some(outcome) = outcome {
+            let _ = answer.send(Ok(outcome));
         }
     }
 
     fn refuse(self: Box<Self>, error: StoreError) {
-        let _ = self.answer.send(Err(error));
+        let Self { write, answer, .. } = *self;
+        drop(write);
+        let _ = answer.send(Err(error));
     }
 }
 
@@ -145,8 +160,12 @@ impl Task {
             return;
         }
         match self.commit(&mut jobs).await {
-            Ok(()) => jobs.into_iter().for_each(Job::acknowledge),
+            Ok(()) => {
+                self.conclude(&mut jobs).await;
+                jobs.into_iter().for_each(Job::acknowledge);
+            }
             Err(error) if jobs.len() == 1 || concerns_all(&error) => {
+                self.conclude(&mut jobs).await;
                 jobs.into_iter().for_each(|job| job.refuse(error.clone()));
             }
             Err(_) => {
@@ -157,13 +176,27 @@ impl Task {
         }
     }
 
+    async fn conclude(&mut self, jobs: &mut [Box<dyn Job>]) {
+        // Without a database nobody knows what is done; what is left over then, the next start makes good.
+        if let Ok(mut connection) = self.connect().await {
+            for job in jobs {
+                job.conclude(&mut connection).await;
+            }
+            self.connection = Some(connection);
+        }
+    }
+
+    async fn connect(&mut self) -> Result<SqliteConnection, StoreError> {
+        match self.connection.take() {
+            Some(connection) => Ok(connection),
+            None => connection::writer(&self.folder.database(), self.limits.database_bytes_max).await,
+        }
+    }
+
     /// After a failure the connection is kept only where it is known to be in order: SQLite ends some transactions by
     /// itself, and then connection and driver disagree about whether one is open.
     async fn commit(&mut self, jobs: &mut [Box<dyn Job>]) -> Result<(), StoreError> {
-        let mut connection = match self.connection.take() {
-            Some(connection) => connection,
-            None => connection::writer(&self.folder.database(), self.limits.database_bytes_max).await?,
-        };
+        let mut connection = self.connect().await?;
         match transact(&mut connection, jobs).await {
             Ok(()) => {
                 self.connection = Some(connection);

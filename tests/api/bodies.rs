@@ -5,6 +5,7 @@ use coaxis::scan::decode::Format;
 use coaxis::scan::encode::encode;
 use coaxis::scan::synthetic::{Part, make};
 use std::fmt::Write as _;
+use std::io::Write as _;
 
 /// Twelve profiles of sixty points on a cylinder of 200 mm radius, without noise, as CSV.
 pub(crate) fn exact_csv() -> Vec<u8> {
@@ -18,6 +19,13 @@ pub(crate) fn exact_csv() -> Vec<u8> {
 /// A scan that takes a while: 400 profiles of 640 points, with interference.
 pub(crate) fn large_npy() -> Vec<u8> {
     encoded(&Part::with_interference(3), Format::Npy)
+}
+
+/// The same bytes, packed.
+pub(crate) fn gzip(bytes: &[u8]) -> Vec<u8> {
+    let mut packer = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+    packer.write_all(bytes).expect("packed");
+    packer.finish().expect("packed")
 }
 
 /// Some scan in a format.

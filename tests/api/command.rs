@@ -42,11 +42,13 @@ fn a_signal_ends_the_service_in_good_order_and_health_tells_either_way() {
     let (mut child, address) = serve(&folder);
     let ready = format!("http://{address}/health/ready");
     assert_eq!(output(&["health", &ready]).status.code(), Some(0));
+    assert_eq!(coaxis(&["health"]).env("COAXIS_LISTEN", &address).status().expect("it runs").code(), Some(0));
     assert!(complaint(&["health", &format!("http://{address}/v1/nothing")]).contains("route_unknown"));
     let signal = Command::new("kill").args(["-TERM", &child.id().to_string()]).status().expect("sent");
     assert!(signal.success());
     assert_eq!(child.wait().expect("it ends").code(), Some(0));
-    assert!(complaint(&["health", &ready]).contains(&address));
+    let gone = complaint(&["health", &ready]);
+    assert!(gone.contains(&address) && gone.contains("is the service running?"), "{gone}");
 }
 
 #[test]

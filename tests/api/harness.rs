@@ -16,6 +16,9 @@ use std::time::Duration;
 /// Longer than anything here takes; a test that reaches it has failed.
 const PATIENCE: Duration = Duration::from_secs(60);
 
+/// Threads that may block.
+pub(crate) const BLOCKING_THREADS: usize = 4;
+
 /// A running service.
 pub(crate) struct Running {
     pub(crate) address: SocketAddr,
@@ -78,7 +81,9 @@ pub(crate) fn start_on(folder: &Folder, change: impl FnOnce(&mut Config)) -> Run
     config.check().expect("a valid configuration");
     let (sender, receiver) = mpsc::channel();
     let thread = std::thread::spawn(move || {
-        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
+        // Few, so that a thread that waits for another one is found out.
+        let mut runtime = tokio::runtime::Builder::new_multi_thread();
+        let runtime = runtime.worker_threads(2).max_blocking_threads(BLOCKING_THREADS).enable_all().build();
         runtime.expect("a runtime").block_on(async move {
             let capacity = Capacity::from_config(&config);
             let service = Service::open(&config.data, capacity, config.estimation).await.expect("a store");

@@ -1,7 +1,7 @@
 //! Too much and too slow: refused with the limit in the problem, and the service goes on.
 
-use crate::bodies::{exact_csv, large_npy};
-use crate::harness::{rest, start, start_with};
+use crate::bodies::{exact_csv, gzip, large_npy};
+use crate::harness::{BLOCKING_THREADS, rest, start, start_with};
 use std::io::Write;
 use std::sync::Barrier;
 
@@ -54,6 +54,10 @@ fn a_slow_body_is_408_and_leaves_nothing_behind() {
     let head = "POST /v1/scans HTTP/1.1\r\nHost: a\r\nContent-Length: 100\r\nConnection: close\r\n\r\n1,2,3\n";
     let (service, folder) = start_with(|config| config.timeouts.body_idle_ms = 50);
     let answer = service.raw(head.as_bytes());
+    assert!(answer.starts_with("HTTP/1.1 408 ") && answer.contains("\"idle_ms\":50"), "{answer}");
+    assert_eq!(folder.scan_files_count(), 0);
+    let packed = head.replace("Connection", "Content-Encoding: gzip\r\nConnection");
+    let answer = service.raw(packed.as_bytes());
     assert!(answer.starts_with("HTTP/1.1 408 ") && answer.contains("\"idle_ms\":50"), "{answer}");
     assert_eq!(folder.scan_files_count(), 0);
     let (service, _folder) = start_with(|config| config.timeouts.body_total_ms = 50);
@@ -122,6 +126,53 @@ fn beyond_running_and_queue_the_answer_is_busy_and_tells_when_to_come_back() {
         assert_eq!(answer.header("retry-after"), "1");
     }
     service.post("/v1/measurements", &body).expect(201);
+}
+
+/// The head of a packed upload and the first half of its body, and the other half.
+fn packed_upload() -> (Vec<u8>, Vec<u8>) {
+    let body = gzip(&exact_csv());
+    let (first, second) = body.split_at(body.len() / 2);
+    let head = format!(
+        "POST /v1/scans HTTP/1.1\r\nHost: a\r\nContent-Encoding: gzip\r\nContent-Length: {}\r\nConnection: close\r\n\r\n",
+        body.len()
+    );
+    ([head.as_bytes(), first].concat(), second.to_vec())
+}
+
+#[test]
+fn more_packed_uploads_at_once_than_there_are_threads_all_come_through() {
+    let (service, folder) = start();
+    let (begin, end) = packed_upload();
+    let mut streams: Vec<_> = (0..3 * BLOCKING_THREADS).map(|_| service.connect()).collect();
+    for stream in &mut streams {
+        stream.write_all(&begin).expect("sent");
+    }
+    service.get("/health/ready").expect(200);
+    for stream in &mut streams {
+        stream.write_all(&end).expect("sent");
+    }
+    for stream in &mut streams {
+        let answer = rest(stream);
+        assert!(answer.starts_with("HTTP/1.1 20"), "{answer}");
+    }
+    assert_eq!(folder.scan_files_count(), 1, "they are all the same scan");
+}
+
+#[test]
+fn beyond_the_uploads_under_way_the_answer_is_busy_and_tells_when_to_come_back() {
+    let (service, folder) = start_with(|config| config.limits.uploads_max = 1);
+    let (begin, end) = packed_upload();
+    let mut stream = service.connect();
+    stream.write_all(&begin).expect("sent");
+    while folder.scan_files_count() == 0 {
+        service.get("/v1/status").expect(200);
+    }
+    let busy = service.post("/v1/scans", &exact_csv());
+    assert_eq!(busy.problem(503, "busy")["uploads_max_count"], 1);
+    assert_eq!(busy.header("retry-after"), "1");
+    stream.write_all(&end).expect("sent");
+    assert!(rest(&mut stream).starts_with("HTTP/1.1 201 "));
+    service.post("/v1/scans", &exact_csv()).expect(200);
 }
 
 #[test]

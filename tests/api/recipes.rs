@@ -22,7 +22,8 @@ fn a_recipe_is_put_got_listed_and_replaced_by_whoever_has_seen_it() {
     assert_eq!(outdated.problem(412, "recipe_changed")["current_etag"], seen.json()["etag"]);
     service.put(path, &[("if-none-match", "*")], &json!({})).problem(412, "recipe_changed");
     assert_eq!(service.put(path, &[("if-match", "*")], &json!({})).expect(200)["revision"], 3);
-    service.put("/v1/recipes/new", &[("if-match", "*")], &json!({})).problem(412, "recipe_changed");
+    let absent = service.put("/v1/recipes/new", &[("if-match", "*")], &json!({})).problem(412, "recipe_changed");
+    assert!(absent["detail"].as_str().expect("text").contains("there is no recipe new"), "{absent}");
     service.put(path, &[("if-match", "r1")], &json!({})).problem(400, "request_header_invalid");
 }
 

@@ -1,6 +1,6 @@
 //! Keeping scans and handing them out.
 
-use crate::bodies::exact_csv;
+use crate::bodies::{exact_csv, gzip};
 use crate::harness::start;
 use insta::assert_json_snapshot;
 
@@ -23,16 +23,16 @@ fn a_scan_is_kept_once_under_its_content_and_comes_back_byte_for_byte() {
 fn a_packed_scan_is_the_same_scan() {
     let (service, _folder) = start();
     let plain = service.post("/v1/scans", &exact_csv()).expect(201);
-    let gzip = {
-        use std::io::Write;
-        let mut packer = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
-        packer.write_all(&exact_csv()).expect("packed");
-        packer.finish().expect("packed")
-    };
+    let gzip = gzip(&exact_csv());
     let zstd = zstd::encode_all(exact_csv().as_slice(), 3).expect("packed");
     for (encoding, body) in [("gzip", &gzip), ("zstd", &zstd), ("identity", &exact_csv())] {
         let answer = service.post_with("/v1/scans", &[("content-encoding", encoding)], body);
         assert_eq!(answer.expect(200)["id"], plain["id"], "{encoding}");
+    }
+    for body in [&gzip, &zstd] {
+        assert_eq!(service.post("/v1/scans", body).expect(200)["id"], plain["id"], "known by its first bytes");
+        let measurement = service.post_with("/v1/measurements", &[("content-type", "application/json")], body);
+        measurement.problem(422, "json_syntax");
     }
     service.post_with("/v1/scans", &[("content-encoding", "br")], b"x").problem(415, "encoding_unsupported");
 }
@@ -45,4 +45,15 @@ fn an_unknown_scan_is_404() {
         answer.problem(404, if id == "%ff" { "route_unknown" } else { "scan_unknown" });
         assert_eq!(service.get(&format!("/v1/scans/{id}/content")).status, 404);
     }
+}
+
+#[test]
+fn a_form_is_told_to_send_the_bare_bytes() {
+    let (service, folder) = start();
+    let form = [("content-type", "multipart/form-data; boundary=x")];
+    for path in ["/v1/scans", "/v1/measurements"] {
+        let problem = service.post_with(path, &form, b"--x\r\n").problem(415, "content_type_unsupported");
+        assert!(problem["detail"].as_str().expect("text").contains("--data-binary"), "{problem}");
+    }
+    assert_eq!(folder.scan_files_count(), 0);
 }

@@ -37,8 +37,11 @@ fn wrong_bytes_have_their_own_problem_and_leave_nothing_behind() {
         .post_with("/v1/measurements", &[("content-type", "application/x-npy")], &ply)
         .problem(415, "format_conflict");
     service.post("/v1/measurements?profile_by=column%3Dframe", &exact_csv()).problem(422, "column_unknown");
-    service.post("/v1/measurements?profile_by=gap", &exact_csv()).problem(422, "recipe_invalid");
-    service.post("/v1/measurements?nominal_radius_mm=NaN", &exact_csv()).problem(422, "recipe_invalid");
+    service.post("/v1/measurements?profile_by=gap", &exact_csv()).problem(422, "option_invalid");
+    for radius in ["NaN", "-1"] {
+        let path = format!("/v1/measurements?nominal_radius_mm={radius}");
+        assert_eq!(service.post(&path, &exact_csv()).problem(422, "option_invalid")["field"], "nominal_radius_mm");
+    }
     service.post("/v1/measurements?nominal_radius=1", &exact_csv()).problem(400, "query_invalid");
 
     assert_eq!(folder.scan_files_count(), 0, "nothing is left behind");

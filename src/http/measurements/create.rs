@@ -8,6 +8,7 @@ use super::super::names::{FormatName, MethodName, UnitName};
 use super::super::problem::{Code, Problem};
 use super::super::receive::{content_encoding, origin, receive, request_id};
 use super::MeasurementDocument;
+use crate::scan::decode::Encoding;
 use crate::service::{Answer, Order, Recipe, RecipeName};
 use axum::Json;
 use axum::extract::{Request, State};
@@ -110,7 +111,7 @@ const REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
 /// Measure a scan
 ///
 /// The body is a scan file, its format told by `?format=`, by Content-Type or by its first bytes; gzip and zstd are
-/// undone (Content-Encoding). Or it is JSON that names a kept scan: an object with `scan_id`, where what the body says
+/// undone, whether Content-Encoding says so or their first bytes do. Or it is JSON that names a kept scan: an object with `scan_id`, where what the body says
 /// holds over the query. A JSON body with `profiles`, or of more than 64 KiB, is a scan.
 ///
 /// 201 with verdict `accepted` or `refused`: a refusal is a result, with its reason and numbers. Repeating a request of the
@@ -210,6 +211,9 @@ impl CreateQuery {
 async fn read_order(pieces: &mut Pieces, app: &App) -> Result<Option<OrderDocument>, Problem> {
     let enough = usize::try_from(app.limits.json_bytes_max).unwrap_or(usize::MAX).saturating_add(1);
     let (head, whole) = pieces.look_ahead(enough).await?;
+    if Encoding::sniff(&head).is_some() {
+        return Ok(None);
+    }
     let keys = top_level_keys(&head);
     let has = |name: &str| keys.iter().any(|key| key == name);
     match (has("profiles"), has("scan_id"), whole) {

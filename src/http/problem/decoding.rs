@@ -122,7 +122,10 @@ impl From<SliceError> for Problem {
         let problem = |code| Self::new(code, text.clone());
         match error {
             E::Frame(_) => problem(Code::RecipeInvalid).with("field", "frame"),
-            E::RegionInvalid { axis } => problem(Code::RecipeInvalid).with("field", format!("region.{axis}")),
+            E::CoordinateOutOfRange { index, value, limit } => problem(Code::CoordinateOutOfRange)
+                .with("index", count(index))
+                .with("value_mm", value)
+                .with("limit_mm", limit),
             E::PitchInvalid => problem(Code::RecipeInvalid).with("field", "profile_by"),
             E::RegionEmpty { points } => problem(Code::RegionEmpty).with("points_count", count(points)),
             E::NoColumn { wanted, found } => problem(Code::NoProfileColumn).with("wanted", wanted).with("found", found),

@@ -1,6 +1,7 @@
 //! The service's and the store's reasons as problems, one by one.
 
 use super::{Code, Problem};
+use crate::scan::slice::RegionError;
 use crate::service::{ComputeError, ContentError, MeasureError, RecipeError, ServiceError};
 use crate::store::StoreError;
 use axum::http::{HeaderValue, header};
@@ -18,7 +19,13 @@ impl From<ServiceError> for Problem {
             E::Compute(cause) => cause.into(),
             E::Store(cause) => cause.into(),
             E::Content(cause) => cause.into(),
-            E::Recipe(cause) => cause.into(),
+            E::Recipe(cause) => recipe_problem(Code::RecipeInvalid, &cause),
+            E::Option(cause) => recipe_problem(Code::OptionInvalid, &cause),
+            E::UploadsBusy { uploads_max } => {
+                Self::new(Code::Busy, format!("{text}; nothing was recorded, try again after the time in Retry-After"))
+                    .with("uploads_max_count", wide(uploads_max))
+                    .with_header(header::RETRY_AFTER, RETRY_AFTER_S)
+            }
             E::ScanUnknown { id } => {
                 Self::new(Code::ScanUnknown, format!("{text}; list them with GET /v1/scans")).with("scan_id", id)
             }
@@ -34,6 +41,11 @@ impl From<ServiceError> for Problem {
                 Self::new(Code::RecipeChanged, format!("{text}; get it again and decide anew"))
                     .with("recipe", name)
                     .with("current_etag", current_etag)
+            }
+            E::RecipeAbsent { name } => {
+                Self::new(Code::RecipeChanged, format!("{text}; put it without If-Match to make it"))
+                    .with("recipe", name)
+                    .with("current_etag", Value::Null)
             }
             E::RequestIdReused { request_id } => {
                 Self::new(Code::RequestIdReused, format!("{text}; every new request needs a new id"))
@@ -114,24 +126,23 @@ impl From<MeasureError> for Problem {
     }
 }
 
-impl From<RecipeError> for Problem {
-    fn from(error: RecipeError) -> Self {
-        use RecipeError as E;
-        let problem = Self::new(Code::RecipeInvalid, error.to_string());
-        match error {
-            E::OutOfRange { name, allowed, value } => {
-                problem.with("field", name).with("allowed", allowed).with("value", value)
-            }
-            E::EpsilonTwice => problem.with("field", "epsilon_noise_multiple"),
-            E::NoiseUnknown => problem.with("field", "noise_sigma_mm"),
-            E::ProfileRule(_) => problem.with("field", "profile_by"),
-            E::Frame(_) => problem.with("field", "frame"),
-            E::Region { axis } => problem.with("field", format!("region.{axis}")),
-            E::DescriptionTooLong { characters_count, characters_max } => problem
-                .with("field", "description")
-                .with("characters_count", wide(characters_count))
-                .with("characters_max", wide(characters_max)),
+/// What cannot be, with the field that says so.
+fn recipe_problem(code: Code, error: &RecipeError) -> Problem {
+    use RecipeError as E;
+    let problem = Problem::new(code, error.to_string());
+    match *error {
+        E::OutOfRange { name, allowed, value } => {
+            problem.with("field", name).with("allowed", allowed).with("value", value)
         }
+        E::EpsilonTwice => problem.with("field", "epsilon_noise_multiple"),
+        E::NoiseUnknown => problem.with("field", "noise_sigma_mm"),
+        E::ProfileRule(_) => problem.with("field", "profile_by"),
+        E::Frame(_) => problem.with("field", "frame"),
+        E::Region(RegionError { axis }) => problem.with("field", format!("region.{axis}")),
+        E::DescriptionTooLong { characters_count, characters_max } => problem
+            .with("field", "description")
+            .with("characters_count", wide(characters_count))
+            .with("characters_max", wide(characters_max)),
     }
 }
 

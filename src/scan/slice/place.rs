@@ -18,17 +18,23 @@ pub struct Region {
     pub z_mm: Option<[f64; 2]>,
 }
 
+/// A bound that is no range: not finite, or the lower above the upper.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("{axis} must be [lower, upper], both finite, the lower not above the upper")]
+pub struct RegionError {
+    /// Name of the bound.
+    pub axis: &'static str,
+}
+
 impl Region {
-    /// Whether every bound is a range.
+    /// Whether every bound is a range; a region with another holds no point.
     ///
     /// # Errors
-    /// [`SliceError::RegionInvalid`] names the first that is not.
-    pub fn check(&self) -> Result<(), SliceError> {
+    /// [`RegionError`] names the first that is not.
+    pub fn check(&self) -> Result<(), RegionError> {
         for (axis, bound) in [("x_mm", self.x_mm), ("y_mm", self.y_mm), ("z_mm", self.z_mm)] {
-            if let Some([lower, upper]) = bound
-                && !(lower.is_finite() && upper.is_finite() && lower <= upper)
-            {
-                return Err(SliceError::RegionInvalid { axis });
+            if bound.is_some_and(|[lower, upper]| !(lower.is_finite() && upper.is_finite() && lower <= upper)) {
+                return Err(RegionError { axis });
             }
         }
         Ok(())
@@ -59,20 +65,22 @@ fn collect(like: &Cloud, points: impl Iterator<Item = (f64, [f64; 3])>) -> Cloud
     Cloud { stripes, columns, labels: like.labels.clone(), unit: like.unit, missing_count: like.missing_count }
 }
 
-/// The cloud as seen from the rail frame that `frame` declares.
-pub(super) fn move_into(cloud: &Cloud, frame: &Frame) -> Result<Cloud, SliceError> {
+/// The cloud as seen from the rail frame that `frame` declares, no coordinate beyond `coordinate_max_mm`.
+pub(super) fn move_into(cloud: &Cloud, frame: &Frame, coordinate_max_mm: f64) -> Result<Cloud, SliceError> {
     let rotation = frame.rotation()?;
     let origin = Vector3::from(frame.origin_mm);
-    let moved = each_point(cloud).map(|(stripe, [y, z])| {
-        let point = rotation * (Point3::new(stripe.x, y, z) - origin);
-        (stripe.label, [point.x, point.y, point.z])
-    });
-    Ok(collect(cloud, moved))
+    let moved = |x: f64, [y, z]: [f64; 2]| rotation * (Point3::new(x, y, z) - origin);
+    let beyond = |value: &f64| !(0.0..=coordinate_max_mm).contains(&value.abs());
+    for (index, (stripe, point)) in each_point(cloud).enumerate() {
+        if let Some(&value) = moved(stripe.x, point).iter().find(|value| beyond(value)) {
+            return Err(SliceError::CoordinateOutOfRange { index, value, limit: coordinate_max_mm });
+        }
+    }
+    Ok(collect(cloud, each_point(cloud).map(|(stripe, point)| (stripe.label, moved(stripe.x, point).into()))))
 }
 
 /// What of the cloud lies in a region.
 pub(super) fn cut_to(cloud: &Cloud, region: &Region) -> Result<Cloud, SliceError> {
-    region.check()?;
     let holds =
         |bound: Option<[f64; 2]>, value: f64| bound.is_none_or(|[lower, upper]| (lower..=upper).contains(&value));
     let inside = |x: f64, [y, z]: [f64; 2]| holds(region.x_mm, x) && holds(region.y_mm, y) && holds(region.z_mm, z);

@@ -138,8 +138,7 @@ fn a_region_keeps_its_bounds_and_an_empty_one_is_refused() {
     assert_eq!(error, Err(SliceError::RegionEmpty { points: 50 }));
     for bound in [[2.0, 1.0], [f64::NAN, 1.0]] {
         let wrong = Region { y_mm: Some(bound), ..Region::default() };
-        let error = slice(regular(Labels::Row, 5, 1.0, 0.0), &request(wrong), &Limits::default());
-        assert_eq!(error, Err(SliceError::RegionInvalid { axis: "y_mm" }));
+        assert_eq!(wrong.check(), Err(RegionError { axis: "y_mm" }));
     }
 }
 
@@ -153,4 +152,18 @@ fn a_frame_moves_the_points_before_they_are_cut() {
     // y' = z' × x' = (1,0,0) × (0,−1,0) = (0,0,−1): −(z − 3), with z = −20 and −30.
     assert_eq!(scan.stations().iter().map(|s| s.x).collect::<Vec<_>>(), [-28.0, -18.0]);
     assert_eq!((scan.columns().get(0), scan.columns().get(1)), (Some([33.0, 10.0]), Some([23.0, 9.0])));
+}
+
+#[test]
+fn a_frame_must_not_carry_the_points_beyond_the_limit_of_coordinates() {
+    let frame = |origin| Frame { origin_mm: [origin, 0.0, 0.0], x_axis: [1e200, 0.0, 0.0], z_axis: [0.0, 0.0, 1.0] };
+    let request = |origin| SliceRequest { frame: Some(frame(origin)), ..SliceRequest::default() };
+    let limits = Limits { coordinate_max_mm: 1000.0, ..Limits::default() };
+    let cloud = || regular(Labels::Row, 5, 1.0, 0.0);
+    slice(cloud(), &request(1000.0), &limits).expect("at x from -1000 on");
+    let error = slice(cloud(), &request(1000.5), &limits).expect_err("beyond");
+    assert_eq!(error, SliceError::CoordinateOutOfRange { index: 0, value: -1000.5, limit: 1000.0 });
+    assert!(error.to_string().contains("coordinate_max_mm"), "{error}");
+    let error = slice(cloud(), &request(1e300), &Limits::default()).expect_err("beyond");
+    assert_eq!(error.code(), "coordinate_out_of_range");
 }

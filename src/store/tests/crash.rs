@@ -60,6 +60,9 @@ fn kill_after(answers: usize, round: usize, folder: &TempFolder) -> Vec<String> 
 async fn expect_all(acknowledged: &BTreeSet<String>, folder: &TempFolder) {
     let store = folder.open().await;
     assert!(folder.incoming().is_empty());
+    for id in folder.scan_ids() {
+        assert!(store.scan(&id).await.unwrap().is_some(), "{id} is a file without a row");
+    }
     for id in acknowledged {
         let row = store.measurement(id).await.unwrap().unwrap_or_else(|| panic!("{id} is lost"));
         assert_eq!(store.profiles(id).await.unwrap().as_deref(), Some(id.as_bytes()));
@@ -91,11 +94,11 @@ async fn measure_forever(store: Arc<Store>, name: String) {
         let id = format!("{name}-{number}");
         let mut writer = store.begin_scan(100).await.unwrap();
         writer.write(id.as_bytes()).await.unwrap();
-        let stored = writer.finish().await.unwrap();
+        let scan = writer.complete().await.unwrap();
         let mut new = new_measurement(&id, number);
-        new.row.scan_id = stored.id.clone();
-        new.scan = Some(ScanRow { id: stored.id, ..scan_row('a') });
-        store.insert_measurement(new).await.unwrap();
+        new.row.scan_id = scan.id();
+        new.scan = Some(row_of(&scan));
+        store.insert_measurement_of(new, scan).await.unwrap();
         writeln!(io::stdout(), "{ACKNOWLEDGED}{id}").unwrap();
     }
 }

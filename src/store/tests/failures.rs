@@ -131,11 +131,13 @@ async fn a_scan_that_finds_no_place_leaves_nothing_and_can_be_sent_again() {
     // SHA-256 of no bytes begins with e3.
     let shelf = folder.path().join("scans/e3");
     fs::write(&shelf, b"in the way").unwrap();
-    let failed = store.begin_scan(10).await.unwrap().finish().await;
+    let scan = store.begin_scan(10).await.unwrap().complete().await.unwrap();
+    let failed = store.keep_scan(row_of(&scan), scan).await;
     assert!(matches!(failed, Err(StoreError::FileUnavailable { .. })));
     assert!(folder.incoming().is_empty());
     fs::remove_file(&shelf).unwrap();
-    store.begin_scan(10).await.unwrap().finish().await.unwrap();
+    let scan = store.begin_scan(10).await.unwrap().complete().await.unwrap();
+    store.keep_scan(row_of(&scan), scan).await.unwrap();
 }
 
 #[test]

@@ -3,6 +3,7 @@
 mod crash;
 mod failures;
 mod pages;
+mod placing;
 mod records;
 mod scan_files;
 mod schema;
@@ -15,7 +16,7 @@ use std::{
 
 use jiff::Timestamp;
 
-use super::{MeasurementRow, NewMeasurement, RequestKey, ScanRow, Store};
+use super::{CompleteScan, MeasurementRow, NewMeasurement, RequestKey, ScanRow, Store};
 
 /// A folder of one test, removed at its end.
 struct TempFolder(PathBuf);
@@ -35,6 +36,15 @@ impl TempFolder {
 
     fn path(&self) -> &Path {
         &self.0
+    }
+
+    /// Ids of the scans that have their place.
+    fn scan_ids(&self) -> Vec<String> {
+        let names = |folder: PathBuf| {
+            fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        };
+        let shelves = names(self.0.join("scans")).filter(|shelf| shelf != "tmp");
+        shelves.flat_map(|shelf| names(self.0.join("scans").join(shelf))).map(|name| format!("s-{name}")).collect()
     }
 
     /// Names of the scans that are still coming in.
@@ -69,6 +79,11 @@ fn scan_row(digit: char) -> ScanRow {
         points_count: Some(2_000_000),
         description: None,
     }
+}
+
+/// The row of a scan that has come in.
+fn row_of(scan: &CompleteScan) -> ScanRow {
+    ScanRow { id: scan.id(), bytes_count: scan.bytes_count(), ..scan_row('a') }
 }
 
 fn measurement_row(id: &str, second: i64) -> MeasurementRow {

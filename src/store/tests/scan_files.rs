@@ -5,19 +5,22 @@ use std::io::Read as _;
 use sha2::{Digest, Sha256};
 
 use super::*;
-use crate::store::{StoreError, StoredScan, hex};
+use crate::store::{StoreError, hex};
 
 /// Bytes that do not repeat with the length of a block.
 fn content(length: usize) -> Vec<u8> {
     (0..length).map(|index| (index % 251) as u8).collect()
 }
 
-async fn store_scan(store: &Store, bytes: &[u8], piece: usize) -> StoredScan {
+async fn store_scan(store: &Store, bytes: &[u8], piece: usize) -> ScanRow {
     let mut writer = store.begin_scan(u64::MAX).await.unwrap();
     for piece in bytes.chunks(piece) {
         writer.write(piece).await.unwrap();
     }
-    writer.finish().await.unwrap()
+    let scan = writer.complete().await.unwrap();
+    let row = row_of(&scan);
+    store.keep_scan(row.clone(), scan).await.unwrap();
+    row
 }
 
 #[tokio::test]
@@ -29,8 +32,7 @@ async fn a_scan_comes_out_as_it_went_in_whatever_the_pieces() {
         let bytes = content(length);
         for piece in [4_093, block, 10 * block] {
             let stored = store_scan(&store, &bytes, piece).await;
-            assert_eq!(stored.sha256_hex, hex(&Sha256::digest(&bytes)));
-            assert_eq!(stored.id, format!("s-{}", stored.sha256_hex));
+            assert_eq!(stored.id, format!("s-{}", hex(&Sha256::digest(&bytes))));
             assert_eq!(stored.bytes_count, length as u64);
             let mut read = Vec::new();
             store.open_scan(&stored.id).await.unwrap().unwrap().read_to_end(&mut read).unwrap();
@@ -105,7 +107,7 @@ async fn a_scan_beyond_its_limit_is_refused_and_leaves_nothing() {
     let mut writer = store.begin_scan(1000).await.unwrap();
     writer.write(&content(1000)).await.unwrap();
     assert!(matches!(writer.write(b"x").await, Err(StoreError::ScanTooLarge { bytes_max: 1000 })));
-    assert!(matches!(writer.finish().await, Err(StoreError::Closed)));
+    assert!(matches!(writer.complete().await, Err(StoreError::Closed)));
     assert!(folder.incoming().is_empty());
 }
 

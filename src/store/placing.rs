@@ -1,0 +1,132 @@
+//! Gives raw scans their place, together with the rows that refer to them: no row without its file, and no file that is
+//! left without a row. Must not know what the rows say.
+//!
+//! ```text
+//! rows, mark, rename ──> commit ──> look: a row refers to it?  yes: unmark
+//!                           │                                  no:  remove the file, unmark
+//!                           └ process dies ──> the same look at the next start, for every mark that is there
+//! ```
+//!
+//! All of it happens in the one task that writes, so the same bytes sent by many clients at once never race. A file whose
+//! mark is gone is never removed: whoever loses the database does not lose the scans with it.
+
+use std::{
+    fs,
+    io::ErrorKind,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use sqlx::SqliteConnection;
+
+use super::{
+    CompleteScan, StoreError,
+    folder::{self, Folder},
+    scan_files::blocking,
+    statements,
+    writer::Write,
+};
+
+/// A write of rows that brings the file of a scan along.
+pub(super) struct WithFile<W> {
+    write: W,
+    scan: Arc<CompleteScan>,
+}
+
+impl<W> WithFile<W> {
+    /// Brings the content to the disk before the queue, where others would have to wait for it.
+    pub(super) async fn new(write: W, scan: CompleteScan) -> Result<Self, StoreError> {
+        let scan = Arc::new(scan);
+        let content = Arc::clone(&scan);
+        blocking(move || content.make_durable()).await?;
+        Ok(Self { write, scan })
+    }
+}
+
+impl<W: Write> Write for WithFile<W> {
+    type Outcome = W::Outcome;
+
+    async fn apply(&self, database: &mut SqliteConnection) -> Result<W::Outcome, StoreError> {
+        let outcome = self.write.apply(database).await?;
+        // A write may come to nothing, e.g. where the request was answered before.
+        if is_recorded(&self.scan.id(), database).await? {
+            let scan = Arc::clone(&self.scan);
+            blocking(move || scan.settle()).await?;
+        }
+        Ok(outcome)
+    }
+
+    async fn conclude(&self, database: &mut SqliteConnection) {
+        // What fails here stays marked and is made good at the next start.
+        let _ = clear_up(&self.scan.folder, self.scan.sha256_hex.clone(), database).await;
+    }
+}
+
+/// Makes good what an earlier process left between a file and its row.
+pub(super) async fn clear_up_all(folder: &Arc<Folder>, database: &mut SqliteConnection) -> Result<(), StoreError> {
+    let marked = Arc::clone(folder);
+    for sha256_hex in blocking(move || marked.marked()).await? {
+        clear_up(folder, sha256_hex, database).await?;
+    }
+    Ok(())
+}
+
+/// Removes a marked file unless a row refers to it, then the mark.
+async fn clear_up(folder: &Arc<Folder>, sha256_hex: String, database: &mut SqliteConnection) -> Result<(), StoreError> {
+    let Some(mark) = folder.mark(&sha256_hex).filter(|mark| mark.exists()) else { return Ok(()) };
+    let recorded = is_recorded(&format!("s-{sha256_hex}"), database).await?;
+    let orphan = folder.scan(&sha256_hex).filter(|_| !recorded);
+    blocking(move || {
+        if let Some((shelf, place)) = orphan {
+            remove(place)?;
+            // The mark must not be gone before the file is.
+            if shelf.is_dir() {
+                folder::sync(&shelf)?;
+            }
+        }
+        remove(mark)
+    })
+    .await
+}
+
+async fn is_recorded(id: &str, database: &mut SqliteConnection) -> Result<bool, StoreError> {
+    Ok(sqlx::query(statements::SCAN).bind(id).fetch_optional(database).await?.is_some())
+}
+
+fn remove(path: PathBuf) -> Result<(), StoreError> {
+    match fs::remove_file(&path) {
+        Err(error) if !matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
+            Err(StoreError::of_file(path)(error))
+        }
+        _ => Ok(()),
+    }
+}
+
+impl CompleteScan {
+    /// Whether the same bytes have their place already. A file of another length was damaged; these bytes mend it.
+    fn is_known(&self, place: &Path) -> bool {
+        fs::metadata(place).is_ok_and(|there| there.is_file() && there.len() == self.bytes_count)
+    }
+
+    fn make_durable(&self) -> Result<(), StoreError> {
+        let known = self.folder.scan(&self.sha256_hex).is_some_and(|(_, place)| self.is_known(&place));
+        if known { Ok(()) } else { self.file.sync_all().map_err(StoreError::of_file(self.temporary.path())) }
+    }
+
+    /// First the content, then the name: a file under its digest is always whole.
+    fn settle(&self) -> Result<(), StoreError> {
+        let digest = &self.sha256_hex;
+        let ((shelf, place), mark) =
+            self.folder.scan(digest).zip(self.folder.mark(digest)).ok_or(StoreError::Closed)?;
+        if self.is_known(&place) {
+            return Ok(());
+        }
+        fs::File::create(&mark).map_err(StoreError::of_file(&mark))?;
+        folder::sync(&self.folder.incoming())?;
+        self.file.sync_all().map_err(StoreError::of_file(self.temporary.path()))?;
+        folder::create(&shelf)?;
+        fs::rename(self.temporary.path(), &place).map_err(StoreError::of_file(&place))?;
+        folder::sync(&shelf)?;
+        folder::sync(&self.folder.scans())
+    }
+}
