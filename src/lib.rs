@@ -17,8 +17,9 @@
 //!       geometry (pure)
 //! ```
 //!
-//! The rooms below stand in the order in which data pass them. Nothing points back: `tests/house.rs` reads the
-//! imports and holds us to it. Left of `store` nothing waits, logs, reads a clock or draws a random number.
+//! Read them in the order in which data pass: geometry, scan, estimation, plot, store, config, service, http, cli.
+//! Nothing points back: `tests/house.rs` reads the imports and holds us to it. Left of `store` nothing waits, logs or
+//! reads a clock, and chance comes from seeds.
 
 pub mod cli;
 pub mod config;
