@@ -2,15 +2,16 @@
 //! part), never taken in by what sits on it, and refusing where nobody could tell. Truth and bound come from the maker of
 //! the parts, never from an estimate.
 
-#![expect(clippy::panic, clippy::expect_used, reason = "a test may fail")]
+#![expect(clippy::panic, clippy::expect_used, clippy::print_stdout, reason = "a test may fail, and says what it saw")]
 
 use coaxis::estimation::{Estimate, Method, Outcome, Pose, Progress, RadiusRule, Refusal, Settings, estimate};
 use coaxis::geometry::AxisLine;
 use coaxis::scan::synthetic::{Interference, Part, Truth, make};
 
+/// Seeds a scene; the variable COAXIS_SEEDS asks for more, e.g.
+/// `COAXIS_SEEDS=200 cargo test --release --test cylinder -- --nocapture`.
 const SEEDS: u64 = 16;
-/// 1.15 over many seeds; the root mean square of 16 draws scatters by 1/√32, three of which are granted.
-const RMS_MAX: f64 = 1.15 * (1.0 + 3.0 * 0.177);
+const RMS_MAX: f64 = 1.15;
 const WORST_MAX: f64 = 5.0;
 
 fn measure(part: &Part, settings: &Settings) -> (Estimate, Truth) {
@@ -44,17 +45,22 @@ fn errors(pose: &Pose, truth: &Truth) -> [f64; 5] {
 
 /// Holds a scene to the bound.
 fn reaches_the_bound(name: &str, settings: &Settings, part: impl Fn(u64) -> Part) {
-    let mut squares = [0.0; 5];
-    for seed in 0..SEEDS {
+    let seeds_count = std::env::var("COAXIS_SEEDS").ok().and_then(|text| text.parse().ok()).unwrap_or(SEEDS);
+    let (mut squares, mut worst) = ([0.0; 5], 0.0_f64);
+    for seed in 0..seeds_count {
         let (estimate, truth) = measure(&part(seed), settings);
         let errors = errors(&pose(estimate), &truth);
         assert!(errors.iter().all(|e| e.abs() <= WORST_MAX), "{name}, seed {seed}: {errors:.2?} bounds");
         for (square, error) in squares.iter_mut().zip(errors) {
-            *square += error * error / SEEDS as f64;
+            *square += error * error / seeds_count as f64;
+            worst = worst.max(error.abs());
         }
     }
     let rms = squares.map(f64::sqrt);
-    assert!(rms.iter().all(|rms| *rms <= RMS_MAX), "{name}: {rms:.2?} bounds");
+    println!("{name}: {rms:.2?} bounds over {seeds_count} seeds, at worst {worst:.1}");
+    // The root mean square of n draws scatters by 1/√(2n); three of them are granted.
+    let granted = RMS_MAX * (1.0 + 3.0 / (2.0 * seeds_count as f64).sqrt());
+    assert!(rms.iter().all(|rms| *rms <= granted), "{name}: {rms:.2?} bounds");
 }
 
 /// 120° of a part of 200 mm radius, less dense than a real scan so that many seeds can be tried.

@@ -1,7 +1,7 @@
 //! The published single-profile tables and the published whole-part situation, held to truth that is derived here from
 //! the ellipse of a tilted cylinder. Must not take a figure from our own output.
 
-#![expect(clippy::expect_used, reason = "a test may fail")]
+#![expect(clippy::expect_used, clippy::print_stdout, reason = "a test may fail, and says what it saw")]
 
 use coaxis::estimation::{Estimate, Method, Outcome, Progress, Reason, Settings, estimate};
 use coaxis::scan::synthetic::{Part, make};
@@ -146,5 +146,40 @@ fn a_whole_part_with_interference_is_found_by_the_robust_method_and_missed_by_th
         assert!(angle_deg <= 0.02 && offset_mm <= 0.3, "seed {seed}: {angle_deg}° and {offset_mm} mm");
         let (angle_deg, offset_mm) = errors(Method::SectionLinePlain);
         assert!(angle_deg > 0.02 && offset_mm > 0.3, "seed {seed}: plain {angle_deg}° and {offset_mm} mm");
+    }
+}
+
+/// A free ellipse is pulled along the viewing direction; what is stated must hold the truth all the same.
+#[test]
+fn the_stated_uncertainty_of_section_line_holds_the_truth_on_short_arcs_and_with_few_profiles() {
+    for (arc_deg, profiles_count) in [(160.0, 100), (140.0, 100), (110.0, 100), (90.0, 100), (70.0, 100), (160.0, 4)] {
+        let (mut held_count, mut stated, mut squared) = (0, 0.0, 0.0);
+        for seed in 0..20 {
+            let part = Part { arc_deg, profiles_count, points_count: 320, ..Part::smooth(seed) };
+            let (scan, truth) = make(&part).expect("valid");
+            let settings = Settings { method: Method::SectionLine, ..Settings::default() };
+            let Outcome::Accepted(pose) = estimate(&scan, &settings, &Progress::default()).outcome else {
+                panic!("{arc_deg}°, seed {seed} refused")
+            };
+            let [y, z] = pose.axis.at(pose.x_ref);
+            let slope = |degrees: f64| degrees.to_radians().tan();
+            let errors = [
+                pose.axis.deflection().radians() - truth.deflection_deg.to_radians(),
+                pose.axis.pitch().radians() - truth.pitch_deg.to_radians(),
+                y - truth.y_c0_mm - slope(truth.deflection_deg) * pose.x_ref,
+                z - truth.z_c0_mm - slope(truth.pitch_deg) * pose.x_ref,
+                pose.radius - truth.radius_mm,
+            ];
+            let variances = std::array::from_fn::<f64, 5, _>(|i| pose.uncertainty.covariance[i][i]);
+            held_count += errors.iter().zip(variances).filter(|(error, v)| error.abs() <= 2.0 * v.sqrt()).count();
+            stated += variances[3].sqrt() / 20.0;
+            squared += errors[3] * errors[3] / 20.0;
+        }
+        let seen = squared.sqrt();
+        println!(
+            "{arc_deg}°, {profiles_count} profiles: {held_count} of 100 held; z_ref stated {stated:.3} mm, seen {seen:.3} mm"
+        );
+        // 95 of 100, whose standard deviation is 2.2, less three of them.
+        assert!(held_count >= 88, "{held_count} of 100 at {arc_deg}°");
     }
 }

@@ -22,9 +22,10 @@ pub(super) fn conclude(settings: &Settings, outcome: Outcome, profiles: Vec<Prof
     let inner: f64 = valid.iter().map(|(profile, section)| section.inlier_ratio * profile.points_count as f64).sum();
     let residuals = median(valid.iter().map(|(_, section)| section.sigma))
         .map(|sigma| Residuals { sigma, inlier_ratio: inner / points_count as f64 });
+    let fitted = profiles.iter().filter(|p| p.section.is_some());
     let conditioning = Conditioning {
         arc: arc.map(Angle::from_radians),
-        axial_length: axial_length(&profiles),
+        axial_length: if valid.is_empty() { span(fitted.map(|p| p.x)) } else { axial_length(&profiles) },
         warnings: warnings(settings, &outcome, arc.map(f64::to_degrees)),
     };
     Estimate { method: settings.method, outcome, profiles, conditioning, residuals }
@@ -58,7 +59,10 @@ pub(super) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
 
 /// From the first valid profile to the last, mm.
 pub(super) fn axial_length(profiles: &[Profile]) -> f64 {
-    let mut used = profiles.iter().filter(|p| p.rejected.is_none()).map(|p| p.x);
-    let first = used.next();
-    first.zip(used.next_back()).map_or(0.0, |(first, last)| last - first)
+    span(profiles.iter().filter(|p| p.rejected.is_none()).map(|p| p.x))
+}
+
+fn span(mut stations: impl DoubleEndedIterator<Item = f64>) -> f64 {
+    let first = stations.next();
+    first.zip(stations.next_back()).map_or(0.0, |(first, last)| last - first)
 }

@@ -115,7 +115,15 @@ pub struct SettingError {
     pub value: f64,
 }
 
+/// A radius below this many ε is not resolved: every point is an inner point of it.
+const RESOLVED: f64 = 4.0;
+
 impl Settings {
+    /// The least radius that ε lets anybody tell from a point, mm.
+    pub(super) fn radius_resolved_mm(&self) -> f64 {
+        RESOLVED * self.epsilon_mm
+    }
+
     /// Checks every value against its range.
     ///
     /// # Errors

@@ -3,6 +3,7 @@
 
 use super::model::Cylinder;
 use super::sums::Sums;
+use crate::estimation::conclude::median;
 use crate::estimation::{Profile, Reason, Section, Settings};
 use crate::geometry::{Angle, SectionEllipse};
 use crate::scan::{Scan, Station};
@@ -16,6 +17,9 @@ const EPSILON_SIGMAS: f64 = 2.22;
 const OFF_AXIS_SPREADS: f64 = 6.0;
 /// but never one nearer than this many spreads of the points.
 const OFF_AXIS_SIGMAS: f64 = 1.0;
+
+/// A section whose shape is known needs less of an arc than a free ellipse.
+const ARC_MIN_DEG: f64 = 15.0;
 
 /// The model, its spread and what the last pass over the points left.
 #[derive(Debug, Clone, Copy)]
@@ -110,9 +114,6 @@ fn profile(station: &Station, counts: &Counts, sums: &Sums, model: &Model<'_>, s
     Profile { x: station.x, points_count: counts.points_count, rejected, section: Some(section), offset: Some(offset) }
 }
 
-/// A section whose shape is known needs less of an arc than a free ellipse.
-const ARC_MIN_DEG: f64 = 15.0;
-
 /// The model's section, moved to where the profile's own points put it: one step with radius and slopes held.
 fn own_section(station: &Station, sums: &Sums, cylinder: &Cylinder) -> Option<SectionEllipse> {
     let normal: Matrix2<f64> = sums.normal.fixed_view::<2, 2>(2, 2).into_owned();
@@ -127,7 +128,7 @@ fn own_section(station: &Station, sums: &Sums, cylinder: &Cylinder) -> Option<Se
 fn mark_off_axis(profiles: &mut [Profile], sigma: f64) {
     let valid = |profile: &Profile| profile.rejected.is_none();
     let offsets = profiles.iter().filter(|p| valid(p)).filter_map(|p| p.offset);
-    let Some(middle) = crate::estimation::conclude::median(offsets) else { return };
+    let Some(middle) = median(offsets) else { return };
     let limit = (OFF_AXIS_SPREADS * middle).max(OFF_AXIS_SIGMAS * sigma);
     for profile in profiles.iter_mut().filter(|p| valid(p) && p.offset.is_some_and(|offset| offset > limit)) {
         profile.rejected = Some(Reason::OffAxis);

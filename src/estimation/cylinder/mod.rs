@@ -40,8 +40,6 @@ const SLOPE_MAX: f64 = 0.35;
 const RADIUS_SIZES: [f64; 2] = [0.25, 8.0];
 /// Radii that are looked for about a nominal one, relative to it.
 const NOMINAL_REACH: f64 = 0.02;
-/// A cylinder whose radius is not this many ε is not resolved: everything lies on it.
-const RESOLVED: f64 = 4.0;
 /// What is near a start: this many times the roughness, but within these shares of the size of a profile.
 const TOLERANCE_ROUGHNESS: f64 = 4.0;
 const TOLERANCE_SIZES: [f64; 2] = [0.002, 0.02];
@@ -102,7 +100,7 @@ fn search(scan: &Scan, used: &[bool], settings: &Settings) -> Result<Solution, R
         let [least, most] = bounds.radius_mm;
         let radius = solution.cylinder.radius;
         // At the end of what was looked for lies a plane or a line, not a part.
-        radius >= least && radius <= most && radius >= RESOLVED * settings.epsilon_mm
+        radius >= least && radius <= most && radius >= settings.radius_resolved_mm()
     };
     let solution = solve::solve(scan, used, &chosen.settled, hold).filter(resolved);
     solution.ok_or(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm })

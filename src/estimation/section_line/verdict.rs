@@ -16,8 +16,6 @@ use nalgebra::{Matrix5, Vector5};
 const RADIUS_SPREAD: f64 = 0.03;
 /// and by more than this many times what their noise does, do not belong to one cylinder.
 const RADIUS_SCATTERS: f64 = 4.0;
-/// A section whose radius is not this many ε is not resolved: everything is an inner point.
-const RESOLVED: f64 = 4.0;
 /// The axes of a section relate as 1 to 1/cos of the tilt; below this, a tilt of 53°, it is no section of a part on a rail.
 const SLENDER: f64 = 0.6;
 /// Sections that are longer than the tilt of their axis makes them, by this share, are not round.
@@ -30,7 +28,7 @@ pub(super) fn profile(station: &Station, section: Result<Section, Reason>, setti
         Ok(_) if settings.method == Method::SectionLinePlain => None,
         // Nearly flat or nearly anything else: an ellipse, but not of a cylinder that crosses the planes.
         Ok(section) if section.ellipse.semi_minor < SLENDER * section.ellipse.semi_major => Some(Reason::NotConverged),
-        Ok(section) if section.ellipse.semi_minor < RESOLVED * settings.epsilon_mm => Some(Reason::NotConverged),
+        Ok(section) if section.ellipse.semi_minor < settings.radius_resolved_mm() => Some(Reason::NotConverged),
         Ok(section) if section.inlier_ratio < settings.inlier_ratio_min => Some(Reason::LowInlierRatio),
         Ok(section) if section.arc.degrees() < settings.arc_min_deg => Some(Reason::ArcTooShort),
         Ok(_) => None,
