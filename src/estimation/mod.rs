@@ -10,6 +10,7 @@
 //!
 //! The formulas stand in docs/estimation.md.
 
+mod budget;
 mod conclude;
 mod cylinder;
 mod estimate;
@@ -17,6 +18,7 @@ mod progress;
 mod robust;
 mod section_line;
 mod settings;
+mod type_b;
 mod unusable;
 
 pub use estimate::{
@@ -25,6 +27,7 @@ pub use estimate::{
 };
 pub use progress::Progress;
 pub use settings::{Method, RadiusRule, SettingError, Settings};
+pub use type_b::TypeB;
 
 use crate::scan::Scan;
 

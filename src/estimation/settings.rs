@@ -1,5 +1,6 @@
 //! What an estimation is told besides the scan. Must not know where the values came from (recipe, configuration, flag).
 
+use super::TypeB;
 use serde::{Deserialize, Serialize};
 
 /// How the pose is found.
@@ -7,9 +8,9 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "snake_case")]
 pub enum Method {
     /// One robust fit of one cylinder to every point of every profile.
+    #[default]
     Cylinder,
     /// Published robust method: per-profile ellipse by Tukey M-estimation, inner-point rule, robust line.
-    #[default]
     SectionLine,
     /// The same without re-weighting and without the inner-point rule; for comparison only.
     SectionLinePlain,
@@ -75,12 +76,14 @@ pub struct Settings {
     pub nominal_radius_mm: Option<f64>,
     /// How `cylinder` treats the radius; anything but free needs the nominal one.
     pub radius: RadiusRule,
-    /// Standard uncertainty of the nominal radius.
+    /// Standard uncertainty of the nominal radius; needed for a prior, a line of the budget where the radius is fixed.
     pub radius_sigma_mm: Option<f64>,
     /// Angles of `cylinder` that are known worse than this refuse the scan; standard uncertainty.
     pub angle_uncertainty_max_deg: f64,
     /// Positions of `cylinder` at x_ref that are known worse than this refuse the scan; standard uncertainty.
     pub position_uncertainty_max_mm: f64,
+    /// What is known of stage, sensor and temperature, for the uncertainty budget.
+    pub type_b: TypeB,
 }
 
 impl Default for Settings {
@@ -99,6 +102,7 @@ impl Default for Settings {
             radius_sigma_mm: None,
             angle_uncertainty_max_deg: 0.5,
             position_uncertainty_max_mm: 1.0,
+            type_b: TypeB::default(),
         }
     }
 }
@@ -182,7 +186,7 @@ impl Settings {
         ];
         match checks.into_iter().find(|(_, _, _, holds)| !holds) {
             Some((name, allowed, value, _)) => Err(SettingError { name, allowed, value }),
-            None => Ok(()),
+            None => self.type_b.check(),
         }
     }
 }

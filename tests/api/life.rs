@@ -53,7 +53,7 @@ fn probes_and_counters_answer() {
     service.post("/v1/measurements", &exact_csv()).expect(201);
     let text = service.get("/metrics").text();
     for line in [
-        r#"coaxis_measurements_total{method="section_line",verdict="accepted"} 1"#,
+        r#"coaxis_measurements_total{method="cylinder",verdict="accepted"} 1"#,
         r#"coaxis_http_requests_total{method="POST",route="/v1/measurements",status="201"} 1"#,
         &format!("coaxis_http_received_body_bytes_total {}", exact_csv().len()),
         "coaxis_measurements_running 0",

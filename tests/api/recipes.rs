@@ -37,6 +37,8 @@ fn what_cannot_be_is_refused_when_the_recipe_is_put() {
     assert_eq!(refused(json!({"region": {"x_mm": [2, 1]}}), "recipe_invalid")["field"], "region.x_mm");
     let parallel = json!({"frame": {"origin_mm": [0, 0, 0], "x_axis": [1, 0, 0], "z_axis": [1, 0, 0]}});
     assert_eq!(refused(parallel, "recipe_invalid")["field"], "frame");
+    let type_b = refused(json!({"type_b": {"temperature_sigma_k": -1.0}}), "recipe_invalid");
+    assert!(type_b["detail"].as_str().expect("text").contains("type_b.temperature_sigma_k"), "{type_b}");
     let unknown = refused(json!({"epsilon": 0.1}), "json_invalid");
     assert!(unknown["detail"].as_str().expect("text").contains("epsilon"), "{unknown}");
     service.put("/v1/recipes/A", &[], &json!({})).problem(422, "option_invalid");
@@ -52,7 +54,10 @@ fn the_request_holds_over_the_recipe_and_the_recipe_over_the_configuration() {
         config.estimation.points_min = 25;
         config.estimation.arc_min_deg = 50.0;
     });
-    let recipe = json!({"arc_min_deg": 55.0, "method": "section_line_plain", "region": {"x_mm": [0.0, 60.0]}});
+    let recipe = json!({
+        "arc_min_deg": 55.0, "method": "section_line_plain", "region": {"x_mm": [0.0, 60.0]},
+        "type_b": {"extrinsics_position_mm": 0.02}
+    });
     service.put("/v1/recipes/part", &[], &recipe).expect(201);
     let measurement = service.post("/v1/measurements?recipe=part&method=section_line", &exact_csv()).expect(201);
     let used = &measurement["provenance"]["recipe"];
@@ -60,6 +65,11 @@ fn the_request_holds_over_the_recipe_and_the_recipe_over_the_configuration() {
         (&used["method"], &used["arc_min_deg"], &used["points_min"]),
         (&json!("section_line"), &json!(55.0), &json!(25))
     );
+    assert_eq!(used["type_b"]["extrinsics_position_mm"], 0.02);
+    let budget = measurement["uncertainty"]["budget"].as_array().expect("a list");
+    let extrinsics = budget.iter().find(|line| line["source"] == "sensor_extrinsics").expect("a line of the budget");
+    // A little more than 0.02 mm, since the part is tilted and a shift along the rail moves where its axis meets x_ref.
+    assert!((extrinsics["y_ref_mm"].as_f64().expect("a number") - 0.02).abs() < 1e-4, "{extrinsics}");
     assert_eq!(measurement["provenance"]["recipe_name"], "part");
     assert_eq!(measurement["profiles"]["total_count"], 7, "x = 0, 10, … 60");
     let listed = service.get("/v1/measurements?recipe=part").expect(200);

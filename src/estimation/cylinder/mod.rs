@@ -10,6 +10,7 @@ mod candidates;
 mod consensus;
 mod extent;
 mod judge;
+mod known;
 mod model;
 mod sample;
 mod settle;
@@ -18,15 +19,11 @@ mod step;
 mod sums;
 
 use super::unusable::unusable;
-use super::{
-    Component, Outcome, Pose, Profile, Progress, RadiusRule, RadiusSource, Reason, Refusal, Settings, Uncertainty,
-};
+use super::{Outcome, Pose, Profile, Progress, RadiusRule, RadiusSource, Reason, Refusal, Settings, Uncertainty};
 use crate::scan::{Scan, Station};
 use candidates::{Candidate, Choice};
 use consensus::Bounds;
 use judge::Model;
-use model::Cylinder;
-use nalgebra::{Matrix5, Vector5};
 use sample::Sample;
 use solve::Solution;
 use step::Hold;
@@ -58,11 +55,7 @@ pub(super) fn find(scan: &Scan, settings: &Settings, progress: &Progress) -> (Ou
             };
             let profiles = judge::judge(scan, &used, model, settings);
             profiles.iter().for_each(|_| progress.advance());
-            let outcome = match weigh(scan, &solution, settings) {
-                Some(refusal) => Outcome::Refused(refusal),
-                None => Outcome::Accepted(Box::new(pose(&solution, settings))),
-            };
-            (outcome, profiles)
+            (weigh(scan, &solution, settings), profiles)
         }
     }
 }
@@ -143,31 +136,31 @@ fn two_cylinders(a: &Candidate, b: &Candidate) -> Refusal {
     }
 }
 
-/// Refusals that the solution gives rise to.
-fn weigh(scan: &Scan, solution: &Solution, settings: &Settings) -> Option<Refusal> {
+/// The pose, unless the solution gives rise to a refusal.
+fn weigh(scan: &Scan, solution: &Solution, settings: &Settings) -> Outcome {
     let shown = |(_, sums): &(&Station, &sums::Sums)| sums.weight >= 3.0;
     let stations = scan.stations().iter().zip(&solution.profiles).filter(shown).map(|(station, _)| station);
     if let Err(refusal) = too_short(stations, settings) {
-        return Some(refusal);
+        return Outcome::Refused(refusal);
     }
-    let [[p, ..], [_, q, ..], [_, _, y, ..], [_, _, _, z, _], _] = covariance(solution).into();
-    let (angle_deg, position_mm) = (p.max(q).sqrt().to_degrees(), y.max(z).sqrt());
+    let hold = hold(settings);
+    let mut lines = known::from_data(solution, hold, settings);
+    if let Some(refusal) = left_open(&Uncertainty::of(&lines), settings) {
+        return Outcome::Refused(refusal);
+    }
+    lines.extend(known::from_calibration(scan, solution, hold, settings));
+    Outcome::Accepted(Box::new(pose(solution, settings, Uncertainty::of(&lines))))
+}
+
+fn left_open(uncertainty: &Uncertainty, settings: &Settings) -> Option<Refusal> {
+    let [[deflection, ..], [_, pitch, ..], [_, _, y, ..], [_, _, _, z, _], _] = uncertainty.covariance;
+    let (angle_deg, position_mm) = (deflection.max(pitch).sqrt().to_degrees(), y.max(z).sqrt());
     let (angle_max_deg, position_max_mm) = (settings.angle_uncertainty_max_deg, settings.position_uncertainty_max_mm);
     let known = angle_deg <= angle_max_deg && position_mm <= position_max_mm;
     (!known).then_some(Refusal::PoseUndetermined { angle_deg, angle_max_deg, position_mm, position_max_mm })
 }
 
-/// Of (deflection, pitch, y_ref, z_ref, radius).
-fn covariance(solution: &Solution) -> Matrix5<f64> {
-    let Cylinder { p, q, .. } = solution.cylinder;
-    let slopes = Vector5::new(1.0 / (1.0 + p * p), 1.0 / (1.0 + q * q), 1.0, 1.0, 1.0);
-    let to_angles = Matrix5::from_diagonal(&slopes);
-    to_angles * solution.covariance * to_angles
-}
-
-fn pose(solution: &Solution, settings: &Settings) -> Pose {
-    let covariance = covariance(solution);
-    let standard = covariance.diagonal().map(|variance| variance.max(0.0).sqrt()).into();
+fn pose(solution: &Solution, settings: &Settings, uncertainty: Uncertainty) -> Pose {
     Pose {
         axis: solution.cylinder.axis(),
         x_ref: solution.cylinder.x_ref,
@@ -177,10 +170,7 @@ fn pose(solution: &Solution, settings: &Settings) -> Pose {
             RadiusRule::Fixed => RadiusSource::Nominal,
             RadiusRule::Prior => RadiusSource::Prior,
         },
-        uncertainty: Uncertainty {
-            covariance: covariance.into(),
-            budget: vec![Component { source: "repeatability".to_owned(), standard }],
-        },
+        uncertainty,
     }
 }
 

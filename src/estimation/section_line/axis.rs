@@ -6,6 +6,7 @@
 //! In: centres and radii of profiles. Out: axis, radius, covariance, weights. Must not know of points.
 
 use crate::estimation::robust;
+use crate::estimation::type_b::Influence;
 use crate::geometry::AxisLine;
 use nalgebra::{Matrix2, Matrix5, Vector2, Vector5};
 
@@ -24,10 +25,12 @@ pub(super) struct Fit {
     pub(super) axis: AxisLine,
     pub(super) x_ref: f64,
     pub(super) radius: f64,
-    /// Of (deflection, pitch, y_ref, z_ref, radius), rad and mm.
-    pub(super) covariance: [[f64; 5]; 5],
+    /// Of (p, q, y_ref, z_ref, radius).
+    pub(super) covariance: Matrix5<f64>,
     /// One a centre; 0 where it lies off the axis.
     pub(super) weights: Vec<f64>,
+    /// How the line answers to the shift of a centre; one for each with a weight.
+    pub(super) influences: Vec<Influence>,
 }
 
 /// Whether centres that do not agree lose their say.
@@ -40,6 +43,8 @@ pub(super) enum Reweighting {
 /// No centre has all of the say, or nothing could be told of its error.
 const LEVERAGE_MAX: f64 = 0.95;
 const ROUNDS_MAX: usize = 100;
+/// Where y_ref and, behind it, z_ref stand among the parameters.
+const Y_REF: usize = 2;
 /// Weights have settled when none moves by more.
 const SETTLED: f64 = 1e-9;
 /// Distances below this share of the lengths involved are rounding.
@@ -73,8 +78,8 @@ pub(super) fn fit(centres: &[Centre], reweighting: Reweighting) -> Option<Fit> {
     let x_ref = x_sum / used_count;
     let sum: f64 = weights.iter().sum();
     let radius = centres.iter().zip(&weights).map(|(c, w)| w * c.radius).sum::<f64>() / sum;
-    let covariance = covariance(centres, &weights, &axis, x_ref, radius, cut_off)?;
-    Some(Fit { axis, x_ref, radius, covariance, weights })
+    let (covariance, influences) = sensitivity(centres, &weights, &axis, x_ref, radius, cut_off)?;
+    Some(Fit { axis, x_ref, radius, covariance, weights, influences })
 }
 
 /// Weighted least squares of y and z on x.
@@ -111,23 +116,23 @@ fn student_over_normal(freedom: usize) -> f64 {
     }
 }
 
-fn covariance(
+/// What the scatter of the centres does to the line, and what a shift of each would.
+fn sensitivity(
     centres: &[Centre],
     weights: &[f64],
     axis: &AxisLine,
     x_ref: f64,
     radius: f64,
     cut_off: f64,
-) -> Option<[[f64; 5]; 5]> {
+) -> Option<(Matrix5<f64>, Vec<Influence>)> {
     // Order inside: p, q, y_ref, z_ref, radius.
     let (mut hessian, mut scatter) = (Matrix5::<f64>::zeros(), Matrix5::<f64>::zeros());
-    let mut used_count = 0_usize;
+    let mut blocks = Vec::with_capacity(centres.len());
     let (weight, spread) = centres
         .iter()
         .zip(weights)
         .fold((0.0, 0.0), |(weight, spread), (c, &w)| (weight + w, spread + w * (c.x - x_ref).powi(2)));
     for (c, &w) in centres.iter().zip(weights).filter(|(_, w)| **w > 0.0) {
-        used_count += 1;
         let dx = c.x - x_ref;
         let [line_y, line_z] = axis.at(c.x);
         let (ry, rz) = (c.y - line_y, c.z - line_z);
@@ -147,15 +152,16 @@ fn covariance(
             0.0, 0.0, 0.0, 0.0, w,
         );
         hessian += block;
+        blocks.push((c.x, block));
     }
     let bread = hessian.try_inverse()?;
     // Two parameters a coordinate were taken from the centres that are left.
-    let freedom = student_over_normal(used_count.saturating_sub(2)).powi(2);
-    let slopes = Vector5::new(1.0 / (1.0 + axis.p * axis.p), 1.0 / (1.0 + axis.q * axis.q), 1.0, 1.0, 1.0);
-    let to_angles = Matrix5::from_diagonal(&slopes);
-    let matrix = to_angles * bread * scatter * bread.transpose() * to_angles * freedom;
+    let freedom = student_over_normal(blocks.len().saturating_sub(2)).powi(2);
+    let matrix = bread * scatter * bread.transpose() * freedom;
     let matrix = (matrix + matrix.transpose()) * 0.5;
-    matrix.iter().all(|v| v.is_finite()).then(|| matrix.into())
+    let influence = |(x, block): (f64, Matrix5<f64>)| Influence { x, effect: bread * block.fixed_columns::<2>(Y_REF) };
+    let influences = blocks.into_iter().map(influence).collect();
+    matrix.iter().all(|v| v.is_finite()).then_some((matrix, influences))
 }
 
 #[cfg(test)]

@@ -51,7 +51,7 @@ fn fit_axis(scan: &Scan, profiles: &mut [Profile], settings: &Settings) -> Outco
     let bias = typical_bias(scan, profiles, settings);
     match verdict::after_fitting(profiles, &fit.axis, bias, settings) {
         Some(refusal) => Outcome::Refused(refusal),
-        None => Outcome::Accepted(Box::new(verdict::pose(&fit, bias))),
+        None => Outcome::Accepted(Box::new(verdict::pose(&fit, bias, settings))),
     }
 }
 

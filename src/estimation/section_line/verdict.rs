@@ -3,14 +3,14 @@
 
 use super::axis::{Centre, Fit};
 use super::bias::Bias;
+use crate::estimation::budget::Line;
 use crate::estimation::conclude::{axial_length, median};
+use crate::estimation::type_b::Found;
 use crate::estimation::unusable::unusable;
-use crate::estimation::{
-    Component, Method, Pose, Profile, RadiusSource, Reason, Refusal, Section, Settings, Uncertainty, robust,
-};
+use crate::estimation::{Method, Pose, Profile, RadiusSource, Reason, Refusal, Section, Settings, Uncertainty, robust};
 use crate::geometry::AxisLine;
 use crate::scan::{Scan, Station};
-use nalgebra::{Matrix5, Vector5};
+use nalgebra::Vector5;
 
 /// Radii of sections that scatter by more than this share of their median,
 const RADIUS_SPREAD: f64 = 0.03;
@@ -121,23 +121,16 @@ pub(super) fn mark_off_axis(profiles: &mut [Profile], fit: &Fit) {
     }
 }
 
-/// The pose with what is known of its uncertainty: the scatter of the profiles, and what all of them are off alike.
-pub(super) fn pose(fit: &Fit, bias: Bias) -> Pose {
-    let repeatability = Component { source: "repeatability".to_owned(), standard: standard(&fit.covariance) };
-    let off = [0.0, 0.0, bias.y.abs(), bias.z.abs(), bias.radius.abs()];
-    let fit_bias = Component { source: "fit_bias".to_owned(), standard: off };
+/// The pose with what is known of its uncertainty: the scatter of the profiles, what all of them are off alike, and what
+/// no scan shows of itself.
+pub(super) fn pose(fit: &Fit, bias: Bias, settings: &Settings) -> Pose {
+    let Fit { axis, x_ref, radius, .. } = *fit;
     // Position and radius are off together: the ellipse shrinks away from where it is seen.
     let shared = Vector5::new(0.0, 0.0, bias.y, bias.z, bias.radius);
-    let covariance = Matrix5::from(fit.covariance) + shared * shared.transpose();
-    Pose {
-        axis: fit.axis,
-        x_ref: fit.x_ref,
-        radius: fit.radius,
-        radius_source: RadiusSource::Fitted,
-        uncertainty: Uncertainty { covariance: covariance.into(), budget: vec![repeatability, fit_bias] },
-    }
-}
-
-fn standard(covariance: &[[f64; 5]; 5]) -> [f64; 5] {
-    Matrix5::from(*covariance).diagonal().map(|variance| variance.max(0.0).sqrt()).into()
+    let mut lines = vec![
+        Line::of_slopes(Line::REPEATABILITY, &fit.covariance, &axis),
+        Line::of_shift(Line::FIT_BIAS, &shared, &axis),
+    ];
+    lines.extend(settings.type_b.lines(&Found { axis, x_ref, radius }, &fit.influences));
+    Pose { axis, x_ref, radius, radius_source: RadiusSource::Fitted, uncertainty: Uncertainty::of(&lines) }
 }

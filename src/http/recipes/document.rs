@@ -1,6 +1,7 @@
 //! A recipe as clients write and read it. Every field may be left out. Must not know what a field does.
 
 use super::super::names::{MethodName, RadiusName, UnitName};
+use crate::estimation::TypeB;
 use crate::geometry::Frame;
 use crate::scan::slice::Region;
 use crate::service::Recipe;
@@ -74,6 +75,9 @@ pub struct RecipeDocument {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
     pub position_uncertainty_max_mm: Option<f64>,
+    /// What is known of stage, sensor and temperature, for the uncertainty budget; given as a whole.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub type_b: Option<TypeBDocument>,
     /// Unit of the file's coordinates.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(in super::super) unit: Option<UnitName>,
@@ -87,6 +91,31 @@ pub struct RecipeDocument {
     /// What of the scan is looked at, in the rail frame.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub region: Option<RegionDocument>,
+}
+
+/// Standard uncertainties from calibration (GUM type B): each one that is not zero is a line of the budget.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+#[schema(as = TypeB)]
+pub struct TypeBDocument {
+    /// How far the stage carries the sensor off a straight line, in y and in z, at any place of the rail.
+    #[schema(minimum = 0.0, maximum = 1000.0)]
+    pub stage_straightness_mm: f64,
+    /// Distance along the rail over which its deviation stays alike, as exp(−distance/this).
+    #[schema(minimum = 1.0, maximum = 100000.0)]
+    pub stage_straightness_length_mm: f64,
+    /// Rotation of the coordinates of the scan against the rail frame, about each axis.
+    #[schema(minimum = 0.0, maximum = 10.0)]
+    pub extrinsics_rotation_deg: f64,
+    /// Place of the coordinates of the scan in the rail frame, along each axis.
+    #[schema(minimum = 0.0, maximum = 1000.0)]
+    pub extrinsics_position_mm: f64,
+    /// Temperature of the part against the one that lengths are stated for.
+    #[schema(minimum = 0.0, maximum = 100.0)]
+    pub temperature_sigma_k: f64,
+    /// How much of its length the part grows by in one kelvin.
+    #[schema(minimum = 0.0, maximum = 0.001)]
+    pub expansion_per_k: f64,
 }
 
 /// The rail frame as seen from the coordinates of a scan.
@@ -137,6 +166,7 @@ impl From<RecipeDocument> for Recipe {
             radius_sigma_mm: document.radius_sigma_mm,
             angle_uncertainty_max_deg: document.angle_uncertainty_max_deg,
             position_uncertainty_max_mm: document.position_uncertainty_max_mm,
+            type_b: document.type_b.map(Into::into),
             unit: document.unit.map(Into::into),
             profile_by: document.profile_by,
             frame: document.frame.map(|frame| Frame {
@@ -168,6 +198,7 @@ impl From<Recipe> for RecipeDocument {
             radius_sigma_mm: recipe.radius_sigma_mm,
             angle_uncertainty_max_deg: recipe.angle_uncertainty_max_deg,
             position_uncertainty_max_mm: recipe.position_uncertainty_max_mm,
+            type_b: recipe.type_b.map(Into::into),
             unit: recipe.unit.map(Into::into),
             profile_by: recipe.profile_by,
             frame: recipe.frame.map(|frame| FrameDocument {
@@ -180,6 +211,38 @@ impl From<Recipe> for RecipeDocument {
                 y_mm: region.y_mm,
                 z_mm: region.z_mm,
             }),
+        }
+    }
+}
+
+impl Default for TypeBDocument {
+    fn default() -> Self {
+        TypeB::default().into()
+    }
+}
+
+impl From<TypeBDocument> for TypeB {
+    fn from(document: TypeBDocument) -> Self {
+        Self {
+            stage_straightness_mm: document.stage_straightness_mm,
+            stage_straightness_length_mm: document.stage_straightness_length_mm,
+            extrinsics_rotation_deg: document.extrinsics_rotation_deg,
+            extrinsics_position_mm: document.extrinsics_position_mm,
+            temperature_sigma_k: document.temperature_sigma_k,
+            expansion_per_k: document.expansion_per_k,
+        }
+    }
+}
+
+impl From<TypeB> for TypeBDocument {
+    fn from(type_b: TypeB) -> Self {
+        Self {
+            stage_straightness_mm: type_b.stage_straightness_mm,
+            stage_straightness_length_mm: type_b.stage_straightness_length_mm,
+            extrinsics_rotation_deg: type_b.extrinsics_rotation_deg,
+            extrinsics_position_mm: type_b.extrinsics_position_mm,
+            temperature_sigma_k: type_b.temperature_sigma_k,
+            expansion_per_k: type_b.expansion_per_k,
         }
     }
 }

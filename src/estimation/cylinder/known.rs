@@ -1,0 +1,70 @@
+//! How well a solution is known: the lines of its budget. Must not know how it was found, nor whether it is good enough.
+
+use super::solve::Solution;
+use super::step::{self, Hold};
+use super::sums::Sums;
+use crate::estimation::Settings;
+use crate::estimation::budget::Line;
+use crate::estimation::type_b::{Found, Influence};
+use crate::scan::{Scan, Station};
+use nalgebra::{Matrix5, Vector5};
+
+/// Where y_ref and, behind it, z_ref stand among the parameters.
+const Y_REF: usize = 2;
+const RADIUS: usize = 4;
+
+/// What the data say, and what is known of the radius: the lines that decide whether they leave the pose open.
+pub(super) fn from_data(solution: &Solution, hold: Hold, settings: &Settings) -> Vec<Line> {
+    let axis = solution.cylinder.axis();
+    let repeatability = Line::of_slopes(Line::REPEATABILITY, &solution.covariance, &axis);
+    let radius = by_radius(solution, hold, settings).map(|shift| Line::of_shift(Line::NOMINAL_RADIUS, &shift, &axis));
+    [Some(repeatability), radius].into_iter().flatten().collect()
+}
+
+/// What the stage, the sensor and the temperature do to it.
+pub(super) fn from_calibration(scan: &Scan, solution: &Solution, hold: Hold, settings: &Settings) -> Vec<Line> {
+    let cylinder = &solution.cylinder;
+    let found = Found { axis: cylinder.axis(), x_ref: cylinder.x_ref, radius: cylinder.radius };
+    settings.type_b.lines(&found, &influences(scan, solution, hold))
+}
+
+/// What a nominal radius that is off by its standard uncertainty does to (p, q, y_ref, z_ref, R).
+///
+/// Fixed, the others follow as −B N e_R and R itself by 1. As a prior it pulls with its stiffness: B e_R σ²/σ_R².
+fn by_radius(solution: &Solution, hold: Hold, settings: &Settings) -> Option<Vector5<f64>> {
+    let sums = total(solution);
+    let bread = bread(&sums, solution, hold)?;
+    match hold {
+        Hold::Free => None,
+        Hold::Fixed { .. } => {
+            let pull = bread * sums.normal.column(RADIUS).component_mul(&step::OTHERS);
+            let shift = Vector5::ith(RADIUS, 1.0) - pull.component_mul(&step::OTHERS);
+            settings.radius_sigma_mm.map(|sigma| shift * sigma)
+        }
+        Hold::Prior { sigma, .. } => Some(bread.column(RADIUS) * (solution.sigma.powi(2) / sigma)),
+    }
+}
+
+fn influences(scan: &Scan, solution: &Solution, hold: Hold) -> Vec<Influence> {
+    let Some(bread) = bread(&total(solution), solution, hold) else { return Vec::new() };
+    let influence = |(station, sums): (&Station, &Sums)| {
+        let shift = sums.normal.fixed_columns::<2>(Y_REF);
+        let mut effect = bread * shift;
+        if matches!(hold, Hold::Fixed { .. }) {
+            effect.fill_row(RADIUS, 0.0);
+        }
+        Influence { x: station.x, effect }
+    };
+    let serves = |(_, sums): &(&Station, &Sums)| sums.weight > 0.0;
+    scan.stations().iter().zip(&solution.profiles).filter(serves).map(influence).collect()
+}
+
+fn total(solution: &Solution) -> Sums {
+    let mut sums = Sums::zero();
+    solution.profiles.iter().for_each(|profile| sums.add(profile));
+    sums
+}
+
+fn bread(sums: &Sums, solution: &Solution, hold: Hold) -> Option<Matrix5<f64>> {
+    step::invert(&step::system(sums, hold, solution.sigma, solution.cylinder.radius).0)
+}
