@@ -17,6 +17,8 @@ impl Line {
     pub(super) const REPEATABILITY: &'static str = "repeatability";
     /// Of the bias of freely fitted sections.
     pub(super) const FIT_BIAS: &'static str = "fit_bias";
+    /// Of a part that is no straight cylinder.
+    pub(super) const FORM: &'static str = "form";
     /// Of a radius that is given.
     pub(super) const NOMINAL_RADIUS: &'static str = "nominal_radius";
 

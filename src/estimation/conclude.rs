@@ -1,6 +1,6 @@
 //! Puts an estimate together from what a method found: conditioning, residuals, warnings. Must not fit or judge anything.
 
-use super::{Conditioning, Estimate, Method, Outcome, Profile, Residuals, Section, Settings, Warning};
+use super::{Conditioning, Estimate, Found, Method, Outcome, Profile, Residuals, Section, Settings, Warning};
 use crate::geometry::Angle;
 
 /// Below this arc a free ellipse is biased by more than its scatter, whatever the radius.
@@ -9,7 +9,8 @@ const ARC_OF_BIAS_DEG: f64 = 120.0;
 const RADIUS_TOLERANCE: f64 = 0.02;
 
 /// Puts the estimate together.
-pub(super) fn conclude(settings: &Settings, outcome: Outcome, profiles: Vec<Profile>) -> Estimate {
+pub(super) fn conclude(settings: &Settings, found: Found) -> Estimate {
+    let Found { outcome, profiles, warnings } = found;
     let valid: Vec<(&Profile, &Section)> =
         profiles.iter().filter(|p| p.rejected.is_none()).filter_map(|p| Some((p, p.section.as_ref()?))).collect();
     let seen: Vec<&Section> = if valid.is_empty() {
@@ -26,12 +27,12 @@ pub(super) fn conclude(settings: &Settings, outcome: Outcome, profiles: Vec<Prof
     let conditioning = Conditioning {
         arc: arc.map(Angle::from_radians),
         axial_length: if valid.is_empty() { span(fitted.map(|p| p.x)) } else { axial_length(&profiles) },
-        warnings: warnings(settings, &outcome, arc.map(f64::to_degrees)),
+        warnings: [warnings, general_warnings(settings, &outcome, arc.map(f64::to_degrees))].concat(),
     };
     Estimate { method: settings.method, outcome, profiles, conditioning, residuals }
 }
 
-fn warnings(settings: &Settings, outcome: &Outcome, arc_deg: Option<f64>) -> Vec<Warning> {
+fn general_warnings(settings: &Settings, outcome: &Outcome, arc_deg: Option<f64>) -> Vec<Warning> {
     let Outcome::Accepted(pose) = outcome else { return Vec::new() };
     let radius_mm = pose.radius;
     let differs = |nominal: &f64| (radius_mm - nominal).abs() > RADIUS_TOLERANCE * nominal;

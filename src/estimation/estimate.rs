@@ -340,6 +340,26 @@ pub enum Warning {
         /// From the recipe.
         nominal_radius_mm: f64,
     },
+    /// The radius changes along the part.
+    #[error(
+        "the part is tapered by {taper_deg:.4}°: its radius changes by {radius_change_mm:+.3} mm over the scan. A cylinder fit takes \
+         part of that for tilt, by about what the line form of the budget says"
+    )]
+    Tapered {
+        /// Half of the cone's angle, positive where the radius grows along x.
+        taper_deg: f64,
+        /// From the first profile to the last.
+        radius_change_mm: f64,
+    },
+    /// The axis is no straight line.
+    #[error(
+        "the part, or the travel of the stage, is bent: the axis is {sagitta_mm:.3} mm off a straight line between middle and \
+         ends; the pose is that of the straight line that fits best"
+    )]
+    Bent {
+        /// From the middle of the scan to its ends, against a straight line.
+        sagitta_mm: f64,
+    },
     /// The method neither re-weights nor rejects.
     #[error("section_line_plain follows every clamp and hole; it is for comparison only")]
     NotRobust,
@@ -352,6 +372,8 @@ impl Warning {
         match self {
             Self::ShortArc { .. } => "short_arc",
             Self::RadiusDiffers { .. } => "radius_differs",
+            Self::Tapered { .. } => "tapered",
+            Self::Bent { .. } => "bent",
             Self::NotRobust => "not_robust",
         }
     }

@@ -34,9 +34,18 @@ use crate::scan::Scan;
 /// The whole measurement. The result does not depend on the number of threads.
 #[must_use]
 pub fn estimate(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
-    let (outcome, profiles) = match settings.method {
+    let found = match settings.method {
         Method::Cylinder => cylinder::find(scan, settings, progress),
         Method::SectionLine | Method::SectionLinePlain => section_line::find(scan, settings, progress),
     };
-    conclude::conclude(settings, outcome, profiles)
+    conclude::conclude(settings, found)
+}
+
+/// What a method comes back with.
+struct Found {
+    outcome: Outcome,
+    /// One entry a profile, in station order.
+    profiles: Vec<Profile>,
+    /// What only the method could see.
+    warnings: Vec<Warning>,
 }

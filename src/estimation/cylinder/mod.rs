@@ -9,6 +9,7 @@
 mod candidates;
 mod consensus;
 mod extent;
+mod form;
 mod judge;
 mod known;
 mod model;
@@ -18,8 +19,11 @@ mod solve;
 mod step;
 mod sums;
 
+use super::budget::Line;
 use super::unusable::unusable;
-use super::{Outcome, Pose, Profile, Progress, RadiusRule, RadiusSource, Reason, Refusal, Settings, Uncertainty};
+use super::{
+    Found, Outcome, Pose, Profile, Progress, RadiusRule, RadiusSource, Reason, Refusal, Settings, Uncertainty, Warning,
+};
 use crate::scan::{Scan, Station};
 use candidates::{Candidate, Choice};
 use consensus::Bounds;
@@ -42,10 +46,12 @@ const TOLERANCE_ROUGHNESS: f64 = 4.0;
 const TOLERANCE_SIZES: [f64; 2] = [0.002, 0.02];
 
 /// The pose or why there is none, and what became of every profile.
-pub(super) fn find(scan: &Scan, settings: &Settings, progress: &Progress) -> (Outcome, Vec<Profile>) {
+pub(super) fn find(scan: &Scan, settings: &Settings, progress: &Progress) -> Found {
     let used: Vec<bool> = scan.stations().iter().map(|s| s.end - s.start >= settings.points_min as usize).collect();
     match search(scan, &used, settings) {
-        Err(refusal) => (Outcome::Refused(refusal), unjudged(scan, &used)),
+        Err(refusal) => {
+            Found { outcome: Outcome::Refused(refusal), profiles: unjudged(scan, &used), warnings: Vec::new() }
+        }
         Ok(solution) => {
             let model = Model {
                 cylinder: &solution.cylinder,
@@ -55,7 +61,11 @@ pub(super) fn find(scan: &Scan, settings: &Settings, progress: &Progress) -> (Ou
             };
             let profiles = judge::judge(scan, &used, model, settings);
             profiles.iter().for_each(|_| progress.advance());
-            (weigh(scan, &solution, settings), profiles)
+            let (outcome, warnings) = match weigh(scan, &solution, settings) {
+                Ok((pose, warnings)) => (Outcome::Accepted(Box::new(pose)), warnings),
+                Err(refusal) => (Outcome::Refused(refusal), Vec::new()),
+            };
+            Found { outcome, profiles, warnings }
         }
     }
 }
@@ -136,28 +146,30 @@ fn two_cylinders(a: &Candidate, b: &Candidate) -> Refusal {
     }
 }
 
-/// The pose, unless the solution gives rise to a refusal.
-fn weigh(scan: &Scan, solution: &Solution, settings: &Settings) -> Outcome {
+/// The pose and what should be known of it, unless the solution gives rise to a refusal.
+fn weigh(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(Pose, Vec<Warning>), Refusal> {
     let shown = |(_, sums): &(&Station, &sums::Sums)| sums.weight >= 3.0;
     let stations = scan.stations().iter().zip(&solution.profiles).filter(shown).map(|(station, _)| station);
-    if let Err(refusal) = too_short(stations, settings) {
-        return Outcome::Refused(refusal);
-    }
+    too_short(stations, settings)?;
     let hold = hold(settings);
     let mut lines = known::from_data(solution, hold, settings);
-    if let Some(refusal) = left_open(&Uncertainty::of(&lines), settings) {
-        return Outcome::Refused(refusal);
-    }
+    left_open(&Uncertainty::of(&lines), settings)?;
+    let form = form::form(scan, solution, hold);
+    lines.extend(form.iter().map(|form| Line::of_shift(Line::FORM, &form.shift, &solution.cylinder.axis())));
     lines.extend(known::from_calibration(scan, solution, hold, settings));
-    Outcome::Accepted(Box::new(pose(solution, settings, Uncertainty::of(&lines))))
+    let warnings = form.map_or_else(Vec::new, |form| form.warnings);
+    Ok((pose(solution, settings, Uncertainty::of(&lines)), warnings))
 }
 
-fn left_open(uncertainty: &Uncertainty, settings: &Settings) -> Option<Refusal> {
+fn left_open(uncertainty: &Uncertainty, settings: &Settings) -> Result<(), Refusal> {
     let [[deflection, ..], [_, pitch, ..], [_, _, y, ..], [_, _, _, z, _], _] = uncertainty.covariance;
     let (angle_deg, position_mm) = (deflection.max(pitch).sqrt().to_degrees(), y.max(z).sqrt());
     let (angle_max_deg, position_max_mm) = (settings.angle_uncertainty_max_deg, settings.position_uncertainty_max_mm);
     let known = angle_deg <= angle_max_deg && position_mm <= position_max_mm;
-    (!known).then_some(Refusal::PoseUndetermined { angle_deg, angle_max_deg, position_mm, position_max_mm })
+    if known {
+        return Ok(());
+    }
+    Err(Refusal::PoseUndetermined { angle_deg, angle_max_deg, position_mm, position_max_mm })
 }
 
 fn pose(solution: &Solution, settings: &Settings, uncertainty: Uncertainty) -> Pose {

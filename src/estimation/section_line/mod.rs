@@ -11,20 +11,20 @@ mod conic;
 mod section;
 mod verdict;
 
-use super::{Method, Outcome, Profile, Progress, Section, Settings};
+use super::{Found, Method, Outcome, Profile, Progress, Section, Settings};
 use crate::scan::{Scan, Station};
 use axis::{Centre, Reweighting};
 use bias::Bias;
 use rayon::prelude::*;
 
 /// The pose or why there is none, and what became of every profile.
-pub(super) fn find(scan: &Scan, settings: &Settings, progress: &Progress) -> (Outcome, Vec<Profile>) {
+pub(super) fn find(scan: &Scan, settings: &Settings, progress: &Progress) -> Found {
     let mut profiles = fit_sections(scan, settings, progress);
     let outcome = match verdict::before_fitting(scan, &profiles, settings) {
         Some(refusal) => Outcome::Refused(refusal),
         None => fit_axis(scan, &mut profiles, settings),
     };
-    (outcome, profiles)
+    Found { outcome, profiles, warnings: Vec::new() }
 }
 
 fn fit_sections(scan: &Scan, settings: &Settings, progress: &Progress) -> Vec<Profile> {

@@ -1,0 +1,88 @@
+//! A part that is no straight cylinder is told from one: made parts are tapered and bent by known amounts, and the pose must
+//! say so and hold the truth within what it states.
+
+#![expect(clippy::panic, clippy::expect_used, clippy::indexing_slicing, reason = "a test may fail")]
+
+use coaxis::estimation::{Estimate, Outcome, Pose, Progress, Settings, Warning, estimate};
+use coaxis::scan::synthetic::{Part, Truth, make};
+use coaxis::scan::{Columns, Scan};
+
+fn part(seed: u64) -> Part {
+    Part { arc_deg: 120.0, profiles_count: 100, points_count: 200, ..Part::with_interference(seed) }
+}
+
+/// The scan with every point moved by what `change` makes of (ξ, u, w): its place from −1 to 1 along the part and its
+/// coordinates about the axis.
+fn deformed(scan: &Scan, part: &Part, change: impl Fn(f64, f64, f64) -> [f64; 2]) -> Scan {
+    let (mut y, mut z) = (Vec::new(), Vec::new());
+    for station in scan.stations() {
+        let place = (station.x - part.x_start_mm) / part.length_mm * 2.0 - 1.0;
+        let [axis_y, axis_z] = part.axis.at(station.x);
+        for point in (station.start..station.end).filter_map(|index| scan.columns().get(index)) {
+            let [u, w] = change(place, point[0] - axis_y, point[1] - axis_z);
+            y.push(axis_y + u);
+            z.push(axis_z + w);
+        }
+    }
+    Scan::new(scan.stations().to_vec(), Columns::F64 { y, z }, "made".to_owned()).expect("valid")
+}
+
+fn pose(estimate: &Estimate) -> &Pose {
+    match &estimate.outcome {
+        Outcome::Accepted(pose) => pose,
+        Outcome::Refused(refusal) => panic!("refused: {refusal}"),
+    }
+}
+
+/// The errors of the angles in standard uncertainties.
+fn errors(pose: &Pose, truth: &Truth) -> [f64; 2] {
+    let covariance = pose.uncertainty.covariance;
+    [
+        (pose.axis.deflection().radians() - truth.deflection_deg.to_radians()) / covariance[0][0].sqrt(),
+        (pose.axis.pitch().radians() - truth.pitch_deg.to_radians()) / covariance[1][1].sqrt(),
+    ]
+}
+
+#[test]
+fn a_tapered_part_is_said_to_be_and_its_tilt_is_known_as_well_as_stated() {
+    for (seed, taper_deg) in [(1, 0.005_f64), (2, -0.02), (3, 0.1)] {
+        let part = part(seed);
+        let (scan, truth) = make(&part).expect("a part");
+        let growth = taper_deg.to_radians().tan() * part.length_mm / 2.0 / part.radius_mm;
+        let cone = deformed(&scan, &part, |place, u, w| [u * (1.0 + growth * place), w * (1.0 + growth * place)]);
+        let estimate = estimate(&cone, &Settings::default(), &Progress::default());
+        let said = estimate.conditioning.warnings.iter().find_map(|warning| match warning {
+            Warning::Tapered { taper_deg, .. } => Some(*taper_deg),
+            _ => None,
+        });
+        let said = said.expect("a warning");
+        // One step is linear: exact for a taper within the noise, too large beyond, where the points leave the window.
+        let beyond = taper_deg.abs() > 0.05;
+        let allowed = if beyond { 3.0 } else { 0.1 };
+        assert!((said / taper_deg - 1.0).abs() < allowed, "{said}° of {taper_deg}°");
+        let errors = errors(pose(&estimate), &truth);
+        assert!(errors.iter().all(|error| error.abs() < 3.0), "{taper_deg}°: {errors:?}");
+    }
+}
+
+#[test]
+fn a_bent_part_is_said_to_be() {
+    let part = part(4);
+    let (scan, _) = make(&part).expect("a part");
+    let bent = deformed(&scan, &part, |place, u, w| [u + 0.03 * place * place, w + 0.04 * place * place]);
+    let estimate = estimate(&bent, &Settings::default(), &Progress::default());
+    let [Warning::Bent { sagitta_mm }] = estimate.conditioning.warnings[..] else {
+        panic!("{:?}", estimate.conditioning.warnings)
+    };
+    assert!((sagitta_mm - 0.05).abs() < 0.005, "{sagitta_mm} mm");
+}
+
+#[test]
+fn a_straight_cylinder_is_said_to_be_neither() {
+    for seed in 0..40 {
+        let (scan, _) = make(&part(seed)).expect("a part");
+        let estimate = estimate(&scan, &Settings::default(), &Progress::default());
+        assert_eq!(estimate.conditioning.warnings, [], "seed {seed}");
+        assert_eq!(pose(&estimate).uncertainty.budget.len(), 1, "seed {seed}");
+    }
+}
