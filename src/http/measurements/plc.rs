@@ -100,6 +100,8 @@ const fn number_of(refusal: &Refusal) -> u8 {
         Refusal::TwoCylinders { .. } => 8,
         Refusal::PoseUndetermined { .. } => 9,
         Refusal::SectionsNotRound { .. } => 10,
+        Refusal::PartsCountDiffers { .. } => 11,
+        Refusal::WindowEmpty { .. } => 12,
     }
 }
 
