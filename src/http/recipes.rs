@@ -1,6 +1,7 @@
 //! Recipes under a name, with entity tags: nobody overwrites what he has not seen. Must not know what a recipe is used for.
 
 mod document;
+mod parts;
 
 pub(super) use document::RecipeDocument;
 

@@ -12,7 +12,7 @@ use crate::scan::{Columns, Scan, Station};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-const SUBJECT: Subject<'_> = Subject { title: "part <7> & \"co\"", epsilon_mm: 0.111, profile: None };
+const SUBJECT: Subject<'_> = Subject { title: "part <7> & \"co\"", epsilon_mm: 0.111, profile: None, first_profile: 0 };
 const RADIUS: f64 = 200.0;
 
 /// A made part: profiles of a known cylinder, some of them with a clamp that spoils their centre.

@@ -1,8 +1,8 @@
 //! A measurement as it is kept: what was measured, with what, and what came out. The profiles lie beside it, since a list
 //! of measurements has no use for them. Must not know how it is sent.
 
-use super::{Prepared, Recipe, Resolved};
-use crate::estimation::{Conditioning, Estimate, Method, Outcome, Profile, Reason, Residuals};
+use super::{Findings, Prepared, Recipe, Resolved};
+use crate::estimation::{Method, Profile, Reason, ScanEstimate};
 use crate::scan::decode::{Format, Unit};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -40,12 +40,9 @@ pub struct Measurement {
     pub software: String,
     /// How the pose was found.
     pub method: Method,
-    /// The pose, or why there is none.
-    pub outcome: Outcome,
-    /// How well the scan determines a pose.
-    pub conditioning: Conditioning,
-    /// How the points lie about their sections.
-    pub residuals: Option<Residuals>,
+    /// What came out.
+    #[serde(flatten)]
+    pub findings: Findings,
     /// What became of the profiles.
     pub tally: Tally,
 }
@@ -103,11 +100,11 @@ impl Measurement {
     pub fn record(
         identity: Identity,
         prepared: &Prepared,
-        estimate: Estimate,
+        estimate: ScanEstimate,
         resolved: &Resolved,
     ) -> (Self, Vec<Profile>) {
         let Identity { id, created_at, duration_ms, scan_sha256, recipe_name } = identity;
-        let Estimate { method, outcome, profiles, conditioning, residuals } = estimate;
+        let (findings, profiles) = Findings::of(estimate);
         let measurement = Self {
             id,
             created_at,
@@ -121,10 +118,8 @@ impl Measurement {
             recipe: resolved.recipe.clone(),
             recipe_name,
             software: SOFTWARE.to_owned(),
-            method,
-            outcome,
-            conditioning,
-            residuals,
+            method: resolved.settings.method,
+            findings,
             tally: Tally::of(&profiles),
         };
         (measurement, profiles)
@@ -136,25 +131,10 @@ impl Measurement {
         format!("s-{}", self.scan_sha256)
     }
 
-    /// Whether there is a pose.
+    /// Whether there is a pose, of every part where there are parts.
     #[must_use]
-    pub const fn verdict(&self) -> Verdict {
-        match self.outcome {
-            Outcome::Accepted(_) => Verdict::Accepted,
-            Outcome::Refused(_) => Verdict::Refused,
-        }
-    }
-
-    /// The estimate as it was, put together again with its profiles.
-    #[must_use]
-    pub fn estimate(&self, profiles: Vec<Profile>) -> Estimate {
-        Estimate {
-            method: self.method,
-            outcome: self.outcome.clone(),
-            profiles,
-            conditioning: self.conditioning.clone(),
-            residuals: self.residuals,
-        }
+    pub fn verdict(&self) -> Verdict {
+        self.findings.verdict()
     }
 }
 

@@ -1,6 +1,7 @@
 //! A recipe as clients write and read it. Every field may be left out. Must not know what a field does.
 
 use super::super::names::{MethodName, RadiusName, UnitName};
+use super::parts::PartsDocument;
 use crate::geometry::Frame;
 use crate::scan::slice::Region;
 use crate::service::Recipe;
@@ -87,6 +88,9 @@ pub struct RecipeDocument {
     /// What of the scan is looked at, in the rail frame.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub region: Option<RegionDocument>,
+    /// Which profiles belong to one part, where a scan shows several one behind the other.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub parts: Option<PartsDocument>,
 }
 
 /// The rail frame as seen from the coordinates of a scan.
@@ -145,6 +149,7 @@ impl From<RecipeDocument> for Recipe {
                 z_axis: frame.z_axis,
             }),
             region: document.region.map(|region| Region { x_mm: region.x_mm, y_mm: region.y_mm, z_mm: region.z_mm }),
+            parts: document.parts.map(Into::into),
         }
     }
 }
@@ -180,6 +185,7 @@ impl From<Recipe> for RecipeDocument {
                 y_mm: region.y_mm,
                 z_mm: region.z_mm,
             }),
+            parts: recipe.parts.map(Into::into),
         }
     }
 }
