@@ -43,7 +43,6 @@ pub struct MeasurementDocument {
     /// one part.
     pub residuals: Option<ResidualsDocument>,
     /// How many parts there are; null where the recipe does not ask for parts.
-    #[schema(example = json!(null))]
     pub parts_count: Option<u64>,
     /// The parts in order of x; null where the recipe does not ask for parts.
     pub parts: Option<Vec<PartDocument>>,
