@@ -1,7 +1,7 @@
 //! Two parts in one scan: each is found and measured as if it had come alone, whatever lies between them. Truth and bound
 //! come from the maker of the parts, never from an estimate.
 
-#![expect(clippy::panic, clippy::expect_used, clippy::indexing_slicing, reason = "a test may fail")]
+#![expect(clippy::panic, clippy::expect_used, reason = "a test may fail")]
 
 use coaxis::estimation::{
     ByGap, Estimate, Method, Outcome, PartRule, Parts, Pose, Progress, RadiusRule, Reason, Refusal, ScanEstimate,
@@ -132,6 +132,15 @@ fn both_parts_are_found_by_windows_and_by_gap_as_exactly_as_the_data_allow() {
     }
     assert_eq!(by_window.parts[0].x_mm, [-10.0, 400.0]);
     assert_eq!([by_gap.parts[0].x_mm, by_gap.parts[1].x_mm], [[0.0, 380.0], [440.0, 820.0]]);
+}
+
+#[test]
+fn a_piece_of_a_scan_shares_its_points() {
+    let (scan, _) = both();
+    let piece = scan.part(190..380).expect("profiles");
+    assert!(std::ptr::eq(piece.columns(), scan.columns()), "nothing is copied");
+    assert_eq!((piece.stations(), piece.points()), (&scan.stations()[190..380], 60_800..121_600));
+    assert!(scan.part(5..5).is_none() && scan.part(370..381).is_none());
 }
 
 #[test]

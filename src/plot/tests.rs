@@ -173,7 +173,7 @@ fn every_reason_that_occurs_is_in_the_legend_with_its_count() {
     for (profile, reason) in estimate.profiles.iter_mut().zip(Reason::ALL) {
         profile.rejected = Some(reason);
     }
-    estimate.profiles[0].section = None;
+    estimate.profiles[1].section = None;
     let svg = drawn(Picture::Centres, &PART.scan(), &estimate, &SUBJECT);
     assert!(svg.contains("too_few_points: 1 (1 without centre)"));
     for reason in Reason::ALL {

@@ -156,3 +156,46 @@ impl Tally {
 fn wide(count: usize) -> u64 {
     u64::try_from(count).unwrap_or(u64::MAX)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::{Value, json};
+
+    /// A record as it was written before there were parts.
+    fn record() -> Value {
+        let recipe = json!({"method": "section_line", "epsilon_mm": 0.111, "points_min": 20, "radius": "free"});
+        let axis = json!({"p": 0.01, "q": -0.02, "y0": 1.5, "z0": -2.5});
+        let matrix = json!([
+            [1e-9, 0.0, 0.0, 0.0, 0.0],
+            [0.0, 1e-9, 0.0, 0.0, 0.0],
+            [0.0, 0.0, 1e-4, 0.0, 0.0],
+            [0.0, 0.0, 0.0, 1e-4, 0.0],
+            [0.0, 0.0, 0.0, 0.0, 1e-4]
+        ]);
+        let budget = json!([{"source": "repeatability", "standard": [1e-5, 1e-5, 0.01, 0.01, 0.01]}]);
+        let pose = json!({"axis": axis, "x_ref": 55.0, "radius": 200.0, "radius_source": "fitted",
+            "uncertainty": {"covariance": matrix, "budget": budget}});
+        json!({
+            "id": "m-0199f0c8-0000-7000-8000-000000000000", "created_at": "2026-01-02T03:04:05Z", "duration_ms": 12,
+            "scan_sha256": "00", "format": "csv", "unit": "mm", "profile_rule": "column=profile", "points_count": 720,
+            "missing_count": 0, "recipe": recipe, "recipe_name": null, "software": "coaxis 0.1.0",
+            "method": "section_line", "outcome": {"accepted": pose},
+            "conditioning": {"arc": 2.4, "axial_length": 110.0, "warnings": [{"code": "short_arc", "arc_deg": 97.0}]},
+            "residuals": {"sigma": 0.05, "inlier_ratio": 0.97},
+            "tally": {"total_count": 12, "valid_count": 10, "rejected": {"low_inlier_ratio": 2}}
+        })
+    }
+
+    #[test]
+    fn a_record_from_before_there_were_parts_reads_and_writes_as_it_was() {
+        let text = record().to_string();
+        let measurement: Measurement = serde_json::from_str(&text).expect("readable");
+        assert_eq!(measurement.verdict(), Verdict::Accepted);
+        assert_eq!(
+            measurement.findings.sole().and_then(|finding| finding.residuals).map(|r| r.inlier_ratio),
+            Some(0.97)
+        );
+        assert_eq!(serde_json::to_value(&measurement).expect("JSON"), record());
+    }
+}

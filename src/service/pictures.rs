@@ -35,8 +35,8 @@ impl Service {
         let file = self.store.open_scan(&scan_id).await?;
         let file = file.ok_or(ServiceError::ScanFileMissing { id: scan_id })?;
         let limits = self.capacity.scan.clone();
-        let view = Wanted { measurement, profiles, resolved, picture, part, profile };
-        Ok(self.drawing.run(move || view.draw(file, &limits)).await??)
+        let wanted = Wanted { measurement, profiles, resolved, picture, part, profile };
+        self.drawing.run(move || wanted.draw(file, &limits)).await?
     }
 }
 

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 /// Digits that an exact scan settles; the rest is rounding.
 const DIGITS: usize = 6;
 
-/// Two windows with a part in each and one with nothing in it.
+/// A window for each of the two parts; that of the first leaves out its last profile.
 fn windows() -> Value {
     json!({"windows": [
         {"name": "fixed", "x_min_mm": 150, "x_max_mm": 400, "nominal_radius_mm": 150},
