@@ -25,13 +25,18 @@ const DRAWS: u64 = 384;
 const TOLERANCE_ROUGHNESS: f64 = 3.0;
 /// but at most this share of the size of the profile.
 const TOLERANCE_SIZE: f64 = 1e-3;
+/// Largest radius, in sizes of the profile: ½ / sin(½ · 15°), where the whole of it is the least arc. Three points of a floor
+/// are nearly always on a larger circle, so that a floor costs little.
+const RADIUS_SIZE: f64 = 3.84;
 
 /// For every profile in station order whether it shows a part.
 pub(super) fn shows(scan: &Scan, settings: &Settings) -> Vec<bool> {
     let tolerance = settings.epsilon_mm.max(TOLERANCE_ROUGHNESS * extent::roughness(scan));
     let points_min = settings.points_min as usize;
-    let work =
-        |station: &Station| station.end - station.start >= points_min && has_arc(&thinned(scan, station), tolerance);
+    let work = |station: &Station| {
+        let enough = station.end - station.start >= points_min;
+        enough && has_arc(&thinned(scan, station), tolerance, station.x.to_bits())
+    };
     scan.stations().par_iter().map(work).collect()
 }
 
@@ -40,15 +45,16 @@ fn thinned(scan: &Scan, station: &Station) -> Vec<[f64; 2]> {
     (station.start..station.end).step_by(stride).filter_map(|index| scan.columns().get(index)).collect()
 }
 
-/// Whether enough of the points lie on one arc.
-fn has_arc(points: &[[f64; 2]], tolerance: f64) -> bool {
-    let tolerance = tolerance.min(TOLERANCE_SIZE * size(points));
-    // The same for every profile, so that equal profiles are judged equally.
-    let mut chance = ChaCha8Rng::seed_from_u64(0);
+/// Whether enough of the points lie on one arc. The seed is the profile's own: what the draws miss on one they find on the
+/// next, and a profile is judged alike in whatever scan it comes.
+fn has_arc(points: &[[f64; 2]], tolerance: f64, seed: u64) -> bool {
+    let size = size(points);
+    let (tolerance, radius_max) = (tolerance.min(TOLERANCE_SIZE * size), RADIUS_SIZE * size);
+    let mut chance = ChaCha8Rng::seed_from_u64(seed);
     (0..DRAWS).any(|_| {
         let mut draw = || points.get(chance.random_range(0..points.len())).copied();
         let (Some(a), Some(b), Some(c)) = (draw(), draw(), draw()) else { return false };
-        circle(a, b, c).is_some_and(|circle| holds(points, circle, tolerance))
+        circle(a, b, c).is_some_and(|circle| circle.radius < radius_max && holds(points, circle, tolerance))
     })
 }
 
@@ -78,9 +84,10 @@ fn circle([ay, az]: [f64; 2], [by, bz]: [f64; 2], [cy, cz]: [f64; 2]) -> Option<
 
 /// Whether enough of the points lie on the circle and span enough of it.
 fn holds(points: &[[f64; 2]], Circle { centre: [cy, cz], radius }: Circle, tolerance: f64) -> bool {
+    let (least2, most2) = ((radius - tolerance).max(0.0).powi(2), (radius + tolerance).powi(2));
     let on = || {
         let seen = points.iter().map(|[y, z]| [y - cy, z - cz]);
-        seen.filter(|[u, w]| (u.hypot(*w) - radius).abs() < tolerance)
+        seen.filter(|[u, w]| (least2..most2).contains(&(u * u + w * w)))
     };
     let (count, sum_u, sum_w) = on().fold((0.0, 0.0, 0.0), |(n, u, w), [du, dw]| (n + 1.0, u + du, w + dw));
     if count < SHARE_MIN * points.len() as f64 {
@@ -144,6 +151,15 @@ mod tests {
         ] {
             assert_eq!(count(&make(&part).expect("a scan").0), 60, "{part:?}");
         }
+    }
+
+    #[test]
+    fn what_a_flat_clamp_leaves_of_the_arc_is_enough() {
+        let under_clamp = |half_width: f64| {
+            surface(0.05, move |y| if y.abs() < half_width { 260.0 } else { (250.0_f64.powi(2) - y * y).sqrt() })
+        };
+        assert_eq!(count(&under_clamp(100.0)), 50, "half of the points are left");
+        assert!(count(&under_clamp(150.0)) >= 45, "a quarter of them");
     }
 
     #[test]
