@@ -1,7 +1,7 @@
 //! A part that is no straight cylinder is told from one: made parts are tapered and bent by known amounts, and the pose must
 //! say so and hold the truth within what it states.
 
-#![expect(clippy::panic, clippy::expect_used, clippy::indexing_slicing, reason = "a test may fail")]
+#![expect(clippy::panic, clippy::expect_used, reason = "a test may fail")]
 
 use coaxis::estimation::{Estimate, Outcome, Pose, Progress, Settings, Warning, estimate};
 use coaxis::scan::synthetic::{Part, Truth, make};

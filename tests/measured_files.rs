@@ -34,14 +34,14 @@ fn measured(name: &str, recipe: &Value) -> Offline {
 }
 
 fn accepted(name: &str, recipe: &Value) -> Pose {
-    match measured(name, recipe).estimate.outcome {
+    match measured(name, recipe).measurement.findings.sole().expect("one part").outcome.clone() {
         Outcome::Accepted(pose) => *pose,
         Outcome::Refused(refusal) => panic!("{name} with {recipe}: refused: {refusal}"),
     }
 }
 
 fn refusal(name: &str, recipe: &Value) -> &'static str {
-    match measured(name, recipe).estimate.outcome {
+    match measured(name, recipe).measurement.findings.sole().expect("one part").outcome.clone() {
         Outcome::Accepted(pose) => panic!("{name} with {recipe}: accepted {pose:?}"),
         Outcome::Refused(refusal) => refusal.code(),
     }

@@ -61,7 +61,7 @@ async fn demonstrate(config: &Config, once: bool) -> Result<(), Box<dyn Error>> 
 async fn show(base: &str, folder: &Path, once: bool) -> Result<(), Box<dyn Error>> {
     let file = folder.join("scan.ply");
     fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
-    let truth_file = write_made(&Part::with_interference(1), Format::Ply, &file)?;
+    let truth_file = write_made(&[Part::with_interference(1)], Format::Ply, &file)?;
     let truth: Truth = serde_json::from_slice(&fs::read(&truth_file)?)?;
     let scan = fs::read(&file)?;
     let mut measurements = Vec::new();

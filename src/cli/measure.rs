@@ -6,7 +6,7 @@ use crate::estimation::Method;
 use crate::http::{MeasurementDocument, profiles_csv};
 use crate::plot::{Picture, Subject, draw};
 use crate::scan::decode::{Format, Limits, Unit};
-use crate::service::{Offline, Origin, Recipe, Resolved, Verdict, measure_offline};
+use crate::service::{Offline, Origin, Recipe, Resolved, Verdict, View, measure_offline};
 use std::collections::HashSet;
 use std::error::Error;
 use std::ffi::OsStr;
@@ -49,7 +49,8 @@ pub(super) struct Arguments {
     /// SCAN.csv)
     #[arg(long, value_name = "FILE")]
     profiles: Option<PathBuf>,
-    /// Write the pictures into this folder (with several scans: into the folder SCAN in it)
+    /// Write the pictures into this folder (with several scans: into the folder SCAN in it; of several parts: into a folder
+    /// PART in that)
     #[arg(long, value_name = "FOLDER")]
     plots: Option<PathBuf>,
     /// Configuration file, TOML, for limits and defaults
@@ -121,17 +122,15 @@ impl Arguments {
         let reader = Box::new(BufReader::with_capacity(READ_BLOCK_BYTES, source));
         let origin = Origin { parameter: self.format, media_type: None, file_name };
         let measured = bar::with_bar(&name, |progress| measure_offline(reader, &origin, resolved, limits, progress));
-        let Offline { measurement, estimate, scan } = measured.map_err(|error| format!("{name}: {error}"))?;
+        let Offline { measurement, profiles, scan } = measured.map_err(|error| format!("{name}: {error}"))?;
         if let Some(place) = &self.profiles {
             let place = if self.files.len() > 1 { place.join(with_csv(own_name(path))) } else { place.clone() };
-            write(&place, &profiles_csv(&estimate.profiles))?;
+            write(&place, &profiles_csv(&profiles, &measurement.findings))?;
         }
         if let Some(folder) = &self.plots {
             let folder = if self.files.len() > 1 { folder.join(own_name(path)) } else { folder.clone() };
-            let subject = Subject { title: &name, epsilon_mm: resolved.settings.epsilon_mm, profile: None };
-            for picture in Picture::ALL {
-                let place = folder.join(picture.name()).with_extension("svg");
-                write(&place, &draw(picture, &scan, &estimate, &subject))?;
+            for view in measurement.views(&scan, &profiles) {
+                draw_all(&folder, &name, &view, resolved.settings.epsilon_mm)?;
             }
         }
         let document = MeasurementDocument::from(&measurement);
@@ -142,6 +141,20 @@ impl Arguments {
         }
         Ok(measurement.verdict())
     }
+}
+
+/// Every picture of a part, in a folder of its own where there are parts.
+fn draw_all(folder: &Path, name: &str, view: &View, epsilon_mm: f64) -> Result<(), Box<dyn Error>> {
+    let (folder, title) = match &view.part {
+        Some(part) => (folder.join(part), format!("{name}, part {part}")),
+        None => (folder.to_owned(), name.to_owned()),
+    };
+    let subject = Subject { title: &title, epsilon_mm, profile: None, first_profile: view.first_profile };
+    for picture in Picture::ALL {
+        let place = folder.join(picture.name()).with_extension("svg");
+        write(&place, &draw(picture, &view.scan, &view.estimate, &subject))?;
+    }
+    Ok(())
 }
 
 /// Reading a file in large blocks costs fewer calls; a scan has megabytes.

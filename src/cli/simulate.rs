@@ -5,7 +5,8 @@ use super::{Outcome, print};
 use crate::geometry::AxisLine;
 use crate::scan::decode::Format;
 use crate::scan::encode::encode;
-use crate::scan::synthetic::{Interference, Part, Truth, make};
+use crate::scan::synthetic::{Interference, Part, make_several};
+use serde::Serialize;
 use std::error::Error;
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
@@ -84,31 +85,47 @@ pub(super) struct ScanArguments {
     /// The same seed makes the same scan
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// A second part of the same kind behind the first, this far from its last profile
+    #[arg(long, value_name = "MM", allow_hyphen_values = true)]
+    second_gap_mm: Option<f64>,
+    /// Radius of the second part; that of the first where nothing is said
+    #[arg(long, value_name = "MM", allow_hyphen_values = true, requires = "second_gap_mm")]
+    second_radius_mm: Option<f64>,
+    /// Tilt of the second part's axis towards +Y; that of the first where nothing is said
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true, requires = "second_gap_mm")]
+    second_deflection_deg: Option<f64>,
+    /// Tilt of the second part's axis towards +Z; that of the first where nothing is said
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true, requires = "second_gap_mm")]
+    second_pitch_deg: Option<f64>,
 }
 
 pub(super) fn run(subject: &Subject) -> Outcome {
     let Subject::Scan(arguments) = subject;
-    let part = arguments.part()?;
+    let parts = arguments.parts()?;
     let format = arguments.format()?;
-    let truth_file = write_made(&part, format, &arguments.file)?;
+    let truth_file = write_made(&parts, format, &arguments.file)?;
     print(&format!("{}\n{}\n", arguments.file.display(), truth_file.display()))?;
     Ok(ExitCode::SUCCESS)
 }
 
-/// Makes a scan, writes it to `file` and its truth beside it; where that is.
-pub(super) fn write_made(part: &Part, format: Format, file: &Path) -> Result<PathBuf, Box<dyn Error>> {
-    let (scan, truth) = make(part).map_err(|error| format!("these numbers make no scan: {error}"))?;
+/// Makes a scan, writes it to `file` and its truth beside it (a list where there are several parts); where that is.
+pub(super) fn write_made(parts: &[Part], format: Format, file: &Path) -> Result<PathBuf, Box<dyn Error>> {
+    let (scan, truths) = make_several(parts).map_err(|error| format!("these numbers make no scan: {error}"))?;
     let open = |path: &Path| File::create(path).map_err(|error| format!("{}: {error}", path.display()));
     let mut out = BufWriter::new(open(file)?);
     encode(&scan, format, &mut out)
         .and_then(|()| out.flush())
         .map_err(|error| format!("{}: {error}", file.display()))?;
     let truth_file = file.with_extension("truth.json");
-    fs::write(&truth_file, text(&truth)?).map_err(|error| format!("{}: {error}", truth_file.display()))?;
+    let text = match truths.as_slice() {
+        [truth] => text(truth)?,
+        truths => text(&truths)?,
+    };
+    fs::write(&truth_file, text).map_err(|error| format!("{}: {error}", truth_file.display()))?;
     Ok(truth_file)
 }
 
-fn text(truth: &Truth) -> Result<String, serde_json::Error> {
+fn text(truth: &impl Serialize) -> Result<String, serde_json::Error> {
     serde_json::to_string_pretty(truth).map(|text| text + "\n")
 }
 
@@ -119,11 +136,26 @@ impl ScanArguments {
         self.format.or_else(|| Format::from_name(&ending.to_ascii_lowercase())).ok_or_else(unknown)
     }
 
-    /// The part, refused where its numbers cannot be.
-    fn part(&self) -> Result<Part, Box<dyn Error>> {
+    /// The parts, refused where their numbers cannot be.
+    fn parts(&self) -> Result<Vec<Part>, String> {
         self.check()?;
+        let first = self.part();
+        let Some(gap_mm) = self.second_gap_mm else { return Ok(vec![first]) };
+        let degrees = |said: Option<f64>, first: f64| said.map_or(first, |degrees| degrees.to_radians().tan());
+        let (p, q) = (degrees(self.second_deflection_deg, first.axis.p), degrees(self.second_pitch_deg, first.axis.q));
+        let second = Part {
+            radius_mm: self.second_radius_mm.unwrap_or(first.radius_mm),
+            axis: AxisLine { p, q, ..first.axis },
+            x_start_mm: first.x_start_mm + first.length_mm + gap_mm,
+            seed: first.seed.wrapping_add(1),
+            ..first
+        };
+        Ok(vec![first, second])
+    }
+
+    fn part(&self) -> Part {
         let slope = |degrees: f64| degrees.to_radians().tan();
-        Ok(Part {
+        Part {
             radius_mm: self.radius_mm,
             axis: AxisLine {
                 p: slope(self.deflection_deg),
@@ -147,7 +179,7 @@ impl ScanArguments {
             drop_out_ratio: self.drop_outs,
             spike_ratio: self.spikes,
             seed: self.seed,
-        })
+        }
     }
 
     fn check(&self) -> Result<(), String> {
@@ -177,6 +209,10 @@ impl ScanArguments {
             ("z-c0-mm", self.z_c0_mm, -1e5, 1e5),
             ("noise-mm", self.noise_mm, 0.0, 1e4),
             ("clamp-height-mm", self.clamp_height_mm, -1e4, 1e4),
+            ("second-gap-mm", self.second_gap_mm.unwrap_or(0.0), 0.0, 1e6),
+            ("second-radius-mm", self.second_radius_mm.unwrap_or(1.0), 1e-3, 1e5),
+            ("second-deflection-deg", self.second_deflection_deg.unwrap_or(0.0), -80.0, 80.0),
+            ("second-pitch-deg", self.second_pitch_deg.unwrap_or(0.0), -80.0, 80.0),
         ];
         match ranges.into_iter().find(|(_, value, least, most)| !(least..=most).contains(&value)) {
             Some((name, value, least, most)) => Err(format!("{name} must be between {least} and {most}, got {value}")),

@@ -1,7 +1,7 @@
 //! A measurement as a table for a person at a terminal. Must not know how it was made, nor round anything that a program
 //! would read.
 
-use crate::http::MeasurementDocument;
+use crate::http::{MeasurementDocument, PoseDocument, ReasonDocument, TallyDocument, UncertaintyDocument, VerdictName};
 use std::fmt::Write;
 
 /// The table of one measurement.
@@ -13,30 +13,60 @@ pub(super) fn table(name: &str, document: &MeasurementDocument) -> String {
 }
 
 fn write_table(text: &mut String, name: &str, document: &MeasurementDocument) -> std::fmt::Result {
-    let counts = &document.profiles;
-    let verdict = if document.pose.is_some() { "accepted" } else { "REFUSED" };
+    let verdict = verdict_in_words(document.verdict);
     writeln!(text, "{name}: {verdict} ({}, {} ms)", document.method, document.duration_ms)?;
-    if let (Some(pose), Some(uncertainty)) = (&document.pose, &document.uncertainty) {
-        let expanded = &uncertainty.expanded;
-        let rows = [
-            ("deflection", pose.deflection_deg, expanded.deflection_deg, "°"),
-            ("pitch", pose.pitch_deg, expanded.pitch_deg, "°"),
-            ("y at x = 0", pose.y_c0_mm, expanded.y_c0_mm, "mm"),
-            ("z at x = 0", pose.z_c0_mm, expanded.z_c0_mm, "mm"),
-            ("y at x_ref", pose.y_ref_mm, expanded.y_ref_mm, "mm"),
-            ("z at x_ref", pose.z_ref_mm, expanded.z_ref_mm, "mm"),
-            ("radius", pose.radius_mm, expanded.radius_mm, "mm"),
-        ];
-        for (quantity, value, half_width, unit) in rows {
-            writeln!(text, "  {quantity:<12} {value:>12.4} ± {half_width:.4} {unit}")?;
-        }
-        writeln!(text, "  x_ref        {:>12.4} mm; ± is the expanded uncertainty, k = 2", pose.x_ref_mm)?;
+    let parts = document.parts.as_deref().unwrap_or_default();
+    for part in parts {
+        let verdict = verdict_in_words(part.verdict);
+        writeln!(text, "  part {} from x = {} mm to {} mm: {verdict}", part.name, part.x_min_mm, part.x_max_mm)?;
+        write_pose(text, part.pose.as_ref().zip(part.uncertainty.as_ref()))?;
+        write_profiles(text, &part.profiles)?;
+        write_reasons(text, part.refusal.as_ref(), &part.conditioning.warnings)?;
     }
+    if parts.is_empty() {
+        write_pose(text, document.pose.as_ref().zip(document.uncertainty.as_ref()))?;
+        write_profiles(text, &document.profiles)?;
+        let warnings = document.conditioning.as_ref().map(|conditioning| conditioning.warnings.as_slice());
+        return write_reasons(text, document.refusal.as_ref(), warnings.unwrap_or_default());
+    }
+    let outside_count = document.profiles.rejected.get("outside_parts").copied().unwrap_or(0);
+    writeln!(text, "  outside the parts: {outside_count} of {} profiles", document.profiles.total_count)
+}
+
+const fn verdict_in_words(verdict: VerdictName) -> &'static str {
+    match verdict {
+        VerdictName::Accepted => "accepted",
+        VerdictName::Refused => "REFUSED",
+    }
+}
+
+fn write_pose(text: &mut String, found: Option<(&PoseDocument, &UncertaintyDocument)>) -> std::fmt::Result {
+    let Some((pose, uncertainty)) = found else { return Ok(()) };
+    let expanded = &uncertainty.expanded;
+    let rows = [
+        ("deflection", pose.deflection_deg, expanded.deflection_deg, "°"),
+        ("pitch", pose.pitch_deg, expanded.pitch_deg, "°"),
+        ("y at x = 0", pose.y_c0_mm, expanded.y_c0_mm, "mm"),
+        ("z at x = 0", pose.z_c0_mm, expanded.z_c0_mm, "mm"),
+        ("y at x_ref", pose.y_ref_mm, expanded.y_ref_mm, "mm"),
+        ("z at x_ref", pose.z_ref_mm, expanded.z_ref_mm, "mm"),
+        ("radius", pose.radius_mm, expanded.radius_mm, "mm"),
+    ];
+    for (quantity, value, half_width, unit) in rows {
+        writeln!(text, "  {quantity:<12} {value:>12.4} ± {half_width:.4} {unit}")?;
+    }
+    writeln!(text, "  x_ref        {:>12.4} mm; ± is the expanded uncertainty, k = 2", pose.x_ref_mm)
+}
+
+fn write_profiles(text: &mut String, counts: &TallyDocument) -> std::fmt::Result {
     let rejected: Vec<String> = counts.rejected.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
     let rejected = if rejected.is_empty() { "none rejected".to_owned() } else { rejected.join(", ") };
-    writeln!(text, "  profiles     {} of {} valid; {rejected}", counts.valid_count, counts.total_count)?;
-    let said = document.refusal.iter().map(|refusal| ("refused", refusal));
-    for (kind, reason) in said.chain(document.conditioning.warnings.iter().map(|warning| ("warning", warning))) {
+    writeln!(text, "  profiles     {} of {} valid; {rejected}", counts.valid_count, counts.total_count)
+}
+
+fn write_reasons(text: &mut String, refusal: Option<&ReasonDocument>, warnings: &[ReasonDocument]) -> std::fmt::Result {
+    let said = refusal.into_iter().map(|refusal| ("refused", refusal));
+    for (kind, reason) in said.chain(warnings.iter().map(|warning| ("warning", warning))) {
         writeln!(text, "  {kind:<12} {}: {}", reason.code, reason.detail)?;
     }
     Ok(())

@@ -111,6 +111,8 @@ pub struct Section {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Reason {
+    /// It lies outside every part of the scan that was asked for or found.
+    OutsideParts,
     /// Fewer points than `points_min`, or all in fewer than six places.
     TooFewPoints,
     /// No ellipse could be fitted.
@@ -125,13 +127,20 @@ pub enum Reason {
 
 impl Reason {
     /// All reasons, in the order in which they are looked for.
-    pub const ALL: [Self; 5] =
-        [Self::TooFewPoints, Self::NotConverged, Self::LowInlierRatio, Self::ArcTooShort, Self::OffAxis];
+    pub const ALL: [Self; 6] = [
+        Self::OutsideParts,
+        Self::TooFewPoints,
+        Self::NotConverged,
+        Self::LowInlierRatio,
+        Self::ArcTooShort,
+        Self::OffAxis,
+    ];
 
     /// The name used in results.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
+            Self::OutsideParts => "outside_parts",
             Self::TooFewPoints => "too_few_points",
             Self::NotConverged => "not_converged",
             Self::LowInlierRatio => "low_inlier_ratio",
@@ -143,6 +152,7 @@ impl Reason {
     /// What to do where most profiles are rejected for this.
     fn advice(self, sigma_mm: Option<f64>, epsilon_mm: f64) -> String {
         match (self, sigma_mm) {
+            (Self::OutsideParts, _) => "widen the windows of the parts".to_owned(),
             (Self::TooFewPoints, _) => {
                 "lower points_min, or declare which points make a profile (profile_by)".to_owned()
             }
@@ -287,6 +297,37 @@ pub enum Refusal {
         /// What is allowed.
         position_max_mm: f64,
     },
+    /// Another number of parts than there must be.
+    #[error(
+        "{parts_count} part(s) were found by gaps of at least {gap_min_mm} mm where {} must be; a profile shows a part where a \
+         fifth of its points lie on one arc of 15° or more. Change gap_min_mm, cut off with region what is no part, or declare windows",
+        range_in_words(*.parts_min_count, *.parts_max_count)
+    )]
+    PartsCountDiffers {
+        /// Parts found.
+        parts_count: usize,
+        /// Least number.
+        parts_min_count: usize,
+        /// Largest number.
+        parts_max_count: usize,
+        /// What divides two parts.
+        gap_min_mm: f64,
+    },
+    /// A part's window holds nothing.
+    #[error(
+        "no profile lies between x = {x_min_mm} mm and {x_max_mm} mm; check the window of the part, the unit and the frame, and \
+         that the scan reaches there"
+    )]
+    WindowEmpty {
+        /// Least x of the window.
+        x_min_mm: f64,
+        /// Largest x of the window.
+        x_max_mm: f64,
+    },
+}
+
+fn range_in_words(least: usize, most: usize) -> String {
+    if least == most { least.to_string() } else { format!("{least} to {most}") }
 }
 
 impl Refusal {
@@ -304,6 +345,8 @@ impl Refusal {
             Self::NoCylinder { .. } => "no_cylinder",
             Self::TwoCylinders { .. } => "two_cylinders",
             Self::PoseUndetermined { .. } => "pose_undetermined",
+            Self::PartsCountDiffers { .. } => "parts_count_differs",
+            Self::WindowEmpty { .. } => "window_empty",
         }
     }
 }

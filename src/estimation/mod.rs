@@ -8,12 +8,15 @@
 //!        section_line_plain: the same without re-weighting and without the inner-point rule
 //! ```
 //!
+//! `parts` cuts a scan of several parts along x and has each of them go this way.
+//!
 //! The formulas stand in docs/estimation.md.
 
 mod budget;
 mod conclude;
 mod cylinder;
 mod estimate;
+mod parts;
 mod progress;
 mod robust;
 mod section_line;
@@ -25,6 +28,7 @@ pub use estimate::{
     Component, Conditioning, Estimate, Outcome, Pose, Profile, RadiusSource, Reason, Refusal, Residuals, Section,
     Uncertainty, Warning,
 };
+pub use parts::{ByGap, PARTS_MAX, PartEstimate, PartRule, Parts, PartsError, ScanEstimate, Window, estimate_parts};
 pub use progress::Progress;
 pub use settings::{Method, RadiusRule, SettingError, Settings};
 pub use type_b::TypeB;

@@ -10,7 +10,7 @@ const STRAIGHT_DEG: f64 = 0.5;
 pub(super) fn unusable(scan: &Scan, settings: &Settings) -> Option<Refusal> {
     let profiles_count = scan.stations().len();
     if identical(scan) {
-        return Some(Refusal::PointsIdentical { points_count: scan.columns().len() });
+        return Some(Refusal::PointsIdentical { points_count: scan.points().len() });
     }
     if profiles_count < settings.profiles_min as usize {
         return Some(Refusal::TooFewProfiles { profiles_count, profiles_min: settings.profiles_min });
@@ -19,8 +19,8 @@ pub(super) fn unusable(scan: &Scan, settings: &Settings) -> Option<Refusal> {
 }
 
 fn identical(scan: &Scan) -> bool {
-    let first = scan.columns().get(0);
-    (1..scan.columns().len()).all(|index| scan.columns().get(index) == first)
+    let first = scan.columns().get(scan.points().start);
+    scan.points().all(|index| scan.columns().get(index) == first)
 }
 
 /// Whether every profile of the scan is straight to within rounding of its own size.

@@ -28,7 +28,10 @@ mod scans;
 mod server;
 mod status;
 
-pub use measurements::{MeasurementDocument, ProfileDocument, profiles_csv};
+pub use measurements::{
+    MeasurementDocument, PartDocument, PoseDocument, ProfileDocument, ReasonDocument, TallyDocument,
+    UncertaintyDocument, VerdictName, profiles_csv,
+};
 pub use openapi::{COMMITTED, openapi_json};
 pub use problem::Code;
 pub use server::{Server, Stopper};

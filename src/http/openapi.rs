@@ -147,10 +147,15 @@ fn refusals(operation_id: &str) -> Vec<&'static [Code]> {
             ],
         ],
         "list_measurements" | "list_scans" | "list_recipes" => vec![STORE, &[Code::CursorMalformed]],
-        "get_measurement" => vec![STORE, &[Code::MeasurementUnknown, Code::RouteUnknown]],
-        "list_profiles" => vec![STORE, &[Code::MeasurementUnknown, Code::NotAcceptable, Code::RouteUnknown]],
+        "get_measurement" => vec![STORE, &[Code::MeasurementUnknown, Code::PartUnknown, Code::RouteUnknown]],
+        "list_profiles" => {
+            vec![STORE, &[Code::MeasurementUnknown, Code::PartUnknown, Code::NotAcceptable, Code::RouteUnknown]]
+        }
         "get_plot" => {
-            vec![STORE, &[Code::MeasurementUnknown, Code::ProfileUnknown, Code::RouteUnknown, Code::Busy]]
+            vec![
+                STORE,
+                &[Code::MeasurementUnknown, Code::PartUnknown, Code::ProfileUnknown, Code::RouteUnknown, Code::Busy],
+            ]
         }
         "get_scan" | "get_scan_content" => vec![STORE, &[Code::ScanUnknown, Code::RouteUnknown]],
         "get_recipe" => vec![STORE, &[Code::RecipeUnknown, Code::RouteUnknown]],

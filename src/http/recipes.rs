@@ -1,6 +1,8 @@
 //! Recipes under a name, with entity tags: nobody overwrites what he has not seen. Must not know what a recipe is used for.
 
 mod document;
+mod parts;
+mod type_b;
 
 pub(super) use document::RecipeDocument;
 

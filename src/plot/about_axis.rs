@@ -54,11 +54,11 @@ pub(super) fn is_valid(estimate: &Estimate, index: usize) -> bool {
 /// One point out of every `step`, at a place within it that moves by the golden ratio: a fixed place would, on rows of
 /// equal length, show the same few directions of every profile.
 pub(super) fn thinned(scan: &Scan, most: usize) -> impl Iterator<Item = (usize, f64, [f64; 2])> {
-    let total = scan.columns().len();
+    let (first, total) = (scan.points().start, scan.points().len());
     let step = total.div_ceil(most.max(1)).max(1);
     let places = (0..total.div_ceil(step)).map(move |block| {
         let part = (block as f64 * 0.618_033_988_749_895).fract();
-        (block * step + (part * step as f64) as usize).min(total.saturating_sub(1))
+        first + (block * step + (part * step as f64) as usize).min(total.saturating_sub(1))
     });
     let mut stations = scan.stations().iter().copied().enumerate().peekable();
     places.filter_map(move |place| {

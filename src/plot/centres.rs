@@ -183,7 +183,7 @@ const fn look(kind: Option<Reason>) -> (Symbol, &'static str) {
         return (Symbol::Dot, VALID);
     };
     let symbol = match reason {
-        Reason::TooFewPoints => Symbol::Cross,
+        Reason::OutsideParts | Reason::TooFewPoints => Symbol::Cross,
         Reason::NotConverged => Symbol::Plus,
         Reason::LowInlierRatio => Symbol::Triangle,
         Reason::ArcTooShort => Symbol::Square,

@@ -31,7 +31,7 @@ struct Point {
 
 /// Draws all profiles as seen along the axis; where there is none, as they lie in the rail frame.
 pub(super) fn end_view(scan: &Scan, estimate: &Estimate, subject: &Subject<'_>) -> String {
-    let total = scan.columns().len();
+    let total = scan.points().len();
     match &estimate.outcome {
         Outcome::Accepted(pose) => {
             let cylinder = Cylinder { axis: pose.axis, radius: pose.radius };
@@ -68,7 +68,7 @@ fn draw_about_axis(svg: &mut Svg, scan: &Scan, estimate: &Estimate, cylinder: Cy
     let near = points.iter().filter(|p| p.valid).map(|Point { at: [y, z], .. }| z.atan2(*y).to_degrees());
     let arc = Seen::new(near).window();
     svg.clipped("end-view", panel.area, |svg| draw_circle(svg, &panel, radius, arc));
-    let mut entries = draw_points(svg, &panel, &points, scan.columns().len());
+    let mut entries = draw_points(svg, &panel, &points, scan.points().len());
     draw_centre(svg, &panel, radius);
     panel.frame(svg);
     entries.push(Entry::new(Symbol::Stroke, FITTED, format!("fitted circle, R = {} mm", fixed(radius, 3))));
@@ -126,7 +126,7 @@ fn draw_in_rail_frame(svg: &mut Svg, scan: &Scan, estimate: &Estimate, refusal: 
     let places: Vec<[f64; 2]> = points.iter().map(|point| point.at).collect();
     let panel = Panel::around(VIEW, &places);
     panel.draw(svg, "y (mm)", "z (mm)");
-    let entries = draw_points(svg, &panel, &points, scan.columns().len());
+    let entries = draw_points(svg, &panel, &points, scan.points().len());
     let end = legend(svg, SIDE, &entries);
     let head = Type::sized(14.0).bold().colour(EXCLUDED);
     let area = Area { top: end + 24.0, ..SIDE };

@@ -70,9 +70,11 @@ pub struct Subject<'a> {
     pub title: &'a str,
     /// Distance below which a point counts as inner, mm, as the estimation was told.
     pub epsilon_mm: f64,
-    /// Index of the profile that [`Picture::Section`] shows; `None` takes the valid one nearest to the middle, or the
+    /// Index in the scan of the profile that [`Picture::Section`] shows; `None` takes the valid one nearest to the middle, or the
     /// middle one where none is valid.
     pub profile: Option<usize>,
+    /// Number that the first profile of the scan is known by; 0 but for a part of a scan.
+    pub first_profile: usize,
 }
 
 /// Draws one picture: an SVG 1.1 document of 1000 × 600 pixels.

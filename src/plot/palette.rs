@@ -27,6 +27,7 @@ pub(super) const BAND: &str = "#e9f3fa";
 /// The colour of a reason.
 pub(super) const fn reason_colour(reason: Reason) -> &'static str {
     match reason {
+        Reason::OutsideParts => FAINT_INK,
         Reason::TooFewPoints => "#009e73",
         Reason::NotConverged => "#000000",
         Reason::LowInlierRatio => "#d55e00",

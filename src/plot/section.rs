@@ -37,7 +37,7 @@ pub(super) fn section(scan: &Scan, estimate: &Estimate, subject: &Subject<'_>) -
     scan.load(station, &mut y, &mut z);
     let profile = estimate.profiles.get(index);
     let what = format!("Section at x = {} mm, {}", fixed(station.x, 2), verdict(profile));
-    let mut svg = page(&what, subject.title, &caption(scan, index, profile));
+    let mut svg = page(&what, subject.title, &caption(scan, index, subject.first_profile, profile));
     match profile.and_then(|profile| profile.section).filter(|section| drawable(&section.ellipse)) {
         Some(section) => {
             let points = judge(&y, &z, &section, subject.epsilon_mm, estimate.method);
@@ -75,8 +75,9 @@ fn verdict(profile: Option<&Profile>) -> String {
     }
 }
 
-fn caption(scan: &Scan, index: usize, profile: Option<&Profile>) -> String {
-    let place = format!("profile {index} (0 to {})", scan.stations().len().saturating_sub(1));
+fn caption(scan: &Scan, index: usize, first: usize, profile: Option<&Profile>) -> String {
+    let last = first + scan.stations().len().saturating_sub(1);
+    let place = format!("profile {} ({first} to {last})", first + index);
     let Some(profile) = profile else {
         return place;
     };

@@ -12,7 +12,7 @@ use crate::scan::{Columns, Scan, Station};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-const SUBJECT: Subject<'_> = Subject { title: "part <7> & \"co\"", epsilon_mm: 0.111, profile: None };
+const SUBJECT: Subject<'_> = Subject { title: "part <7> & \"co\"", epsilon_mm: 0.111, profile: None, first_profile: 0 };
 const RADIUS: f64 = 200.0;
 
 /// A made part: profiles of a known cylinder, some of them with a clamp that spoils their centre.
@@ -173,7 +173,7 @@ fn every_reason_that_occurs_is_in_the_legend_with_its_count() {
     for (profile, reason) in estimate.profiles.iter_mut().zip(Reason::ALL) {
         profile.rejected = Some(reason);
     }
-    estimate.profiles[0].section = None;
+    estimate.profiles[1].section = None;
     let svg = drawn(Picture::Centres, &PART.scan(), &estimate, &SUBJECT);
     assert!(svg.contains("too_few_points: 1 (1 without centre)"));
     for reason in Reason::ALL {

@@ -88,7 +88,7 @@ impl Unrolled {
         // Nor finer than the points of a profile lie apart.
         let directions = thinned(scan, 50_000).map(|(_, x, at)| cylinder.polar(x, at).angle.to_degrees());
         let seen = Seen::new(directions);
-        let rows_count = (scan.columns().len() / columns_count).min(seen.bins_count()) / 2;
+        let rows_count = (scan.points().len() / columns_count).min(seen.bins_count()) / 2;
         let rows_count = rows_count.clamp(12, ROWS_MAX);
         Self {
             x: Range::new(first - margin, last + margin),

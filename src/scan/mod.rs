@@ -21,6 +21,9 @@ pub use cloud::{Cloud, Labels, Stripe};
 pub use columns::Columns;
 pub use rule::{ProfileRule, RuleError};
 
+use std::ops::Range;
+use std::sync::Arc;
+
 /// Where one profile's points lie in the columns of its [`Scan`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Station {
@@ -32,11 +35,12 @@ pub struct Station {
     pub end: usize,
 }
 
-/// Profiles in station order: x never decreases, every coordinate is finite, no profile is empty.
+/// Profiles in station order: x never decreases, every coordinate is finite, no profile is empty. Its points may be shared
+/// with the scan that it was cut from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scan {
     stations: Vec<Station>,
-    columns: Columns,
+    columns: Arc<Columns>,
     rule: String,
 }
 
@@ -82,7 +86,7 @@ impl Scan {
         }
         match columns.first_not_finite() {
             Some(index) => Err(ScanError::NotFinite { index }),
-            None => Ok(Self { stations, columns, rule }),
+            None => Ok(Self { stations, columns: Arc::new(columns), rule }),
         }
     }
 
@@ -92,7 +96,21 @@ impl Scan {
         &self.stations
     }
 
-    /// All points, profile after profile.
+    /// The profiles of these positions as a scan of their own, whose points are shared, not copied. `None` where there is none.
+    #[must_use]
+    pub fn part(&self, stations: Range<usize>) -> Option<Self> {
+        let stations = self.stations.get(stations).filter(|stations| !stations.is_empty())?.to_vec();
+        Some(Self { stations, columns: Arc::clone(&self.columns), rule: self.rule.clone() })
+    }
+
+    /// Where its points lie in the columns.
+    #[must_use]
+    pub fn points(&self) -> Range<usize> {
+        let (first, last) = (self.stations.first(), self.stations.last());
+        first.map_or(0, |station| station.start)..last.map_or(0, |station| station.end)
+    }
+
+    /// The columns that hold its points, profile after profile; of a part those of the whole.
     #[must_use]
     pub fn columns(&self) -> &Columns {
         &self.columns

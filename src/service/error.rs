@@ -73,6 +73,14 @@ pub enum ServiceError {
         /// The id.
         request_id: String,
     },
+    /// The measurement has no such part.
+    #[error("there is no part {part} in the measurement; {}", parts_in_words(.names))]
+    PartUnknown {
+        /// What was asked for.
+        part: String,
+        /// Its parts, in order of x.
+        names: Vec<String>,
+    },
     /// The measurement has fewer profiles.
     #[error("the measurement has {profiles_count} profiles, there is no profile {index}")]
     ProfileUnknown {
@@ -102,6 +110,13 @@ pub enum ServiceError {
     /// The threads that calculate cannot be started.
     #[error("the threads that calculate cannot be started")]
     Threads(#[source] Arc<rayon::ThreadPoolBuildError>),
+}
+
+fn parts_in_words(names: &[String]) -> String {
+    if names.is_empty() {
+        return "it was not asked for parts, or none were found".to_owned();
+    }
+    format!("there are {}, numbered from 1", names.join(", "))
 }
 
 /// Why the content of an upload cannot be used.

@@ -2,7 +2,7 @@
 //! the same bits. In: a reader and a resolved recipe. Plain calculation: must not know store, clock or network.
 
 use super::Resolved;
-use crate::estimation::{Estimate, Progress, estimate};
+use crate::estimation::{Progress, ScanEstimate, estimate_parts};
 use crate::scan::decode::{DecodeError, Format, FormatClaims, Limits, Request, Unit, decode, find_format};
 use crate::scan::slice::{SliceError, slice};
 use crate::scan::{Cloud, Scan};
@@ -29,7 +29,7 @@ pub struct Measured {
     /// What it was estimated from.
     pub prepared: Prepared,
     /// What came out.
-    pub estimate: Estimate,
+    pub estimate: ScanEstimate,
 }
 
 /// Why a scan could not be estimated. An estimate that refuses is no such reason but a result.
@@ -96,6 +96,6 @@ pub fn measure(
     progress: &Progress,
 ) -> Result<Measured, MeasureError> {
     let prepared = prepare(reader, claims, resolved, limits)?;
-    let estimate = estimate(&prepared.scan, &resolved.settings, progress);
+    let estimate = estimate_parts(&prepared.scan, &resolved.settings, &resolved.parts, progress);
     Ok(Measured { prepared, estimate })
 }

@@ -1,8 +1,8 @@
 //! A measurement as it is kept: what was measured, with what, and what came out. The profiles lie beside it, since a list
 //! of measurements has no use for them. Must not know how it is sent.
 
-use super::{Prepared, Recipe, Resolved};
-use crate::estimation::{Conditioning, Estimate, Method, Outcome, Profile, Reason, Residuals};
+use super::{Findings, Prepared, Recipe, Resolved};
+use crate::estimation::{Method, Profile, Reason, ScanEstimate};
 use crate::scan::decode::{Format, Unit};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -40,12 +40,9 @@ pub struct Measurement {
     pub software: String,
     /// How the pose was found.
     pub method: Method,
-    /// The pose, or why there is none.
-    pub outcome: Outcome,
-    /// How well the scan determines a pose.
-    pub conditioning: Conditioning,
-    /// How the points lie about their sections.
-    pub residuals: Option<Residuals>,
+    /// What came out.
+    #[serde(flatten)]
+    pub findings: Findings,
     /// What became of the profiles.
     pub tally: Tally,
 }
@@ -103,11 +100,11 @@ impl Measurement {
     pub fn record(
         identity: Identity,
         prepared: &Prepared,
-        estimate: Estimate,
+        estimate: ScanEstimate,
         resolved: &Resolved,
     ) -> (Self, Vec<Profile>) {
         let Identity { id, created_at, duration_ms, scan_sha256, recipe_name } = identity;
-        let Estimate { method, outcome, profiles, conditioning, residuals } = estimate;
+        let (findings, profiles) = Findings::of(estimate);
         let measurement = Self {
             id,
             created_at,
@@ -121,10 +118,8 @@ impl Measurement {
             recipe: resolved.recipe.clone(),
             recipe_name,
             software: SOFTWARE.to_owned(),
-            method,
-            outcome,
-            conditioning,
-            residuals,
+            method: resolved.settings.method,
+            findings,
             tally: Tally::of(&profiles),
         };
         (measurement, profiles)
@@ -136,25 +131,10 @@ impl Measurement {
         format!("s-{}", self.scan_sha256)
     }
 
-    /// Whether there is a pose.
+    /// Whether there is a pose, of every part where there are parts.
     #[must_use]
-    pub const fn verdict(&self) -> Verdict {
-        match self.outcome {
-            Outcome::Accepted(_) => Verdict::Accepted,
-            Outcome::Refused(_) => Verdict::Refused,
-        }
-    }
-
-    /// The estimate as it was, put together again with its profiles.
-    #[must_use]
-    pub fn estimate(&self, profiles: Vec<Profile>) -> Estimate {
-        Estimate {
-            method: self.method,
-            outcome: self.outcome.clone(),
-            profiles,
-            conditioning: self.conditioning.clone(),
-            residuals: self.residuals,
-        }
+    pub fn verdict(&self) -> Verdict {
+        self.findings.verdict()
     }
 }
 
@@ -175,4 +155,47 @@ impl Tally {
 
 fn wide(count: usize) -> u64 {
     u64::try_from(count).unwrap_or(u64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::{Value, json};
+
+    /// A record as it was written before there were parts.
+    fn record() -> Value {
+        let recipe = json!({"method": "section_line", "epsilon_mm": 0.111, "points_min": 20, "radius": "free"});
+        let axis = json!({"p": 0.01, "q": -0.02, "y0": 1.5, "z0": -2.5});
+        let matrix = json!([
+            [1e-9, 0.0, 0.0, 0.0, 0.0],
+            [0.0, 1e-9, 0.0, 0.0, 0.0],
+            [0.0, 0.0, 1e-4, 0.0, 0.0],
+            [0.0, 0.0, 0.0, 1e-4, 0.0],
+            [0.0, 0.0, 0.0, 0.0, 1e-4]
+        ]);
+        let budget = json!([{"source": "repeatability", "standard": [1e-5, 1e-5, 0.01, 0.01, 0.01]}]);
+        let pose = json!({"axis": axis, "x_ref": 55.0, "radius": 200.0, "radius_source": "fitted",
+            "uncertainty": {"covariance": matrix, "budget": budget}});
+        json!({
+            "id": "m-0199f0c8-0000-7000-8000-000000000000", "created_at": "2026-01-02T03:04:05Z", "duration_ms": 12,
+            "scan_sha256": "00", "format": "csv", "unit": "mm", "profile_rule": "column=profile", "points_count": 720,
+            "missing_count": 0, "recipe": recipe, "recipe_name": null, "software": "coaxis 0.1.0",
+            "method": "section_line", "outcome": {"accepted": pose},
+            "conditioning": {"arc": 2.4, "axial_length": 110.0, "warnings": [{"code": "short_arc", "arc_deg": 97.0}]},
+            "residuals": {"sigma": 0.05, "inlier_ratio": 0.97},
+            "tally": {"total_count": 12, "valid_count": 10, "rejected": {"low_inlier_ratio": 2}}
+        })
+    }
+
+    #[test]
+    fn a_record_from_before_there_were_parts_reads_and_writes_as_it_was() {
+        let text = record().to_string();
+        let measurement: Measurement = serde_json::from_str(&text).expect("readable");
+        assert_eq!(measurement.verdict(), Verdict::Accepted);
+        assert_eq!(
+            measurement.findings.sole().and_then(|finding| finding.residuals).map(|r| r.inlier_ratio),
+            Some(0.97)
+        );
+        assert_eq!(serde_json::to_value(&measurement).expect("JSON"), record());
+    }
 }

@@ -10,6 +10,7 @@ mod answer;
 mod clock;
 mod compute;
 mod error;
+mod findings;
 mod measure;
 mod measurement;
 mod offline;
@@ -21,11 +22,13 @@ mod scans;
 #[cfg(test)]
 mod tests;
 mod upload;
+mod view;
 
 pub use answer::{Accepted, Answer, Order, RequestId};
 pub use clock::Stopwatch;
 pub use compute::{Compute, ComputeError, Load};
 pub use error::{ContentError, ServiceError};
+pub use findings::{Chosen, Finding, Findings, MeasuredPart};
 pub use measure::{Decoded, MeasureError, Measured, Prepared, measure, prepare, read};
 pub use measurement::{Identity, Measurement, SOFTWARE, Tally, Verdict};
 pub use offline::{Offline, measure_offline};
@@ -34,6 +37,7 @@ pub use recipes::{Put, RecipeName, StoredRecipe};
 pub use records::Last;
 pub use scans::{Content, Kept, Origin};
 pub use upload::{Arrived, Upload};
+pub use view::View;
 
 use crate::config::Config;
 use crate::estimation::Settings;

@@ -3,7 +3,7 @@
 
 use super::clock::Clock;
 use super::{Identity, MeasureError, Measurement, Origin, Resolved, measure};
-use crate::estimation::{Estimate, Progress};
+use crate::estimation::{Profile, Progress};
 use crate::scan::Scan;
 use crate::scan::decode::{Encoding, Limits, inflate};
 use sha2::{Digest, Sha256};
@@ -14,8 +14,8 @@ use std::io::{self, BufRead, Read};
 pub struct Offline {
     /// The record, as the service would keep it.
     pub measurement: Measurement,
-    /// The estimate with its profiles.
-    pub estimate: Estimate,
+    /// What became of every profile, in station order.
+    pub profiles: Vec<Profile>,
     /// The profiles' points, for pictures.
     pub scan: Scan,
 }
@@ -51,8 +51,7 @@ pub fn measure_offline(
         recipe_name: None,
     };
     let (measurement, profiles) = Measurement::record(identity, &measured.prepared, measured.estimate, resolved);
-    let estimate = measurement.estimate(profiles);
-    Ok(Offline { measurement, estimate, scan: measured.prepared.scan })
+    Ok(Offline { measurement, profiles, scan: measured.prepared.scan })
 }
 
 /// Hashes whatever is taken from it.

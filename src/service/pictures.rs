@@ -1,6 +1,6 @@
 //! Pictures of recorded measurements, drawn anew from the kept scan. Must not know how a picture looks.
 
-use super::{Measurement, Origin, Resolved, Service, ServiceError};
+use super::{Measurement, Origin, Resolved, Service, ServiceError, View};
 use crate::estimation::Profile;
 use crate::plot::{Picture, Subject, draw};
 use crate::scan::decode::Limits;
@@ -8,44 +8,58 @@ use std::fs::File;
 use std::io::BufReader;
 
 impl Service {
-    /// Draws a picture of a measurement; `profile` is the index of the one that a section shows.
+    /// Draws a picture of a measurement, or of a part of it; `profile` is the index of the one that a section shows.
     ///
     /// # Errors
-    /// [`ServiceError::MeasurementUnknown`], [`ServiceError::ProfileUnknown`], [`ServiceError::ScanFileMissing`],
-    /// [`ServiceError::Compute`] where as many pictures wait as may.
-    pub async fn picture(&self, id: &str, picture: Picture, profile: Option<u64>) -> Result<String, ServiceError> {
+    /// [`ServiceError::MeasurementUnknown`], [`ServiceError::PartUnknown`], [`ServiceError::ProfileUnknown`],
+    /// [`ServiceError::ScanFileMissing`], [`ServiceError::Compute`] where as many pictures wait as may.
+    pub async fn picture(
+        &self,
+        id: &str,
+        picture: Picture,
+        part: Option<String>,
+        profile: Option<u64>,
+    ) -> Result<String, ServiceError> {
         let measurement = self.measurement(id).await?;
         let profiles_count = measurement.tally.total_count;
         if let Some(index) = profile.filter(|index| *index >= profiles_count) {
             return Err(ServiceError::ProfileUnknown { index, profiles_count });
         }
         let profile = profile.and_then(|index| usize::try_from(index).ok());
+        let of_profile = || measurement.findings.part_of_profile(profile?).map(str::to_owned);
+        let part = part.or_else(of_profile);
+        measurement.findings.choose(part.as_deref())?;
         let profiles = self.profiles(id).await?;
         let resolved = measurement.recipe.resolve(&self.defaults)?;
         let scan_id = measurement.scan_id();
         let file = self.store.open_scan(&scan_id).await?;
         let file = file.ok_or(ServiceError::ScanFileMissing { id: scan_id })?;
         let limits = self.capacity.scan.clone();
-        let view = View { measurement, profiles, resolved, picture, profile };
-        Ok(self.drawing.run(move || view.draw(file, &limits)).await??)
+        let wanted = Wanted { measurement, profiles, resolved, picture, part, profile };
+        self.drawing.run(move || wanted.draw(file, &limits)).await?
     }
 }
 
-struct View {
+struct Wanted {
     measurement: Measurement,
     profiles: Vec<Profile>,
     resolved: Resolved,
     picture: Picture,
+    part: Option<String>,
     profile: Option<usize>,
 }
 
-impl View {
-    fn draw(self, file: File, limits: &Limits) -> Result<String, super::MeasureError> {
-        let Self { measurement, profiles, resolved, picture, profile } = self;
+impl Wanted {
+    fn draw(self, file: File, limits: &Limits) -> Result<String, ServiceError> {
+        let Self { measurement, profiles, resolved, picture, part, profile } = self;
         let origin = Origin { parameter: Some(measurement.format), ..Origin::default() };
         let mut reader = BufReader::with_capacity(super::answer::READ_BLOCK_BYTES, file);
         let prepared = super::prepare(&mut reader, &origin.claims(), &resolved, limits)?;
-        let subject = Subject { title: &measurement.id, epsilon_mm: resolved.settings.epsilon_mm, profile };
-        Ok(draw(picture, &prepared.scan, &measurement.estimate(profiles), &subject))
+        let chosen = measurement.findings.choose(part.as_deref())?;
+        let View { scan, estimate, first_profile, part } = measurement.view(&prepared.scan, &profiles, chosen, profile);
+        let title = part.map_or_else(|| measurement.id.clone(), |part| format!("{}, part {part}", measurement.id));
+        let profile = profile.map(|index| index.saturating_sub(first_profile));
+        let subject = Subject { title: &title, epsilon_mm: resolved.settings.epsilon_mm, profile, first_profile };
+        Ok(draw(picture, &scan, &estimate, &subject))
     }
 }

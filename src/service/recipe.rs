@@ -1,7 +1,7 @@
 //! How a kind of part is measured: what the operator may say, checked, laid over what somebody else said, and resolved
 //! into what scan and estimation take. Must not know where a recipe is kept, nor how it is sent.
 
-use crate::estimation::{Method, RadiusRule, SettingError, Settings, TypeB};
+use crate::estimation::{Method, PartRule, PartsError, RadiusRule, SettingError, Settings, TypeB};
 use crate::geometry::{Frame, FrameError};
 use crate::scan::decode::Unit;
 use crate::scan::slice::{Region, RegionError, SliceRequest};
@@ -75,6 +75,9 @@ pub struct Recipe {
     /// What of the scan is looked at, in the rail frame; all of it where nobody says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub region: Option<Region>,
+    /// Which profiles belong to one part; all of them where nobody says.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub parts: Option<PartRule>,
 }
 
 /// A recipe with nothing left to say: what a measurement is made with.
@@ -86,6 +89,8 @@ pub struct Resolved {
     pub unit: Option<Unit>,
     /// For the cutting into profiles.
     pub slicing: SliceRequest,
+    /// For the cutting into parts.
+    pub parts: PartRule,
     /// All of it in the words of a recipe, defaults filled in: goes into the record.
     pub recipe: Recipe,
 }
@@ -118,6 +123,9 @@ pub enum RecipeError {
     /// A bound of the region is no range.
     #[error("region: {0}")]
     Region(#[from] RegionError),
+    /// The parts cannot be looked for like that.
+    #[error("parts: {0}")]
+    Parts(#[from] PartsError),
     /// More text than a description is.
     #[error("the description has {characters_count} characters, at most {characters_max} are kept")]
     DescriptionTooLong {
@@ -177,6 +185,7 @@ impl Recipe {
             profile_by: self.profile_by.or_else(|| under.profile_by.clone()),
             frame: self.frame.or(under.frame),
             region: self.region.or(under.region),
+            parts: self.parts.or_else(|| under.parts.clone()),
         }
     }
 
@@ -195,7 +204,9 @@ impl Recipe {
     pub fn resolve(&self, defaults: &Settings) -> Result<Resolved, RecipeError> {
         self.check_description()?;
         let settings = self.settings(defaults)?;
-        settings.check()?;
+        let parts = self.parts.clone().unwrap_or_default();
+        parts.settings(&settings).check()?;
+        parts.check(&settings)?;
         if let Some(frame) = &self.frame {
             frame.rotation()?;
         }
@@ -204,7 +215,7 @@ impl Recipe {
         }
         let rule = self.profile_by.as_deref().map(ProfileRule::parse).transpose()?;
         let slicing = SliceRequest { rule, frame: self.frame, region: self.region };
-        Ok(Resolved { settings, unit: self.unit, slicing, recipe: self.filled(&settings) })
+        Ok(Resolved { settings, unit: self.unit, slicing, parts, recipe: self.filled(&settings) })
     }
 
     fn settings(&self, default: &Settings) -> Result<Settings, RecipeError> {

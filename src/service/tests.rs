@@ -90,11 +90,11 @@ async fn pictures_and_measurements_take_no_place_from_each_other() {
     let service = open(&folder).await;
     let id = measure_once(&service, order("first")).await.measurement.id;
     let (end, held) = occupy(&service.compute).await;
-    service.picture(&id, Picture::Centres, None).await.expect("drawn beside a measurement");
+    service.picture(&id, Picture::Centres, None, None).await.expect("drawn beside a measurement");
     drop(end);
     held.await.expect("joined");
     let (end, held) = occupy(&service.drawing).await;
-    let refused = service.picture(&id, Picture::Centres, None).await.expect_err("none may wait");
+    let refused = service.picture(&id, Picture::Centres, None, None).await.expect_err("none may wait");
     assert!(matches!(refused, ServiceError::Compute(ComputeError::Busy { .. })), "{refused}");
     assert!(!measure_once(&service, order("second")).await.replayed);
     drop(end);

@@ -3,7 +3,7 @@
 use coaxis::geometry::AxisLine;
 use coaxis::scan::decode::Format;
 use coaxis::scan::encode::encode;
-use coaxis::scan::synthetic::{Part, make};
+use coaxis::scan::synthetic::{Part, make, make_several};
 use std::fmt::Write as _;
 use std::io::Write as _;
 
@@ -14,6 +14,17 @@ pub(crate) fn exact_csv() -> Vec<u8> {
         &Part { axis, length_mm: 110.0, profiles_count: 12, points_count: 60, noise_sigma_mm: 0.0, ..Part::smooth(1) },
         Format::Csv,
     )
+}
+
+/// The same part from x = 0 to 110 mm and, from 200 to 310 mm, one of 150 mm radius with p = −0.02, q = 0.01, y0 = 7, z0 = −45.
+pub(crate) fn two_parts_csv() -> Vec<u8> {
+    let exact = Part { length_mm: 110.0, profiles_count: 12, points_count: 60, noise_sigma_mm: 0.0, ..Part::smooth(1) };
+    let first = Part { axis: AxisLine { p: 0.01, q: -0.02, y0: 1.5, z0: -2.5 }, ..exact };
+    let axis = AxisLine { p: -0.02, q: 0.01, y0: 7.0, z0: -45.0 };
+    let second = Part { axis, radius_mm: 150.0, x_start_mm: 200.0, ..exact };
+    let mut bytes = Vec::new();
+    encode(&make_several(&[first, second]).expect("a scan").0, Format::Csv, &mut bytes).expect("written");
+    bytes
 }
 
 /// A scan that takes a while: 400 profiles of 640 points, with interference.

@@ -10,6 +10,7 @@ mod harness;
 mod life;
 mod limits;
 mod measurements;
+mod parts;
 mod recipes;
 mod scans;
 mod wrong_scans;

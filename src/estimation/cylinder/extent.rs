@@ -28,7 +28,7 @@ pub(super) fn size(sample: &Sample) -> f64 {
 ///
 /// The noise where profiles are in order; too large where they are shuffled, too small where the noise is correlated: good
 /// enough to say what is near.
-pub(super) fn roughness(scan: &Scan) -> f64 {
+pub(in crate::estimation) fn roughness(scan: &Scan) -> f64 {
     let (mut y, mut z, mut squared) = (Vec::new(), Vec::new(), Vec::new());
     let stride = scan.stations().len().div_ceil(PROFILES_MAX).max(1);
     for station in scan.stations().iter().step_by(stride) {

@@ -8,7 +8,7 @@
 
 mod candidates;
 mod consensus;
-mod extent;
+pub(super) mod extent;
 mod form;
 mod judge;
 mod known;

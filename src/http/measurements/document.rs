@@ -2,8 +2,9 @@
 //! what is not known is null. Must not know how it was made.
 
 use super::super::recipes::RecipeDocument;
+use super::parts::{PartDocument, pose};
 use super::uncertainty::UncertaintyDocument;
-use crate::estimation::{Conditioning, Outcome, Pose, RadiusSource, Reason, Refusal, Residuals, Warning};
+use crate::estimation::{Conditioning, Pose, RadiusSource, Reason, Refusal, Residuals, Warning};
 use crate::service::{Measurement, Tally, Verdict};
 use jiff::Timestamp;
 use serde::Serialize;
@@ -20,7 +21,7 @@ pub struct MeasurementDocument {
     pub id: String,
     /// Always `done`: a file is measured before the answer.
     pub state: State,
-    /// Whether there is a pose.
+    /// Whether there is a pose, of every part where there are several.
     pub verdict: VerdictName,
     /// How the pose was found.
     #[schema(example = "section_line")]
@@ -30,19 +31,25 @@ pub struct MeasurementDocument {
     pub created_at: Timestamp,
     /// From the beginning of the reading to the end of the calculation.
     pub duration_ms: u64,
-    /// The pose of the part's axis; null where the verdict is `refused`.
+    /// The pose of the part's axis; null where the verdict is `refused`, or there is not exactly one part.
     pub pose: Option<PoseDocument>,
-    /// How well the pose is known; null where the verdict is `refused`.
+    /// How well the pose is known; null where the verdict is `refused`, or there is not exactly one part.
     pub uncertainty: Option<UncertaintyDocument>,
-    /// How well the geometry of the scan determines a pose.
-    pub conditioning: ConditioningDocument,
-    /// What became of the profiles.
+    /// How well the geometry of the scan determines a pose; null where there is not exactly one part.
+    pub conditioning: Option<ConditioningDocument>,
+    /// What became of all profiles of the scan.
     pub profiles: TallyDocument,
-    /// How the points of the valid profiles lie about their sections; null where no profile is valid.
+    /// How the points of the valid profiles lie about their sections; null where no profile is valid, or there is not exactly
+    /// one part.
     pub residuals: Option<ResidualsDocument>,
+    /// How many parts there are; null where the recipe does not ask for parts.
+    pub parts_count: Option<u64>,
+    /// The parts in order of x; null where the recipe does not ask for parts.
+    pub parts: Option<Vec<PartDocument>>,
     /// Where the result comes from.
     pub provenance: ProvenanceDocument,
-    /// Why there is no pose; null where the verdict is `accepted`.
+    /// Why there is no pose; null where the verdict is `accepted`. Of several parts it is the first one's that was refused,
+    /// and `part` names it.
     pub refusal: Option<ReasonDocument>,
 }
 
@@ -194,10 +201,11 @@ pub struct ReasonDocument {
 
 impl From<&Measurement> for MeasurementDocument {
     fn from(measurement: &Measurement) -> Self {
-        let (pose, refusal) = match &measurement.outcome {
-            Outcome::Accepted(pose) => (Some(pose.as_ref()), None),
-            Outcome::Refused(refusal) => (None, Some(refusal)),
-        };
+        let (findings, sole) = (&measurement.findings, measurement.findings.sole());
+        let refusal = findings.refusal().map(|(part, refusal)| match part {
+            Some(part) => ReasonDocument::from(refusal).of_part(part),
+            None => refusal.into(),
+        });
         Self {
             id: measurement.id.clone(),
             state: State::Done,
@@ -205,13 +213,15 @@ impl From<&Measurement> for MeasurementDocument {
             method: measurement.method.name(),
             created_at: measurement.created_at,
             duration_ms: measurement.duration_ms,
-            pose: pose.map(PoseDocument::from),
-            uncertainty: pose.map(UncertaintyDocument::from),
-            conditioning: (&measurement.conditioning).into(),
+            pose: sole.and_then(pose).map(PoseDocument::from),
+            uncertainty: sole.and_then(pose).map(UncertaintyDocument::from),
+            conditioning: sole.map(|finding| (&finding.conditioning).into()),
             profiles: (&measurement.tally).into(),
-            residuals: measurement.residuals.map(ResidualsDocument::from),
+            residuals: sole.and_then(|finding| finding.residuals).map(ResidualsDocument::from),
+            parts_count: findings.parts_count(),
+            parts: findings.parts().map(|parts| parts.iter().map(PartDocument::from).collect()),
             provenance: measurement.into(),
-            refusal: refusal.map(ReasonDocument::from),
+            refusal,
         }
     }
 }
@@ -287,6 +297,14 @@ impl From<&Measurement> for ProvenanceDocument {
             calibration_id: None,
             software: measurement.software.clone(),
         }
+    }
+}
+
+impl ReasonDocument {
+    fn of_part(mut self, part: &str) -> Self {
+        self.detail = format!("part {part}: {}", self.detail);
+        self.numbers.insert("part".to_owned(), part.into());
+        self
     }
 }
 

@@ -2,16 +2,19 @@
 
 mod create;
 mod document;
+mod parts;
 mod plc;
 mod plots;
 mod profiles;
 mod uncertainty;
 
 pub(super) use create::{__path_create_measurement, create_measurement};
-pub use document::MeasurementDocument;
+pub use document::{MeasurementDocument, PoseDocument, ReasonDocument, TallyDocument, VerdictName};
+pub use parts::PartDocument;
 pub(super) use plots::{__path_get_plot, get_plot};
 pub(super) use profiles::{__path_list_profiles, list_profiles};
 pub use profiles::{ProfileDocument, profiles_csv};
+pub use uncertainty::UncertaintyDocument;
 
 use super::app::App;
 use super::extract::{Path, Query};
@@ -98,6 +101,9 @@ pub(super) struct GetQuery {
     /// `plc` gives integers in one flat object below 512 bytes.
     #[param(inline)]
     view: Option<View>,
+    /// Which part `plc` shows, by name or by number from 1 in order of x; the first where nothing is said.
+    #[param(pattern = "^[A-Za-z0-9_-]{1,32}$")]
+    part: Option<String>,
     /// How long to wait for the end of the measurement; a file is measured before its answer, so nobody has to wait.
     #[param(minimum = 0, maximum = 60)]
     wait_s: Option<u8>,
@@ -125,7 +131,8 @@ pub(super) enum Shown {
 
 /// Get a measurement
 ///
-/// The whole document, or with `?view=plc` integers in one flat object below 512 bytes.
+/// The whole document, or with `?view=plc` integers in one flat object below 512 bytes. Of several parts that is one
+/// part, the first unless `?part=` says which.
 #[utoipa::path(
     get, path = "/v1/measurements/{id}", tag = "measurements",
     params(("id" = String, Path, description = "Id of the measurement"), GetQuery),
@@ -136,16 +143,23 @@ pub(super) async fn get_measurement(
     Path(id): Path<String>,
     Query(query): Query<GetQuery>,
 ) -> Result<Response, Problem> {
-    query.check_wait()?;
+    query.check()?;
     let measurement = app.service.measurement(&id).await?;
     Ok(match query.view.unwrap_or(View::Full) {
         View::Full => Json(Shown::Full(Box::new((&measurement).into()))).into_response(),
-        View::Plc => Json(Shown::Plc(Box::new((&measurement).into()))).into_response(),
+        View::Plc => {
+            let chosen = measurement.findings.choose(query.part.as_deref())?;
+            Json(Shown::Plc(Box::new(PlcDocument::new(&measurement, chosen)))).into_response()
+        }
     })
 }
 
 impl GetQuery {
-    fn check_wait(&self) -> Result<(), Problem> {
+    fn check(&self) -> Result<(), Problem> {
+        if self.part.is_some() && self.view != Some(View::Plc) {
+            let detail = "part goes with view=plc; the whole document has all parts";
+            return Err(Problem::new(super::problem::Code::QueryInvalid, detail));
+        }
         match self.wait_s {
             Some(wait_s) if wait_s > 60 => {
                 let detail = format!("wait_s must be between 0 and 60, got {wait_s}");

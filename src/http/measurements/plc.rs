@@ -1,13 +1,15 @@
 //! A measurement for a PLC: one flat object of integers, below 512 bytes, fixed keys in a fixed order. Angles in 10⁻⁶
 //! degrees (`_udeg`), lengths in 10⁻⁶ metres (`_um`); null for what is not known. Must not know how it was made.
 
-use super::document::MeasurementDocument;
-use crate::estimation::{Outcome, Refusal};
-use crate::service::{Measurement, Verdict};
+use super::document::PoseDocument;
+use super::parts::pose;
+use super::uncertainty::UncertaintyDocument;
+use crate::estimation::Refusal;
+use crate::service::{Chosen, Measurement};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-/// A measurement as integers.
+/// A measurement as integers; of several parts one of them.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 #[schema(as = PlcMeasurement)]
 pub(in super::super) struct PlcDocument {
@@ -18,8 +20,8 @@ pub(in super::super) struct PlcDocument {
     verdict_code: u8,
     /// 0 none, 1 too_few_profiles, 2 points_identical, 3 points_collinear, 4 too_few_valid_profiles,
     /// 5 axial_length_too_short, 6 sections_disagree, 7 no_cylinder, 8 two_cylinders, 9 pose_undetermined,
-    /// 10 sections_not_round.
-    #[schema(minimum = 0, maximum = 10)]
+    /// 10 sections_not_round, 11 parts_count_differs, 12 window_empty.
+    #[schema(minimum = 0, maximum = 12)]
     refusal_code: u8,
     /// Warnings; read the whole document where there are any.
     warnings_count: u64,
@@ -51,39 +53,51 @@ pub(in super::super) struct PlcDocument {
     profiles_valid_count: u64,
     /// All profiles.
     profiles_total_count: u64,
+    /// Number of the part that is shown, from 1; 0 where the scan was refused before it had parts.
+    part: u64,
+    /// How many parts there are to be shown.
+    parts_count: u64,
 }
 
-impl From<&Measurement> for PlcDocument {
-    fn from(measurement: &Measurement) -> Self {
-        let document = MeasurementDocument::from(measurement);
-        let (pose, known) = (document.pose.as_ref(), document.uncertainty.as_ref().map(|u| u.expanded));
+impl PlcDocument {
+    /// The part that was chosen, or all of the scan where there are none.
+    pub(super) fn new(measurement: &Measurement, chosen: Chosen<'_>) -> Self {
+        let (finding, tally, part) = match chosen {
+            Chosen::Whole(finding) => (Some(finding), &measurement.tally, 1),
+            Chosen::Part(part, number) => (Some(&part.finding), &part.tally, number),
+            Chosen::None(_) => (None, &measurement.tally, 0),
+        };
+        let refusal = match chosen {
+            Chosen::None(refusal) => Some(refusal),
+            Chosen::Whole(_) | Chosen::Part(..) => finding.and_then(|finding| finding.refusal()),
+        };
+        let pose = finding.and_then(pose);
+        let known = pose.map(|pose| UncertaintyDocument::from(pose).expanded);
+        let pose = pose.map(PoseDocument::from);
         let micro = |value: f64| whole(value * 1e6);
         let um = |value: f64| whole(value * 1e3);
+        let wide = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
         Self {
-            verdict_code: match measurement.verdict() {
-                Verdict::Accepted => 1,
-                Verdict::Refused => 2,
-            },
-            refusal_code: match &measurement.outcome {
-                Outcome::Accepted(_) => 0,
-                Outcome::Refused(refusal) => number_of(refusal),
-            },
-            warnings_count: u64::try_from(document.conditioning.warnings.len()).unwrap_or(u64::MAX),
-            deflection_udeg: pose.and_then(|pose| micro(pose.deflection_deg)),
-            pitch_udeg: pose.and_then(|pose| micro(pose.pitch_deg)),
-            y_c0_um: pose.and_then(|pose| um(pose.y_c0_mm)),
-            z_c0_um: pose.and_then(|pose| um(pose.z_c0_mm)),
-            x_ref_um: pose.and_then(|pose| um(pose.x_ref_mm)),
-            y_ref_um: pose.and_then(|pose| um(pose.y_ref_mm)),
-            z_ref_um: pose.and_then(|pose| um(pose.z_ref_mm)),
-            radius_um: pose.and_then(|pose| um(pose.radius_mm)),
+            id: measurement.id.clone(),
+            verdict_code: if refusal.is_none() { 1 } else { 2 },
+            refusal_code: refusal.map_or(0, number_of),
+            warnings_count: finding.map_or(0, |finding| wide(finding.conditioning.warnings.len())),
+            deflection_udeg: pose.as_ref().and_then(|pose| micro(pose.deflection_deg)),
+            pitch_udeg: pose.as_ref().and_then(|pose| micro(pose.pitch_deg)),
+            y_c0_um: pose.as_ref().and_then(|pose| um(pose.y_c0_mm)),
+            z_c0_um: pose.as_ref().and_then(|pose| um(pose.z_c0_mm)),
+            x_ref_um: pose.as_ref().and_then(|pose| um(pose.x_ref_mm)),
+            y_ref_um: pose.as_ref().and_then(|pose| um(pose.y_ref_mm)),
+            z_ref_um: pose.as_ref().and_then(|pose| um(pose.z_ref_mm)),
+            radius_um: pose.as_ref().and_then(|pose| um(pose.radius_mm)),
             u_deflection_udeg: known.and_then(|known| micro(known.deflection_deg)),
             u_pitch_udeg: known.and_then(|known| micro(known.pitch_deg)),
             u_y_ref_um: known.and_then(|known| um(known.y_ref_mm)),
             u_z_ref_um: known.and_then(|known| um(known.z_ref_mm)),
-            profiles_valid_count: document.profiles.valid_count,
-            profiles_total_count: document.profiles.total_count,
-            id: document.id,
+            profiles_valid_count: tally.valid_count,
+            profiles_total_count: tally.total_count,
+            part: wide(part),
+            parts_count: wide(measurement.findings.parts().map_or(1, <[_]>::len)),
         }
     }
 }
@@ -100,6 +114,8 @@ const fn number_of(refusal: &Refusal) -> u8 {
         Refusal::TwoCylinders { .. } => 8,
         Refusal::PoseUndetermined { .. } => 9,
         Refusal::SectionsNotRound { .. } => 10,
+        Refusal::PartsCountDiffers { .. } => 11,
+        Refusal::WindowEmpty { .. } => 12,
     }
 }
 
@@ -113,6 +129,35 @@ fn whole(value: f64) -> Option<i64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_longest_view_stays_below_512_bytes() {
+        let (most, length) = (Some(i64::from(i32::MAX)), Some(-i64::from(i32::MAX)));
+        let view = PlcDocument {
+            id: "m-0199f0c8-0000-7000-8000-000000000000".to_owned(),
+            verdict_code: 1,
+            refusal_code: 0,
+            warnings_count: 9,
+            deflection_udeg: length,
+            pitch_udeg: length,
+            y_c0_um: length,
+            z_c0_um: length,
+            x_ref_um: length,
+            y_ref_um: length,
+            z_ref_um: length,
+            radius_um: most,
+            u_deflection_udeg: most,
+            u_pitch_udeg: most,
+            u_y_ref_um: most,
+            u_z_ref_um: most,
+            profiles_valid_count: 100_000,
+            profiles_total_count: 100_000,
+            part: 16,
+            parts_count: 16,
+        };
+        let bytes_count = serde_json::to_vec(&view).expect("JSON").len();
+        assert!(bytes_count < 512, "{bytes_count}");
+    }
 
     #[test]
     fn a_value_that_no_word_holds_is_unknown_not_cut() {

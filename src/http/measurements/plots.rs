@@ -47,6 +47,10 @@ pub(in super::super) struct PlotQuery {
     /// Index of the profile that `section.svg` shows, from 0; the valid one nearest to the middle where nothing is said.
     #[param(minimum = 0, maximum = 4_294_967_295_u64)]
     profile: Option<u32>,
+    /// Which part is shown, by name or by number from 1 in order of x; the first where nothing is said. Not together with
+    /// `profile`, which says it already.
+    #[param(pattern = "^[A-Za-z0-9_-]{1,32}$")]
+    part: Option<String>,
 }
 
 /// Pictures are for people to look at: SVG with styles of its own, and nothing else.
@@ -74,7 +78,11 @@ pub(in super::super) async fn get_plot(
         let names: Vec<_> = Picture::ALL.iter().map(|picture| format!("{}.svg", picture.name())).collect();
         Problem::new(Code::RouteUnknown, format!("there is no picture {file}; there are {}", names.join(", ")))
     })?;
-    let svg = app.service.picture(&id, picture, query.profile.map(u64::from)).await?;
+    if query.part.is_some() && query.profile.is_some() {
+        let detail = "give part or profile: a profile is counted over the whole scan and belongs to its part";
+        return Err(Problem::new(Code::QueryInvalid, detail));
+    }
+    let svg = app.service.picture(&id, picture, query.part, query.profile.map(u64::from)).await?;
     let headers = [(header::CONTENT_TYPE, "image/svg+xml"), (header::CONTENT_SECURITY_POLICY, CONTENT_SECURITY)];
     Ok((headers, svg).into_response())
 }

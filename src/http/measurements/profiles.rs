@@ -7,11 +7,13 @@ use super::super::extract::{Path, Query};
 use super::super::paging::link_next;
 use super::super::problem::{Code, Problem};
 use crate::estimation::Profile;
+use crate::service::{Chosen, Findings};
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, Uri, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 use utoipa::{IntoParams, ToSchema};
 
 const CSV: &str = "text/csv";
@@ -54,6 +56,8 @@ pub struct ProfileDocument {
     pub rotation_deg: Option<f64>,
     /// Fits made.
     pub iterations_count: Option<u32>,
+    /// Name of the part that it belongs to; null where the recipe does not ask for parts, or it lies outside of them.
+    pub part: Option<String>,
 }
 
 /// Whether a profile takes part in the pose.
@@ -92,6 +96,9 @@ pub(in super::super) struct ProfilesQuery {
     /// The same as the header Accept, for those who cannot set it.
     #[param(inline)]
     format: Option<ProfilesForm>,
+    /// Only those of this part, by name or by number from 1 in order of x. `cursor` and `total_count` count within it.
+    #[param(pattern = "^[A-Za-z0-9_-]{1,32}$")]
+    part: Option<String>,
 }
 
 /// How profiles are written.
@@ -133,9 +140,13 @@ pub(in super::super) async fn list_profiles(
 ) -> Result<Response, Problem> {
     let form = query.form(&headers)?;
     let limit = query.limit(form)?;
-    let profiles = app.service.profiles(&id).await?;
+    let findings = app.service.measurement(&id).await?.findings;
+    let stations = query.stations(&findings)?;
+    let all = app.service.profiles(&id).await?;
+    let stations = stations.unwrap_or(0..all.len());
+    let profiles = all.get(stations.clone()).unwrap_or_default();
     let first = usize::try_from(query.cursor.unwrap_or(0)).unwrap_or(usize::MAX);
-    let part = documents(&profiles).skip(first).take(limit);
+    let part = documents(profiles, stations.start, &findings).skip(first).take(limit);
     Ok(match form {
         ProfilesForm::Csv => {
             ([(header::CONTENT_TYPE, "text/csv; charset=utf-8; header=present")], csv(part)).into_response()
@@ -157,6 +168,15 @@ impl ProfilesQuery {
         self.format.map_or_else(|| accept::choose(headers, &offered), Ok)
     }
 
+    /// Where the profiles of the part lie that is asked for; `None` for all of the scan.
+    fn stations(&self, findings: &Findings) -> Result<Option<Range<usize>>, Problem> {
+        let Some(asked) = self.part.as_deref() else { return Ok(None) };
+        Ok(match findings.choose(Some(asked))? {
+            Chosen::Part(part, _) => Some(part.stations()),
+            Chosen::Whole(_) | Chosen::None(_) => None,
+        })
+    }
+
     fn limit(&self, form: ProfilesForm) -> Result<usize, Problem> {
         let limit = match (self.limit, form) {
             (Some(limit), _) if !(1..=LIMIT_MAX).contains(&limit) => {
@@ -173,16 +193,19 @@ impl ProfilesQuery {
 
 /// All profiles of an estimate as CSV, RFC 4180, units in the header.
 #[must_use]
-pub fn profiles_csv(profiles: &[Profile]) -> String {
-    csv(documents(profiles))
+pub fn profiles_csv(profiles: &[Profile], findings: &Findings) -> String {
+    csv(documents(profiles, 0, findings))
 }
 
-fn documents(profiles: &[Profile]) -> impl Iterator<Item = ProfileDocument> {
-    profiles.iter().enumerate().map(|(index, profile)| ProfileDocument::new(index, profile))
+/// Profiles of a scan from the one with the index `first` on.
+fn documents(profiles: &[Profile], first: usize, findings: &Findings) -> impl Iterator<Item = ProfileDocument> {
+    let part = |index: usize| findings.part_of_profile(index).map(str::to_owned);
+    let document = move |(index, profile)| ProfileDocument::new(first + index, profile, part(first + index));
+    profiles.iter().enumerate().map(document)
 }
 
 impl ProfileDocument {
-    fn new(index: usize, profile: &Profile) -> Self {
+    fn new(index: usize, profile: &Profile, part: Option<String>) -> Self {
         let wide = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
         let section = profile.section.as_ref();
         Self {
@@ -202,6 +225,7 @@ impl ProfileDocument {
             semi_minor_mm: section.map(|s| s.ellipse.semi_minor),
             rotation_deg: section.map(|s| s.ellipse.rotation.degrees()),
             iterations_count: section.map(|s| s.iterations_count),
+            part,
         }
     }
 }
@@ -210,7 +234,7 @@ impl ProfileDocument {
 fn csv(profiles: impl Iterator<Item = ProfileDocument>) -> String {
     let mut text =
         "index,x_mm,points_count,verdict,reason,inlier_ratio,centre_y_mm,centre_z_mm,offset_mm,rms_mm,sigma_mm,\
-                    arc_deg,semi_major_mm,semi_minor_mm,rotation_deg,iterations_count\r\n"
+                    arc_deg,semi_major_mm,semi_minor_mm,rotation_deg,iterations_count,part\r\n"
             .to_owned();
     for p in profiles {
         let verdict = match p.verdict {
@@ -235,6 +259,7 @@ fn csv(profiles: impl Iterator<Item = ProfileDocument>) -> String {
             cell(p.semi_minor_mm),
             cell(p.rotation_deg),
             p.iterations_count.map(|count| count.to_string()).unwrap_or_default(),
+            p.part.unwrap_or_default(),
         ];
         text += &cells.join(",");
         text += "\r\n";

@@ -60,6 +60,7 @@ codes! {
     MeasurementUnknown    "measurement_unknown"     404 No  "There is no measurement of this id"
     ScanUnknown           "scan_unknown"            404 No  "There is no scan of this id"
     RecipeUnknown         "recipe_unknown"          404 No  "There is no recipe of this name"
+    PartUnknown           "part_unknown"            404 No  "The measurement has no part of this name or number"
     ProfileUnknown        "profile_unknown"         404 No  "The measurement has no profile of this index"
     // The method, the answer's form, the time.
     MethodNotAllowed      "method_not_allowed"      405 No  "The address does not take this method"

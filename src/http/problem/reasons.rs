@@ -51,6 +51,9 @@ impl From<ServiceError> for Problem {
                 Self::new(Code::RequestIdReused, format!("{text}; every new request needs a new id"))
                     .with("reused_request_id", request_id)
             }
+            E::PartUnknown { part, names } => {
+                Self::new(Code::PartUnknown, text).with("part", part).with("parts", names)
+            }
             E::ProfileUnknown { index, profiles_count } => {
                 Self::new(Code::ProfileUnknown, text).with("index", index).with("profiles_count", profiles_count)
             }
@@ -130,16 +133,17 @@ impl From<MeasureError> for Problem {
 fn recipe_problem(code: Code, error: &RecipeError) -> Problem {
     use RecipeError as E;
     let problem = Problem::new(code, error.to_string());
-    match *error {
-        E::OutOfRange { name, allowed, value } => {
+    match error {
+        &E::OutOfRange { name, allowed, value } => {
             problem.with("field", name).with("allowed", allowed).with("value", value)
         }
         E::EpsilonTwice => problem.with("field", "epsilon_noise_multiple"),
         E::NoiseUnknown => problem.with("field", "noise_sigma_mm"),
         E::ProfileRule(_) => problem.with("field", "profile_by"),
         E::Frame(_) => problem.with("field", "frame"),
+        E::Parts(cause) => problem.with("field", format!("parts.{}", cause.field())),
         E::Region(RegionError { axis }) => problem.with("field", format!("region.{axis}")),
-        E::DescriptionTooLong { characters_count, characters_max } => problem
+        &E::DescriptionTooLong { characters_count, characters_max } => problem
             .with("field", "description")
             .with("characters_count", wide(characters_count))
             .with("characters_max", wide(characters_max)),

@@ -1,7 +1,8 @@
 //! A recipe as clients write and read it. Every field may be left out. Must not know what a field does.
 
 use super::super::names::{MethodName, RadiusName, UnitName};
-use crate::estimation::TypeB;
+use super::parts::PartsDocument;
+use super::type_b::TypeBDocument;
 use crate::geometry::Frame;
 use crate::scan::slice::Region;
 use crate::service::Recipe;
@@ -91,31 +92,9 @@ pub struct RecipeDocument {
     /// What of the scan is looked at, in the rail frame.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub region: Option<RegionDocument>,
-}
-
-/// Standard uncertainties from calibration (GUM type B): each one that is not zero is a line of the budget.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields, default)]
-#[schema(as = TypeB)]
-pub struct TypeBDocument {
-    /// How far the stage carries the sensor off a straight line, in y and in z, at any place of the rail.
-    #[schema(minimum = 0.0, maximum = 1000.0)]
-    pub stage_straightness_mm: f64,
-    /// Distance along the rail over which its deviation stays alike, as exp(−distance/this).
-    #[schema(minimum = 1.0, maximum = 100000.0)]
-    pub stage_straightness_length_mm: f64,
-    /// Rotation of the coordinates of the scan against the rail frame, about each axis.
-    #[schema(minimum = 0.0, maximum = 10.0)]
-    pub extrinsics_rotation_deg: f64,
-    /// Place of the coordinates of the scan in the rail frame, along each axis.
-    #[schema(minimum = 0.0, maximum = 1000.0)]
-    pub extrinsics_position_mm: f64,
-    /// Temperature of the part against the one that lengths are stated for.
-    #[schema(minimum = 0.0, maximum = 100.0)]
-    pub temperature_sigma_k: f64,
-    /// How much of its length the part grows by in one kelvin.
-    #[schema(minimum = 0.0, maximum = 0.001)]
-    pub expansion_per_k: f64,
+    /// Which profiles belong to one part, where a scan shows several one behind the other.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub parts: Option<PartsDocument>,
 }
 
 /// The rail frame as seen from the coordinates of a scan.
@@ -175,6 +154,7 @@ impl From<RecipeDocument> for Recipe {
                 z_axis: frame.z_axis,
             }),
             region: document.region.map(|region| Region { x_mm: region.x_mm, y_mm: region.y_mm, z_mm: region.z_mm }),
+            parts: document.parts.map(Into::into),
         }
     }
 }
@@ -211,38 +191,7 @@ impl From<Recipe> for RecipeDocument {
                 y_mm: region.y_mm,
                 z_mm: region.z_mm,
             }),
-        }
-    }
-}
-
-impl Default for TypeBDocument {
-    fn default() -> Self {
-        TypeB::default().into()
-    }
-}
-
-impl From<TypeBDocument> for TypeB {
-    fn from(document: TypeBDocument) -> Self {
-        Self {
-            stage_straightness_mm: document.stage_straightness_mm,
-            stage_straightness_length_mm: document.stage_straightness_length_mm,
-            extrinsics_rotation_deg: document.extrinsics_rotation_deg,
-            extrinsics_position_mm: document.extrinsics_position_mm,
-            temperature_sigma_k: document.temperature_sigma_k,
-            expansion_per_k: document.expansion_per_k,
-        }
-    }
-}
-
-impl From<TypeB> for TypeBDocument {
-    fn from(type_b: TypeB) -> Self {
-        Self {
-            stage_straightness_mm: type_b.stage_straightness_mm,
-            stage_straightness_length_mm: type_b.stage_straightness_length_mm,
-            extrinsics_rotation_deg: type_b.extrinsics_rotation_deg,
-            extrinsics_position_mm: type_b.extrinsics_position_mm,
-            temperature_sigma_k: type_b.temperature_sigma_k,
-            expansion_per_k: type_b.expansion_per_k,
+            parts: recipe.parts.map(Into::into),
         }
     }
 }

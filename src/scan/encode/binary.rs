@@ -39,7 +39,7 @@ pub(super) fn write_ply(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
         Float::Single => "float",
         Float::Double => "double",
     };
-    write!(out, "ply\nformat binary_little_endian 1.0\ncomment unit: mm\nelement vertex {}\n", scan.columns().len())?;
+    write!(out, "ply\nformat binary_little_endian 1.0\ncomment unit: mm\nelement vertex {}\n", scan.points().len())?;
     ["x", "y", "z"].iter().try_for_each(|axis| writeln!(out, "property {kind} {axis}"))?;
     writeln!(out, "end_header")?;
     for station in scan.stations() {

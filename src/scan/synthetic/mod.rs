@@ -4,8 +4,10 @@
 //! Every profile is seen from above (+Z): its directions are spread evenly over the arc, and a feature moves its points
 //! along the line of sight from the axis, so that the true section is the ellipse of [`AxisLine::section`].
 
+mod several;
 mod truth;
 
+pub use several::make_several;
 pub use truth::{Bound, Truth};
 
 use super::{Columns, Scan, ScanError, Station};

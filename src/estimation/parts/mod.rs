@@ -1,0 +1,171 @@
+//! Several parts in one scan, one behind the other on the rail: the scan is cut along x, and each piece is estimated as if it
+//! had come alone. Knows scan; must not know where a rule came from.
+//!
+//! ```text
+//! Scan --windows or gap--> ranges of stations --Scan::part--> Scans that share its points --estimate--> Estimate, each
+//! ```
+
+mod gap;
+mod rule;
+mod shows;
+
+pub use rule::{ByGap, PARTS_MAX, PartRule, PartsError, Window};
+
+use super::unusable::unusable;
+use super::{Conditioning, Estimate, Outcome, Profile, Progress, Reason, Refusal, Settings, estimate};
+use crate::scan::Scan;
+use std::ops::Range;
+
+/// What was found in a scan.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ScanEstimate {
+    /// Of all of it, where no parts were asked for.
+    Whole(Estimate),
+    /// Of its parts.
+    Parts(Parts),
+}
+
+/// The parts of a scan and what lies outside of them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parts {
+    /// In order of x.
+    pub parts: Vec<PartEstimate>,
+    /// Why the scan is not one of such parts, whatever each of them says.
+    pub refusal: Option<Refusal>,
+    /// The profiles that belong to no part, in station order.
+    pub outside: Vec<Profile>,
+}
+
+/// One part.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PartEstimate {
+    /// What it is called.
+    pub name: String,
+    /// Its window along x, or where its first and last profile lie, mm.
+    pub x_mm: [f64; 2],
+    /// Its profiles among those of the scan.
+    pub stations: Range<usize>,
+    /// What was found, as if the part had come alone.
+    pub estimate: Estimate,
+}
+
+impl Parts {
+    /// What became of every profile of the scan, in station order.
+    #[must_use]
+    pub fn profiles(&self) -> Vec<Profile> {
+        let mut outside = self.outside.iter().cloned();
+        let mut profiles: Vec<Profile> = Vec::new();
+        for part in &self.parts {
+            let before = part.stations.start.saturating_sub(profiles.len());
+            profiles.extend(outside.by_ref().take(before));
+            profiles.extend_from_slice(&part.estimate.profiles);
+        }
+        profiles.extend(outside);
+        profiles
+    }
+}
+
+/// A piece of a scan that is to be one part.
+struct Piece {
+    name: String,
+    x_mm: [f64; 2],
+    stations: Range<usize>,
+    settings: Settings,
+}
+
+/// The measurement of every part that the rule tells of. The result does not depend on the number of threads, and that of a
+/// part not on the others.
+#[must_use]
+pub fn estimate_parts(scan: &Scan, settings: &Settings, rule: &PartRule, progress: &Progress) -> ScanEstimate {
+    match rule {
+        PartRule::One => ScanEstimate::Whole(estimate(scan, settings, progress)),
+        PartRule::Windows(windows) => {
+            ScanEstimate::Parts(measure(scan, &in_windows(scan, settings, windows), progress))
+        }
+        PartRule::ByGap(rule) => ScanEstimate::Parts(between_gaps(scan, settings, rule, progress)),
+    }
+}
+
+fn in_windows(scan: &Scan, settings: &Settings, windows: &[Window]) -> Vec<Piece> {
+    let mut windows: Vec<&Window> = windows.iter().collect();
+    windows.sort_by(|a, b| a.x_min_mm.total_cmp(&b.x_min_mm));
+    let mut end = 0;
+    let piece = |window: &Window| {
+        let below = |x: f64| scan.stations().partition_point(|station| station.x < x);
+        let up_to = |x: f64| scan.stations().partition_point(|station| station.x <= x);
+        // A profile where two windows meet is of the first.
+        let start = below(window.x_min_mm).max(end);
+        end = up_to(window.x_max_mm).max(start);
+        let x_mm = [window.x_min_mm, window.x_max_mm];
+        Piece { name: window.name.clone(), x_mm, stations: start..end, settings: window.settings(settings) }
+    };
+    windows.into_iter().map(piece).collect()
+}
+
+fn between_gaps(scan: &Scan, settings: &Settings, rule: &ByGap, progress: &Progress) -> Parts {
+    let found = gap::parts(scan, settings, rule);
+    let wrong_count = wrong_count(found.len(), rule);
+    let piece = |(index, stations): (usize, &Range<usize>)| {
+        let x = |index: usize| scan.stations().get(index).map_or(0.0, |station| station.x);
+        let x_mm = [x(stations.start), x(stations.end.saturating_sub(1))];
+        Piece { name: format!("part_{}", index + 1), x_mm, stations: stations.clone(), settings: *settings }
+    };
+    let mut pieces: Vec<Piece> = found.iter().enumerate().map(piece).collect();
+    if pieces.len() > PARTS_MAX {
+        pieces.clear();
+    }
+    let mut parts = measure(scan, &pieces, progress);
+    // What shows no part may be told why in plainer words.
+    parts.refusal = if found.is_empty() { unusable(scan, settings).or(wrong_count) } else { wrong_count };
+    if let Some(refusal) = parts.refusal {
+        // Which of them is which cannot be told, so none of the poses may be used.
+        parts.parts.iter_mut().for_each(|part| part.estimate.outcome = Outcome::Refused(refusal));
+    }
+    parts
+}
+
+fn wrong_count(parts_count: usize, rule: &ByGap) -> Option<Refusal> {
+    let count = rule.count.map(|count| count as usize);
+    let (parts_min_count, parts_max_count) = (count.unwrap_or(1), count.unwrap_or(PARTS_MAX));
+    let gap_min_mm = rule.gap_min_mm;
+    (!(parts_min_count..=parts_max_count).contains(&parts_count)).then_some(Refusal::PartsCountDiffers {
+        parts_count,
+        parts_min_count,
+        parts_max_count,
+        gap_min_mm,
+    })
+}
+
+fn measure(scan: &Scan, pieces: &[Piece], progress: &Progress) -> Parts {
+    let part = |piece: &Piece| PartEstimate {
+        name: piece.name.clone(),
+        x_mm: piece.x_mm,
+        stations: piece.stations.clone(),
+        estimate: match scan.part(piece.stations.clone()) {
+            Some(part) => estimate(&part, &piece.settings, progress),
+            None => empty(piece),
+        },
+    };
+    let parts: Vec<PartEstimate> = pieces.iter().map(part).collect();
+    let is_outside = |index: usize| !pieces.iter().any(|piece| piece.stations.contains(&index));
+    let outside = scan.stations().iter().enumerate().filter(|(index, _)| is_outside(*index));
+    let outside = outside.map(|(_, station)| Profile {
+        x: station.x,
+        points_count: station.end - station.start,
+        rejected: Some(Reason::OutsideParts),
+        section: None,
+        offset: None,
+    });
+    Parts { parts, refusal: None, outside: outside.inspect(|_| progress.advance()).collect() }
+}
+
+fn empty(piece: &Piece) -> Estimate {
+    let [x_min_mm, x_max_mm] = piece.x_mm;
+    Estimate {
+        method: piece.settings.method,
+        outcome: Outcome::Refused(Refusal::WindowEmpty { x_min_mm, x_max_mm }),
+        profiles: Vec::new(),
+        conditioning: Conditioning::default(),
+        residuals: None,
+    }
+}

@@ -1,0 +1,28 @@
+//! Made parts one behind the other in one scan. Must not know how a part is made.
+
+use super::{Part, Truth, make};
+use crate::scan::{Columns, Scan, ScanError, Station};
+
+/// Scans parts that stand one behind the other; the truth of each, in their order. A part's profiles are those that [`make`]
+/// makes of it alone, to the bit.
+///
+/// # Errors
+/// [`ScanError`] where a part cannot be made, or does not lie behind the one before it.
+pub fn make_several(parts: &[Part]) -> Result<(Scan, Vec<Truth>), ScanError> {
+    let (mut y, mut z, mut stations, mut truths) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for part in parts {
+        let (scan, truth) = make(part)?;
+        let before = y.len();
+        stations.extend(scan.stations().iter().map(|station| Station {
+            start: station.start + before,
+            end: station.end + before,
+            ..*station
+        }));
+        let (mut part_y, mut part_z) = (Vec::new(), Vec::new());
+        scan.columns().load(scan.points(), &mut part_y, &mut part_z);
+        y.append(&mut part_y);
+        z.append(&mut part_z);
+        truths.push(truth);
+    }
+    Ok((Scan::new(stations, Columns::F64 { y, z }, "synthetic".to_owned())?, truths))
+}
