@@ -5,7 +5,7 @@ use super::{Outcome, print};
 use crate::geometry::AxisLine;
 use crate::scan::decode::Format;
 use crate::scan::encode::encode;
-use crate::scan::synthetic::{Interference, Part, Truth, make};
+use crate::scan::synthetic::{Edges, Interference, Part, Truth, make};
 use std::error::Error;
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
@@ -146,6 +146,7 @@ impl ScanArguments {
             },
             drop_out_ratio: self.drop_outs,
             spike_ratio: self.spikes,
+            edges: Edges::default(),
             seed: self.seed,
         })
     }

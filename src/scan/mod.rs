@@ -38,6 +38,7 @@ pub struct Scan {
     stations: Vec<Station>,
     columns: Columns,
     rule: String,
+    blanks: Vec<f64>,
 }
 
 /// Why profiles do not make a scan.
@@ -82,8 +83,23 @@ impl Scan {
         }
         match columns.first_not_finite() {
             Some(index) => Err(ScanError::NotFinite { index }),
-            None => Ok(Self { stations, columns, rule }),
+            None => Ok(Self { stations, columns, rule, blanks: Vec::new() }),
         }
+    }
+
+    /// The same with the planes of profiles that were taken and hold no point, mm. They say where there is no part.
+    #[must_use]
+    pub fn with_blanks(self, mut blanks: Vec<f64>) -> Self {
+        blanks.retain(|x| x.is_finite());
+        blanks.sort_by(f64::total_cmp);
+        blanks.dedup();
+        Self { blanks, ..self }
+    }
+
+    /// The planes of profiles that hold no point, as far as they are known, in order of x.
+    #[must_use]
+    pub fn blanks(&self) -> &[f64] {
+        &self.blanks
     }
 
     /// The profiles, in order of x.

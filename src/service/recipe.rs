@@ -1,7 +1,7 @@
 //! How a kind of part is measured: what the operator may say, checked, laid over what somebody else said, and resolved
 //! into what scan and estimation take. Must not know where a recipe is kept, nor how it is sent.
 
-use crate::estimation::{Method, RadiusRule, SettingError, Settings};
+use crate::estimation::{EndFaceRule, Method, RadiusRule, SettingError, Settings};
 use crate::geometry::{Frame, FrameError};
 use crate::scan::decode::Unit;
 use crate::scan::slice::{Region, RegionError, SliceRequest};
@@ -60,6 +60,9 @@ pub struct Recipe {
     /// Positions of `cylinder` at x_ref known worse than this refuse the scan; standard uncertainty.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub position_uncertainty_max_mm: Option<f64>,
+    /// Which end faces are measured: none, near, far or both.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub end_face: Option<EndFaceRule>,
     /// Unit of the file's coordinates; millimetres where nobody says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<Unit>,
@@ -169,6 +172,7 @@ impl Recipe {
             radius_sigma_mm: self.radius_sigma_mm.or(under.radius_sigma_mm),
             angle_uncertainty_max_deg: self.angle_uncertainty_max_deg.or(under.angle_uncertainty_max_deg),
             position_uncertainty_max_mm: self.position_uncertainty_max_mm.or(under.position_uncertainty_max_mm),
+            end_face: self.end_face.or(under.end_face),
             unit: self.unit.or(under.unit),
             profile_by: self.profile_by.or_else(|| under.profile_by.clone()),
             frame: self.frame.or(under.frame),
@@ -220,6 +224,7 @@ impl Recipe {
             position_uncertainty_max_mm: self
                 .position_uncertainty_max_mm
                 .unwrap_or(default.position_uncertainty_max_mm),
+            end_face: self.end_face.unwrap_or(default.end_face),
         })
     }
 
@@ -251,6 +256,7 @@ impl Recipe {
             radius_sigma_mm: settings.radius_sigma_mm,
             angle_uncertainty_max_deg: Some(settings.angle_uncertainty_max_deg),
             position_uncertainty_max_mm: Some(settings.position_uncertainty_max_mm),
+            end_face: Some(settings.end_face),
             ..self.clone()
         }
     }

@@ -19,7 +19,7 @@ mod sums;
 
 use super::unusable::unusable;
 use super::{
-    Component, Outcome, Pose, Profile, Progress, RadiusRule, RadiusSource, Reason, Refusal, Settings, Uncertainty,
+    Component, EndFaces, Outcome, Pose, Profile, Progress, RadiusRule, RadiusSource, Reason, Refusal, Settings, Uncertainty,
 };
 use crate::scan::{Scan, Station};
 use candidates::{Candidate, Choice};
@@ -181,6 +181,7 @@ fn pose(solution: &Solution, settings: &Settings) -> Pose {
             covariance: covariance.into(),
             budget: vec![Component { source: "repeatability".to_owned(), standard }],
         },
+        end_faces: EndFaces::default(),
     }
 }
 

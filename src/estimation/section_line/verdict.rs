@@ -6,7 +6,7 @@ use super::bias::Bias;
 use crate::estimation::conclude::{axial_length, median};
 use crate::estimation::unusable::unusable;
 use crate::estimation::{
-    Component, Method, Pose, Profile, RadiusSource, Reason, Refusal, Section, Settings, Uncertainty, robust,
+    EndFaces, Component, Method, Pose, Profile, RadiusSource, Reason, Refusal, Section, Settings, Uncertainty, robust,
 };
 use crate::geometry::AxisLine;
 use crate::scan::{Scan, Station};
@@ -135,6 +135,7 @@ pub(super) fn pose(fit: &Fit, bias: Bias) -> Pose {
         radius: fit.radius,
         radius_source: RadiusSource::Fitted,
         uncertainty: Uncertainty { covariance: covariance.into(), budget: vec![repeatability, fit_bias] },
+        end_faces: EndFaces::default(),
     }
 }
 

@@ -3,7 +3,7 @@
 
 use super::super::recipes::RecipeDocument;
 use super::uncertainty::UncertaintyDocument;
-use crate::estimation::{Conditioning, Outcome, Pose, RadiusSource, Reason, Refusal, Residuals, Warning};
+use crate::estimation::{Conditioning, EndFace, Outcome, Pose, RadiusSource, Reason, Refusal, Residuals, Warning};
 use crate::service::{Measurement, Tally, Verdict};
 use jiff::Timestamp;
 use serde::Serialize;
@@ -92,8 +92,11 @@ pub struct PoseDocument {
     /// Where the radius came from.
     #[schema(example = "fitted")]
     pub radius_source: &'static str,
-    /// Where the axis meets the part's end plane; null until it is measured.
+    /// Where the axis meets the end plane that was asked for, the near one where both were; null where none was asked for
+    /// or it is not seen.
     pub end_face: Option<EndFaceDocument>,
+    /// Where the axis meets the far end plane where both were asked for; null else.
+    pub far_end_face: Option<EndFaceDocument>,
 }
 
 /// A point of the part's end plane.
@@ -244,8 +247,15 @@ impl From<&Pose> for PoseDocument {
                 RadiusSource::Nominal => "nominal",
                 RadiusSource::Prior => "prior",
             },
-            end_face: None,
+            end_face: pose.end_faces.asked_one().map(EndFaceDocument::from),
+            far_end_face: pose.end_faces.other_one().map(EndFaceDocument::from),
         }
+    }
+}
+
+impl From<EndFace> for EndFaceDocument {
+    fn from(EndFace { centre: [x_mm, y_mm, z_mm], .. }: EndFace) -> Self {
+        Self { x_mm, y_mm, z_mm }
     }
 }
 

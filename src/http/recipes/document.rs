@@ -1,6 +1,6 @@
 //! A recipe as clients write and read it. Every field may be left out. Must not know what a field does.
 
-use super::super::names::{MethodName, RadiusName, UnitName};
+use super::super::names::{EndFaceName, MethodName, RadiusName, UnitName};
 use crate::geometry::Frame;
 use crate::scan::slice::Region;
 use crate::service::Recipe;
@@ -74,6 +74,9 @@ pub struct RecipeDocument {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
     pub position_uncertainty_max_mm: Option<f64>,
+    /// Which end faces are measured: none, near (the smaller x), far or both.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(in super::super) end_face: Option<EndFaceName>,
     /// Unit of the file's coordinates.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(in super::super) unit: Option<UnitName>,
@@ -137,6 +140,7 @@ impl From<RecipeDocument> for Recipe {
             radius_sigma_mm: document.radius_sigma_mm,
             angle_uncertainty_max_deg: document.angle_uncertainty_max_deg,
             position_uncertainty_max_mm: document.position_uncertainty_max_mm,
+            end_face: document.end_face.map(Into::into),
             unit: document.unit.map(Into::into),
             profile_by: document.profile_by,
             frame: document.frame.map(|frame| Frame {
@@ -168,6 +172,7 @@ impl From<Recipe> for RecipeDocument {
             radius_sigma_mm: recipe.radius_sigma_mm,
             angle_uncertainty_max_deg: recipe.angle_uncertainty_max_deg,
             position_uncertainty_max_mm: recipe.position_uncertainty_max_mm,
+            end_face: recipe.end_face.map(Into::into),
             unit: recipe.unit.map(Into::into),
             profile_by: recipe.profile_by,
             frame: recipe.frame.map(|frame| FrameDocument {

@@ -1,0 +1,191 @@
+//! The cylinder about its end as cells: columns about the axis times planes. A cell shows the surface, something below it,
+//! something above that hides it, or nothing. Must not know where the part ends.
+
+use super::view::{Glimpse, Plane, View};
+
+/// Deepest chamfer that is told from a hole or a support, mm.
+const DEPTH_MAX_MM: f64 = 3.2;
+/// Points below the surface that make a chamfer, and which of their depths is that at its end.
+const CHAMFER_POINTS_MIN: usize = 5;
+const DEPTH_QUANTILE: f64 = 0.95;
+
+/// Columns about the axis that all hold equally many points of the part.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Lattice {
+    /// Where each column but the first begins, radians.
+    bounds: Vec<f64>,
+    columns: Vec<Column>,
+    radius: f64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Column {
+    /// Median direction of its points.
+    angle: f64,
+    /// How far ahead of its plane it lies, mm.
+    lead: f64,
+    /// The column beside it that a growing part reaches first.
+    before: Option<usize>,
+}
+
+impl Lattice {
+    /// `None` where there are fewer points than columns.
+    pub(super) fn of(mut angles: Vec<f64>, columns_count: usize, view: &View) -> Option<Self> {
+        if columns_count == 0 || angles.len() < columns_count {
+            return None;
+        }
+        angles.sort_by(f64::total_cmp);
+        let at = |share: f64| angles.get((share * angles.len() as f64 / columns_count as f64) as usize).copied();
+        let between = |index: usize| {
+            let upper = index * angles.len() / columns_count;
+            Some(0.5 * (angles.get(upper.checked_sub(1)?)? + angles.get(upper)?))
+        };
+        let bounds = (1..columns_count).filter_map(between).collect();
+        let column = |index: usize| {
+            let angle = at(index as f64 + 0.5)?;
+            Some(Column { angle, lead: view.lead(angle), before: None })
+        };
+        let mut columns: Vec<Column> = (0..columns_count).filter_map(column).collect();
+        let leads: Vec<f64> = columns.iter().map(|column| column.lead).collect();
+        for (index, column) in columns.iter_mut().enumerate() {
+            let beside = [index.checked_sub(1), Some(index + 1)].into_iter().flatten();
+            let earlier = |other: &usize| leads.get(*other).is_some_and(|lead| (*lead, *other) < (column.lead, index));
+            column.before = beside.filter(earlier).next();
+        }
+        Some(Self { bounds, columns, radius: view.radius() })
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.columns.len()
+    }
+
+    /// Least and most that the columns lie ahead of their plane, mm.
+    pub(super) fn span(&self) -> [f64; 2] {
+        let leads = self.columns.iter().map(|column| column.lead);
+        leads.fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], lead| [least.min(lead), most.max(lead)])
+    }
+
+    /// The mean place of the columns at these positions; of all where there is none.
+    pub(super) fn mean_of(&self, columns: &[usize], place: impl Fn(f64) -> [f64; 2]) -> [f64; 2] {
+        let named: Vec<&Column> = columns.iter().filter_map(|index| self.columns.get(*index)).collect();
+        let named = if named.is_empty() { self.columns.iter().collect() } else { named };
+        let count = named.len() as f64;
+        named.iter().map(|c| place(c.angle)).fold([0.0, 0.0], |[u, w], [du, dw]| [u + du / count, w + dw / count])
+    }
+
+    /// Mean step from one of these columns to the next along the axis, mm.
+    pub(super) fn step(&self, columns: &[usize]) -> f64 {
+        let lead = |index: usize| self.columns.get(index).map(|column| column.lead);
+        let steps: Vec<f64> = columns.iter().filter_map(|&c| Some((lead(c + 1)? - lead(c)?).abs())).collect();
+        steps.iter().sum::<f64>() / steps.len().max(1) as f64
+    }
+}
+
+/// What a column shows in one plane.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Seen {
+    Nothing,
+    /// Something above the surface, which hides it.
+    Hidden,
+    /// Something a little below, at t.
+    Below {
+        t: f64,
+        depth: f64,
+    },
+    /// The surface, up to t.
+    Surface {
+        t: f64,
+    },
+}
+
+/// One column in one plane.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Cell {
+    /// Where the axis is in its plane, mm.
+    ahead: f64,
+    seen: Seen,
+}
+
+/// The cells, plane after plane, in each the columns in their order.
+pub(super) fn cells(glimpses: &[Glimpse], planes: &[Plane], lattice: &Lattice, tolerance: f64) -> Vec<Cell> {
+    let nothing = |plane: &Plane| std::iter::repeat_n(Cell { ahead: plane.ahead, seen: Seen::Nothing }, lattice.len());
+    let mut cells: Vec<Cell> = planes.iter().flat_map(nothing).collect();
+    for glimpse in glimpses {
+        let column = lattice.bounds.partition_point(|bound| *bound <= glimpse.angle);
+        let Some(cell) = cells.get_mut(glimpse.plane * lattice.len() + column) else { continue };
+        let (t, depth) = (glimpse.t, -glimpse.height);
+        cell.seen = match cell.seen {
+            Seen::Surface { t: before } if depth.abs() <= tolerance => Seen::Surface { t: before.max(t) },
+            Seen::Surface { t } => Seen::Surface { t },
+            _ if depth.abs() <= tolerance => Seen::Surface { t },
+            Seen::Nothing | Seen::Hidden if depth > 0.0 && depth <= DEPTH_MAX_MM + tolerance => Seen::Below { t, depth },
+            Seen::Nothing if depth < 0.0 => Seen::Hidden,
+            other => other,
+        };
+    }
+    cells
+}
+
+/// Where points below the surface are part of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Chamfer {
+    pub(super) from: f64,
+    pub(super) to: f64,
+    /// How deep it is at its end, mm: what is missing there is missing from a smaller radius.
+    pub(super) depth: f64,
+}
+
+impl Chamfer {
+    /// How deep the cells say it is; `None` where there is no chamfer.
+    pub(super) fn depth_of(&self, cells: &[Cell]) -> Option<f64> {
+        let depth = |cell: &Cell| match cell.seen {
+            Seen::Below { t, depth } if t > self.from && t <= self.to => Some(depth),
+            _ => None,
+        };
+        let mut depths: Vec<f64> = cells.iter().filter_map(depth).collect();
+        depths.sort_by(f64::total_cmp);
+        let at = (DEPTH_QUANTILE * depths.len() as f64) as usize;
+        depths.get(at).copied().filter(|_| depths.len() >= CHAMFER_POINTS_MIN)
+    }
+}
+
+/// That the part is there, or is not, at a place along the axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Evidence {
+    pub(super) t: f64,
+    pub(super) present: bool,
+    /// The same of the cell beside it that a growing part reaches first; `None` where nobody can say.
+    pub(super) before: Option<bool>,
+    pub(super) column: usize,
+}
+
+/// What the cells say; hidden ones say nothing.
+pub(super) fn evidence(cells: &[Cell], lattice: &Lattice, chamfer: Option<Chamfer>) -> Vec<Evidence> {
+    // The lead grows with the radius.
+    let share = 1.0 - chamfer.map_or(0.0, |chamfer| chamfer.depth / lattice.radius);
+    let mut evidence = Vec::with_capacity(cells.len());
+    for plane in cells.chunks(lattice.len().max(1)) {
+        for (index, (cell, column)) in plane.iter().zip(&lattice.columns).enumerate() {
+            let Some(present) = cell.seen.is_part(chamfer) else { continue };
+            let t = match cell.seen {
+                Seen::Surface { t } | Seen::Below { t, .. } if present => t,
+                _ => cell.ahead + share * column.lead,
+            };
+            let before = column.before.and_then(|beside| plane.get(beside)?.seen.is_part(chamfer));
+            evidence.push(Evidence { t, present, before, column: index });
+        }
+    }
+    evidence
+}
+
+impl Seen {
+    /// Whether this is the part; `None` where nobody can say.
+    fn is_part(self, chamfer: Option<Chamfer>) -> Option<bool> {
+        match self {
+            Self::Surface { .. } => Some(true),
+            Self::Below { t, .. } => Some(chamfer.is_some_and(|chamfer| t > chamfer.from && t <= chamfer.to)),
+            Self::Nothing => Some(false),
+            Self::Hidden => None,
+        }
+    }
+}

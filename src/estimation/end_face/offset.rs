@@ -1,0 +1,140 @@
+//! The offset of the end plane from what every cell says: a change point, found by its likelihood. Must not know cells,
+//! profiles or poses.
+//!
+//! Up to the plane a cell shows the part but for drop-outs, beyond it nothing but for strays. Drop-outs and strays come in
+//! runs, so each cell is weighed given the one beside it: a Markov chain along the profile, whose rates are those of the
+//! cells just before the plane. In order of t the logarithm of the likelihood of a plane is a running sum; with nothing
+//! known before about the offset it is the posterior, constant between one cell and the next, and its mean and standard
+//! deviation are the answer. Where all cells of a profile share one t it is even over the spacing: its standard deviation
+//! is spacing/√12, however many the columns.
+
+use super::cells::Evidence;
+
+/// Where the plane is.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Offset {
+    /// Outward from the reference point along the axis, mm.
+    pub(super) t: f64,
+    /// Standard uncertainty, mm.
+    pub(super) standard: f64,
+    /// The last place before the likeliest plane, mm.
+    pub(super) last: f64,
+    /// The columns that decided it.
+    pub(super) columns: Vec<usize>,
+}
+
+/// Beyond the part: a cell shows something after one that does not, and after one that does.
+const STRAY: [f64; 2] = [1e-3, 0.3];
+/// Before the end: what a cell is taken to lack, after one that is there and after one that lacks too, until it is counted;
+/// and how many cells that is worth.
+const LACK: [f64; 2] = [0.05, 0.9];
+const LACK_WORTH: f64 = 10.0;
+/// Cells are counted this far before the plane, [mm, spacings].
+const COUNTED: [f64; 2] = [2.0, 2.0];
+/// The end is seen where the likelihood falls by a factor of e⁸ on both sides, and this share of the columns ends.
+const LOG_LIKELIHOOD_MIN: f64 = 8.0;
+const COLUMNS_SHARE_MIN: f64 = 0.1;
+
+/// Chances that a cell before the plane lacks its point.
+#[derive(Debug, Clone, Copy)]
+struct Lack {
+    after_present: f64,
+    after_absent: f64,
+}
+
+impl Lack {
+    /// What is taken before anything is counted.
+    const ASSUMED: Self = Self { after_present: LACK[0], after_absent: LACK[1] };
+
+    /// Counted in cells, what was assumed being worth a few.
+    fn counted<'a>(cells: impl Iterator<Item = &'a Evidence>) -> Self {
+        let (mut lacking, mut all) = ([0.0; 2], [0.0; 2]);
+        for cell in cells {
+            let Some(before) = cell.before else { continue };
+            let of = usize::from(!before);
+            if let (Some(lacking), Some(all)) = (lacking.get_mut(of), all.get_mut(of)) {
+                *lacking += f64::from(u8::from(!cell.present));
+                *all += 1.0;
+            }
+        }
+        let [present, absent] = lacking;
+        let [all_present, all_absent] = all;
+        let [assumed_present, assumed_absent] = LACK;
+        Self {
+            after_present: (present + assumed_present * LACK_WORTH) / (all_present + LACK_WORTH),
+            after_absent: (absent + assumed_absent * LACK_WORTH) / (all_absent + LACK_WORTH),
+        }
+    }
+
+    /// Logarithm of how much likelier a cell is before the plane than beyond it.
+    fn gain(&self, cell: &Evidence) -> f64 {
+        let [stray, stray_again] = STRAY;
+        let (lack, stray) = match cell.before {
+            Some(true) => (self.after_present, stray_again),
+            Some(false) => (self.after_absent, stray),
+            None => (self.after_present / (1.0 + self.after_present - self.after_absent), stray),
+        };
+        if cell.present { ((1.0 - lack) / stray).ln() } else { (lack / (1.0 - stray)).ln() }
+    }
+}
+
+/// The plane, from evidence up to `to`; `None` where no end is seen.
+pub(super) fn find(mut evidence: Vec<Evidence>, to: f64, spacing: f64, columns_count: usize) -> Option<Offset> {
+    evidence.sort_by(|a, b| a.t.total_cmp(&b.t));
+    let [mm, spacings] = COUNTED;
+    let counted = f64::max(mm, spacings * spacing);
+    let mut lack = Lack::ASSUMED;
+    for _ in 0..2 {
+        let sums = sums(&evidence, lack);
+        let (_, last) = best(&evidence, &sums)?;
+        lack = Lack::counted(evidence.iter().filter(|cell| cell.t <= last && cell.t > last - counted));
+    }
+    let sums = sums(&evidence, lack);
+    let (most, last) = best(&evidence, &sums)?;
+    let falls = most >= LOG_LIKELIHOOD_MIN && most - sums.last()? >= LOG_LIKELIHOOD_MIN;
+    let mut ended: Vec<usize> = evidence.iter().filter(|c| c.t > last && !c.present).map(|c| c.column).collect();
+    ended.sort_unstable();
+    ended.dedup();
+    if !falls || (ended.len() as f64) < COLUMNS_SHARE_MIN * columns_count as f64 {
+        return None;
+    }
+    let [t, standard] = moments(&evidence, &sums, most, to)?;
+    let near = |cell: &&Evidence| (cell.t - t).abs() <= 0.5 * spacing;
+    let columns = evidence.iter().filter(near).map(|cell| cell.column).collect();
+    Some(Offset { t, standard, last, columns })
+}
+
+/// The logarithm of the likelihood of a plane just beyond each cell, but for a constant.
+fn sums(evidence: &[Evidence], lack: Lack) -> Vec<f64> {
+    let mut sum = 0.0;
+    evidence
+        .iter()
+        .map(|cell| {
+            sum += lack.gain(cell);
+            sum
+        })
+        .collect()
+}
+
+/// The largest of the sums, and the t of its cell.
+fn best(evidence: &[Evidence], sums: &[f64]) -> Option<(f64, f64)> {
+    sums.iter().zip(evidence).map(|(sum, cell)| (*sum, cell.t)).max_by(|(a, _), (b, _)| a.total_cmp(b))
+}
+
+/// Mean and standard deviation of the posterior, constant from each cell to the next and from the last one up to `to`.
+fn moments(evidence: &[Evidence], sums: &[f64], most: f64, to: f64) -> Option<[f64; 2]> {
+    let ends = evidence.iter().skip(1).map(|cell| cell.t).chain([to]);
+    let pieces = evidence.iter().zip(sums).zip(ends).map(|((cell, sum), end)| {
+        let width = (end - cell.t).max(0.0);
+        ((sum - most).exp() * width, 0.5 * (cell.t + end), width)
+    });
+    let pieces: Vec<(f64, f64, f64)> = pieces.collect();
+    let total: f64 = pieces.iter().map(|(weight, ..)| weight).sum();
+    if !(total > 0.0 && total.is_finite()) {
+        return None;
+    }
+    let mean = pieces.iter().map(|(weight, middle, _)| weight * middle).sum::<f64>() / total;
+    let square = |(weight, middle, width): &(f64, f64, f64)| weight * ((middle - mean).powi(2) + width * width / 12.0);
+    let variance = pieces.iter().map(square).sum::<f64>() / total;
+    Some([mean, variance.sqrt()])
+}
