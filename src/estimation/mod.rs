@@ -21,8 +21,8 @@ mod settings;
 mod unusable;
 
 pub use estimate::{
-    Component, Conditioning, EndFace, EndFaces, Estimate, Outcome, Pose, Profile, RadiusSource, Reason, Refusal, Residuals, Section,
-    Uncertainty, Warning,
+    Component, Conditioning, EndFace, EndFaces, Estimate, Outcome, Pose, Profile, RadiusSource, Reason, Refusal,
+    Residuals, Section, Uncertainty, Warning,
 };
 pub use progress::Progress;
 pub use settings::{End, EndFaceRule, Method, RadiusRule, SettingError, Settings};

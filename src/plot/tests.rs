@@ -3,8 +3,8 @@
 
 use super::{Picture, Subject, draw};
 use crate::estimation::{
-    self, EndFaces, Conditioning, Estimate, Method, Outcome, Pose, Profile, Progress, RadiusSource, Reason, Refusal, Section,
-    Settings, Uncertainty,
+    self, Conditioning, EndFaces, Estimate, Method, Outcome, Pose, Profile, Progress, RadiusSource, Reason, Refusal,
+    Section, Settings, Uncertainty,
 };
 use crate::geometry::{Angle, AxisLine};
 use crate::scan::synthetic::{Part, make};

@@ -19,7 +19,8 @@ mod sums;
 
 use super::unusable::unusable;
 use super::{
-    Component, EndFaces, Outcome, Pose, Profile, Progress, RadiusRule, RadiusSource, Reason, Refusal, Settings, Uncertainty,
+    Component, EndFaces, Outcome, Pose, Profile, Progress, RadiusRule, RadiusSource, Reason, Refusal, Settings,
+    Uncertainty,
 };
 use crate::scan::{Scan, Station};
 use candidates::{Candidate, Choice};

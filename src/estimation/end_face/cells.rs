@@ -55,6 +55,7 @@ impl Lattice {
         Some(Self { bounds, columns, radius: view.radius() })
     }
 
+    /// The number of its columns.
     pub(super) fn len(&self) -> usize {
         self.columns.len()
     }
@@ -65,19 +66,23 @@ impl Lattice {
         leads.fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], lead| [least.min(lead), most.max(lead)])
     }
 
-    /// The mean place of the columns at these positions; of all where there is none.
-    pub(super) fn mean_of(&self, columns: &[usize], place: impl Fn(f64) -> [f64; 2]) -> [f64; 2] {
-        let named: Vec<&Column> = columns.iter().filter_map(|index| self.columns.get(*index)).collect();
-        let named = if named.is_empty() { self.columns.iter().collect() } else { named };
-        let count = named.len() as f64;
-        named.iter().map(|c| place(c.angle)).fold([0.0, 0.0], |[u, w], [du, dw]| [u + du / count, w + dw / count])
+    /// The directions of some of its columns.
+    pub(super) fn angles(&self, columns: &[usize]) -> impl Iterator<Item = f64> {
+        columns.iter().filter_map(|index| Some(self.columns.get(*index)?.angle))
+    }
+
+    /// Mean step from a column to the next along the axis, mm.
+    pub(super) fn mean_step(&self) -> f64 {
+        let pairs = self.columns.windows(2).filter_map(|pair| Some((pair.last()?.lead - pair.first()?.lead).abs()));
+        pairs.sum::<f64>() / self.len() as f64
     }
 
     /// Mean step from one of these columns to the next along the axis, mm.
     pub(super) fn step(&self, columns: &[usize]) -> f64 {
         let lead = |index: usize| self.columns.get(index).map(|column| column.lead);
-        let steps: Vec<f64> = columns.iter().filter_map(|&c| Some((lead(c + 1)? - lead(c)?).abs())).collect();
-        steps.iter().sum::<f64>() / steps.len().max(1) as f64
+        let steps = columns.iter().filter_map(|&c| Some((lead(c + 1)? - lead(c)?).abs()));
+        let (sum, count) = steps.fold((0.0, 0.0), |(sum, count), step| (sum + step, count + 1.0));
+        sum / f64::max(count, 1.0)
     }
 }
 
@@ -118,7 +123,9 @@ pub(super) fn cells(glimpses: &[Glimpse], planes: &[Plane], lattice: &Lattice, t
             Seen::Surface { t: before } if depth.abs() <= tolerance => Seen::Surface { t: before.max(t) },
             Seen::Surface { t } => Seen::Surface { t },
             _ if depth.abs() <= tolerance => Seen::Surface { t },
-            Seen::Nothing | Seen::Hidden if depth > 0.0 && depth <= DEPTH_MAX_MM + tolerance => Seen::Below { t, depth },
+            Seen::Nothing | Seen::Hidden if depth > 0.0 && depth <= DEPTH_MAX_MM + tolerance => {
+                Seen::Below { t, depth }
+            }
             Seen::Nothing if depth < 0.0 => Seen::Hidden,
             other => other,
         };

@@ -134,6 +134,6 @@ impl Search<'_> {
         let next = reach::reach(&evidence, from, self.spacing)?.next;
         let to = to.min(next);
         evidence.retain(|evidence| evidence.t >= from && evidence.t <= to);
-        offset::find(evidence, to, self.spacing, self.lattice.len())
+        offset::find(evidence, to, self.spacing, self.lattice)
     }
 }

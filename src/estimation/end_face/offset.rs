@@ -8,7 +8,7 @@
 //! deviation are the answer. Where all cells of a profile share one t it is even over the spacing: its standard deviation
 //! is spacing/√12, however many the columns.
 
-use super::cells::Evidence;
+use super::cells::{Evidence, Lattice};
 
 /// Where the plane is.
 #[derive(Debug, Clone, PartialEq)]
@@ -21,6 +21,8 @@ pub(super) struct Offset {
     pub(super) last: f64,
     /// The columns that decided it.
     pub(super) columns: Vec<usize>,
+    /// How many profiles meet the edge, about; at least 1.
+    pub(super) crossings: f64,
 }
 
 /// Beyond the part: a cell shows something after one that does not, and after one that does.
@@ -34,6 +36,11 @@ const COUNTED: [f64; 2] = [2.0, 2.0];
 /// The end is seen where the likelihood falls by a factor of e⁸ on both sides, and this share of the columns ends.
 const LOG_LIKELIHOOD_MIN: f64 = 8.0;
 const COLUMNS_SHARE_MIN: f64 = 0.1;
+
+/// Cells this near to the plane decided it: half of what is open, √3 standard deviations where it is even, or steps from a
+/// column to the next.
+const NEAR_STANDARDS: f64 = 1.8;
+const NEAR_STEPS: f64 = 2.0;
 
 /// Chances that a cell before the plane lacks its point.
 #[derive(Debug, Clone, Copy)]
@@ -79,7 +86,7 @@ impl Lack {
 }
 
 /// The plane, from evidence up to `to`; `None` where no end is seen.
-pub(super) fn find(mut evidence: Vec<Evidence>, to: f64, spacing: f64, columns_count: usize) -> Option<Offset> {
+pub(super) fn find(mut evidence: Vec<Evidence>, to: f64, spacing: f64, lattice: &Lattice) -> Option<Offset> {
     evidence.sort_by(|a, b| a.t.total_cmp(&b.t));
     let [mm, spacings] = COUNTED;
     let counted = f64::max(mm, spacings * spacing);
@@ -95,13 +102,16 @@ pub(super) fn find(mut evidence: Vec<Evidence>, to: f64, spacing: f64, columns_c
     let mut ended: Vec<usize> = evidence.iter().filter(|c| c.t > last && !c.present).map(|c| c.column).collect();
     ended.sort_unstable();
     ended.dedup();
-    if !falls || (ended.len() as f64) < COLUMNS_SHARE_MIN * columns_count as f64 {
+    if !falls || (ended.len() as f64) < COLUMNS_SHARE_MIN * lattice.len() as f64 {
         return None;
     }
     let [t, standard] = moments(&evidence, &sums, most, to)?;
-    let near = |cell: &&Evidence| (cell.t - t).abs() <= 0.5 * spacing;
-    let columns = evidence.iter().filter(near).map(|cell| cell.column).collect();
-    Some(Offset { t, standard, last, columns })
+    // The cells at either side of what is left open, and those of every other profile that meets the edge.
+    let steps = NEAR_STEPS * lattice.mean_step();
+    let near = |cell: &&Evidence| (cell.t - t).abs() <= steps.max(NEAR_STANDARDS * standard);
+    let columns: Vec<usize> = evidence.iter().filter(near).map(|cell| cell.column).collect();
+    let crossings = (columns.len() as f64 / (2.0 * NEAR_STEPS)).max(1.0);
+    Some(Offset { t, standard, last, columns, crossings })
 }
 
 /// The logarithm of the likelihood of a plane just beyond each cell, but for a constant.

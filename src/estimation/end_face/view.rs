@@ -4,8 +4,8 @@
 //! With dx = x − x_ref, u and w from the axis in the plane of the profile and n² = 1 + p² + q² a point lies at
 //! t = ±(n·dx + (p·u + q·w)/n), outward; ρ² = u² + w² − (p·u + q·w)²/n² is its squared distance from the axis.
 
-use super::offset::Offset;
 use super::Lattice;
+use super::offset::Offset;
 use crate::estimation::{End, EndFace, Pose};
 use crate::geometry::AxisLine;
 use crate::scan::Scan;
@@ -113,15 +113,28 @@ impl View {
 
     /// The point where the axis meets the plane at an offset, with the standard uncertainty of its x.
     ///
-    /// The edge E that was seen is what stays where it is when the axis is taken to be another: the point's
-    /// x = x_E + (p·u + q·w)/n², u = y_E − y_ref − p·dx, w = z_E − z_ref − q·dx, has the derivatives
-    /// (u − p·dx)/n² − 2p(p·u + q·w)/n⁴ by p, −p/n² by y_ref, and likewise by q and z_ref.
+    /// What the pose adds is taken at that of the deciding columns where it adds most: where several decide, an axis that
+    /// is off lets the one win that ends last.
     pub(super) fn face(&self, pose: &Pose, offset: &Offset, lattice: &Lattice, sigma: f64) -> EndFace {
-        let AxisLine { p, q, .. } = self.axis;
-        let n2 = self.n * self.n;
         let x = self.x_ref + self.side * offset.t / self.n;
         let [y, z] = self.axis.at(x);
-        let [u, w] = lattice.mean_of(&offset.columns, |angle| self.place(angle));
+        let of_pose = lattice.angles(&offset.columns).map(|angle| self.of_pose(pose, x, angle)).fold(0.0, f64::max);
+        // A column is as wide as a step of the raster, and a point of it lies off by the noise, both times the tilt.
+        let tilt = self.axis.p.hypot(self.axis.q);
+        let of_place = lattice.step(&offset.columns).powi(2) / 12.0 / offset.crossings + (tilt * sigma).powi(2);
+        let x_standard = ((offset.standard.powi(2) + of_place) / (self.n * self.n) + of_pose).sqrt();
+        EndFace { centre: [x, y, z], x_standard }
+    }
+
+    /// The variance of the point's x by that of the pose where the edge is seen in one direction about the axis.
+    ///
+    /// The edge E is what stays where it is when the axis is taken to be another: the point's x = x_E + (p·u + q·w)/n²,
+    /// u = y_E − y_ref − p·dx, w = z_E − z_ref − q·dx, has the derivatives (u − p·dx)/n² − 2p(p·u + q·w)/n⁴ by p, −p/n² by
+    /// y_ref, and likewise by q and z_ref.
+    fn of_pose(&self, pose: &Pose, x: f64, angle: f64) -> f64 {
+        let AxisLine { p, q, .. } = self.axis;
+        let n2 = self.n * self.n;
+        let [u, w] = self.place(angle);
         let along = p * u + q * w;
         let dx = x - along / n2 - self.x_ref;
         // The slopes' derivatives by the angles are 1 + p² and 1 + q².
@@ -133,12 +146,7 @@ impl View {
             0.0,
         ];
         let rows = pose.uncertainty.covariance.iter().zip(by);
-        let of_pose: f64 = rows.map(|(row, j)| j * row.iter().zip(by).map(|(c, k)| c * k).sum::<f64>()).sum();
-        // A column is as wide as a step of the raster, and a point of it lies off by the noise, both times the tilt.
-        let tilt = p.hypot(q);
-        let of_place = (lattice.step(&offset.columns).powi(2) / 12.0 + (tilt * sigma).powi(2)) / n2;
-        let x_standard = (offset.standard.powi(2) / n2 + of_place + of_pose.max(0.0)).sqrt();
-        EndFace { centre: [x, y, z], x_standard }
+        rows.map(|(row, j)| j * row.iter().zip(by).map(|(c, k)| c * k).sum::<f64>()).sum()
     }
 }
 

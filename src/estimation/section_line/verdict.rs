@@ -6,7 +6,7 @@ use super::bias::Bias;
 use crate::estimation::conclude::{axial_length, median};
 use crate::estimation::unusable::unusable;
 use crate::estimation::{
-    EndFaces, Component, Method, Pose, Profile, RadiusSource, Reason, Refusal, Section, Settings, Uncertainty, robust,
+    Component, EndFaces, Method, Pose, Profile, RadiusSource, Reason, Refusal, Section, Settings, Uncertainty, robust,
 };
 use crate::geometry::AxisLine;
 use crate::scan::{Scan, Station};

@@ -173,7 +173,8 @@ mod tests {
         covariance[2][2] = y_u * y_u;
         let axis = AxisLine { p: 0.0, q: 0.0, y0: 0.0, z0: 0.0 };
         let (uncertainty, end_faces) = (Uncertainty { covariance, budget: Vec::new() }, EndFaces::default());
-        let pose = Pose { axis, x_ref: 200.0, radius: 1.0, radius_source: RadiusSource::Fitted, uncertainty, end_faces };
+        let pose =
+            Pose { axis, x_ref: 200.0, radius: 1.0, radius_source: RadiusSource::Fitted, uncertainty, end_faces };
         let document = UncertaintyDocument::from(&pose);
         assert!((document.standard.y_c0_mm - 0.1 * 2.5f64.sqrt()).abs() < 1e-12);
         assert!((document.expanded.y_c0_mm - 0.2 * 2.5f64.sqrt()).abs() < 1e-12);
@@ -189,7 +190,8 @@ mod tests {
         (covariance[0][2], covariance[2][0]) = (-0.01 / 200.0, -0.01 / 200.0);
         let axis = AxisLine { p: 0.0, q: 0.0, y0: 0.0, z0: 0.0 };
         let (uncertainty, end_faces) = (Uncertainty { covariance, budget: Vec::new() }, EndFaces::default());
-        let pose = Pose { axis, x_ref: 100.0, radius: 1.0, radius_source: RadiusSource::Fitted, uncertainty, end_faces };
+        let pose =
+            Pose { axis, x_ref: 100.0, radius: 1.0, radius_source: RadiusSource::Fitted, uncertainty, end_faces };
         assert!((UncertaintyDocument::from(&pose).standard.y_c0_mm - 0.1 * 2.5f64.sqrt()).abs() < 1e-12);
     }
 }

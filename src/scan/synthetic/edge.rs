@@ -147,13 +147,10 @@ mod tests {
     fn a_chamfer_falls_by_as_much_as_it_goes_on_and_ends_in_the_plane() {
         let edge = Edge { x_mm: 100.0, chamfer_mm: 2.0, ..Edge::default() };
         let seen = |x: f64| straight(edge).offset(x, 0, [0.0, 1.0], 0.0);
-        assert_eq!([seen(90.0), seen(98.0), seen(99.0), seen(100.0), seen(100.1)], [
-            Some(0.0),
-            Some(0.0),
-            Some(-1.0),
-            Some(-2.0),
-            None
-        ]);
+        assert_eq!(
+            [seen(90.0), seen(98.0), seen(99.0), seen(100.0), seen(100.1)],
+            [Some(0.0), Some(0.0), Some(-1.0), Some(-2.0), None]
+        );
     }
 
     #[test]
