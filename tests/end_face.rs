@@ -122,6 +122,9 @@ fn holds(scene: &Scene) {
             let (Some(face), Some(truth)) = (face, truth) else { continue };
             let error = outward * (face.centre[0] - truth[0]);
             found_count += 1;
+            if error.abs() > 2.0 * face.x_standard && std::env::var("COAXIS_DEBUG").is_ok() {
+                eprintln!("FAIL {} seed {seed} side {outward} error {error:.4} u {:.4}", scene.name, face.x_standard)
+            }
             held_count += u32::from(error.abs() <= 2.0 * face.x_standard);
             (squares, stated) = (squares + error * error, stated + face.x_standard.powi(2));
             (bias, worst) = (bias + error, if error.abs() > worst.abs() { error } else { worst });

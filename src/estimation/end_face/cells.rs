@@ -9,6 +9,9 @@ const DEPTH_MAX_MM: f64 = 3.2;
 const CHAMFER_POINTS_MIN: usize = 5;
 const DEPTH_QUANTILE: f64 = 0.95;
 
+/// Cells in a row that are told apart.
+pub(super) const LACKING_MAX: usize = 3;
+
 /// Columns about the axis that all hold equally many points of the part.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Lattice {
@@ -161,8 +164,9 @@ impl Chamfer {
 pub(super) struct Evidence {
     pub(super) t: f64,
     pub(super) present: bool,
-    /// The same of the cell beside it that a growing part reaches first; `None` where nobody can say.
-    pub(super) before: Option<bool>,
+    /// How many cells in a row lack the part, of those beside it that a growing part reaches first, up to [`LACKING_MAX`];
+    /// `None` where nobody can say.
+    pub(super) lacking: Option<usize>,
     pub(super) column: usize,
 }
 
@@ -178,8 +182,12 @@ pub(super) fn evidence(cells: &[Cell], lattice: &Lattice, chamfer: Option<Chamfe
                 Seen::Surface { t } | Seen::Below { t, .. } if present => t,
                 _ => cell.ahead + share * column.lead,
             };
-            let before = column.before.and_then(|beside| plane.get(beside)?.seen.is_part(chamfer));
-            evidence.push(Evidence { t, present, before, column: index });
+            let before = |index: usize| lattice.columns.get(index)?.before;
+            let lacks = |index: &usize| plane.get(*index).and_then(|cell| cell.seen.is_part(chamfer)) == Some(false);
+            let known = column.before.and_then(|beside| plane.get(beside)?.seen.is_part(chamfer)).is_some();
+            let run = std::iter::successors(column.before, |index| before(*index));
+            let lacking = known.then(|| run.take_while(lacks).take(LACKING_MAX).count());
+            evidence.push(Evidence { t, present, lacking, column: index });
         }
     }
     evidence

@@ -28,7 +28,9 @@ const COARSE_COLUMNS: usize = 16;
 /// Planes that are looked at for that, and those that are read in full about the end. More are taken at a stride.
 const COARSE_PLANES_MAX: usize = 4096;
 const FINE_PLANES_MAX: usize = 256;
-/// Columns about the end: as many as a plane has points on the part, within these.
+/// Columns about the end hold so many points of a profile, that one is not empty because the raster does not meet it; and
+/// least and most of them.
+const POINTS_PER_COLUMN: f64 = 2.0;
 const COLUMNS: [usize; 2] = [8, 1024];
 /// What is looked at before the end, and what of it is left to a ragged edge or a chamfer, as [mm, spacings].
 const BEFORE: [f64; 2] = [10.0, 10.0];
@@ -99,7 +101,7 @@ impl Stage<'_> {
         let settled = self.about.last - length(UNSETTLED);
         let on_part = |g: &&Glimpse| g.height.abs() <= self.tolerance && g.t >= from && g.t <= settled;
         let angles: Vec<f64> = glimpses.iter().filter(on_part).map(|glimpse| glimpse.angle).collect();
-        let columns = (angles.len() as f64 * spacing / (settled - from)).round() as usize;
+        let columns = (angles.len() as f64 * spacing / (settled - from) / POINTS_PER_COLUMN).round() as usize;
         let [least, most] = COLUMNS;
         let lattice = Lattice::of(angles, columns.clamp(least, most), view)?;
         let cells = cells::cells(&glimpses, &planes, &lattice, self.tolerance);

@@ -2,13 +2,13 @@
 //! profiles or poses.
 //!
 //! Up to the plane a cell shows the part but for drop-outs, beyond it nothing but for strays. Drop-outs and strays come in
-//! runs, so each cell is weighed given the one beside it: a Markov chain along the profile, whose rates are those of the
+//! runs, so each cell is weighed given those beside it: a Markov chain along the profile, whose rates are those of the
 //! cells just before the plane. In order of t the logarithm of the likelihood of a plane is a running sum; with nothing
 //! known before about the offset it is the posterior, constant between one cell and the next, and its mean and standard
 //! deviation are the answer. Where all cells of a profile share one t it is even over the spacing: its standard deviation
 //! is spacing/√12, however many the columns.
 
-use super::cells::{Evidence, Lattice};
+use super::cells::{Evidence, LACKING_MAX, Lattice};
 
 /// Where the plane is.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,12 +27,12 @@ pub(super) struct Offset {
 
 /// Beyond the part: a cell shows something after one that does not, and after one that does.
 const STRAY: [f64; 2] = [1e-3, 0.3];
-/// Before the end: what a cell is taken to lack, after one that is there and after one that lacks too, until it is counted;
-/// and how many cells that is worth.
-const LACK: [f64; 2] = [0.05, 0.9];
+/// Before the end: how often a cell is taken to lack its point until that is counted, after none, one, two, and three cells
+/// or more that lack theirs; and how many cells that is worth.
+const LACK: [f64; 1 + LACKING_MAX] = [0.05, 0.9, 0.9, 0.9];
 const LACK_WORTH: f64 = 10.0;
 /// Cells are counted this far before the plane, [mm, spacings].
-const COUNTED: [f64; 2] = [2.0, 2.0];
+const COUNTED: [f64; 2] = [0.5, 1.0];
 /// The end is seen where the likelihood falls by a factor of e⁸ on both sides, and this share of the columns ends.
 const LOG_LIKELIHOOD_MIN: f64 = 8.0;
 const COLUMNS_SHARE_MIN: f64 = 0.1;
@@ -42,44 +42,32 @@ const COLUMNS_SHARE_MIN: f64 = 0.1;
 const NEAR_STANDARDS: f64 = 1.8;
 const NEAR_STEPS: f64 = 2.0;
 
-/// Chances that a cell before the plane lacks its point.
+/// Chances that a cell before the plane lacks its point, after so many beside it that lack theirs.
 #[derive(Debug, Clone, Copy)]
-struct Lack {
-    after_present: f64,
-    after_absent: f64,
-}
+struct Lack([f64; 1 + LACKING_MAX]);
 
 impl Lack {
-    /// What is taken before anything is counted.
-    const ASSUMED: Self = Self { after_present: LACK[0], after_absent: LACK[1] };
-
     /// Counted in cells, what was assumed being worth a few.
     fn counted<'a>(cells: impl Iterator<Item = &'a Evidence>) -> Self {
-        let (mut lacking, mut all) = ([0.0; 2], [0.0; 2]);
+        let mut counts = LACK.map(|assumed| (assumed * LACK_WORTH, LACK_WORTH));
         for cell in cells {
-            let Some(before) = cell.before else { continue };
-            let of = usize::from(!before);
-            if let (Some(lacking), Some(all)) = (lacking.get_mut(of), all.get_mut(of)) {
-                *lacking += f64::from(u8::from(!cell.present));
-                *all += 1.0;
-            }
+            let of_kind = cell.lacking.and_then(|lacking| counts.get_mut(lacking));
+            let Some((lacking, all)) = of_kind else { continue };
+            *lacking += f64::from(u8::from(!cell.present));
+            *all += 1.0;
         }
-        let [present, absent] = lacking;
-        let [all_present, all_absent] = all;
-        let [assumed_present, assumed_absent] = LACK;
-        Self {
-            after_present: (present + assumed_present * LACK_WORTH) / (all_present + LACK_WORTH),
-            after_absent: (absent + assumed_absent * LACK_WORTH) / (all_absent + LACK_WORTH),
-        }
+        Self(counts.map(|(lacking, all)| lacking / all))
     }
 
     /// Logarithm of how much likelier a cell is before the plane than beyond it.
     fn gain(&self, cell: &Evidence) -> f64 {
         let [stray, stray_again] = STRAY;
-        let (lack, stray) = match cell.before {
-            Some(true) => (self.after_present, stray_again),
-            Some(false) => (self.after_absent, stray),
-            None => (self.after_present / (1.0 + self.after_present - self.after_absent), stray),
+        let after = |lacking: usize| self.0.get(lacking).copied().unwrap_or_default();
+        let (lack, stray) = match cell.lacking {
+            Some(0) => (after(0), stray_again),
+            Some(lacking) => (after(lacking), stray),
+            // With nothing beside it, as often as in the long run.
+            None => (after(0) / (1.0 + after(0) - after(1)), stray),
         };
         if cell.present { ((1.0 - lack) / stray).ln() } else { (lack / (1.0 - stray)).ln() }
     }
@@ -90,7 +78,7 @@ pub(super) fn find(mut evidence: Vec<Evidence>, to: f64, spacing: f64, lattice: 
     evidence.sort_by(|a, b| a.t.total_cmp(&b.t));
     let [mm, spacings] = COUNTED;
     let counted = f64::max(mm, spacings * spacing);
-    let mut lack = Lack::ASSUMED;
+    let mut lack = Lack(LACK);
     for _ in 0..2 {
         let sums = sums(&evidence, lack);
         let (_, last) = best(&evidence, &sums)?;
