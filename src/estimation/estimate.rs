@@ -416,3 +416,17 @@ pub struct Residuals {
     /// Share of inner points among all points of the valid profiles.
     pub inlier_ratio: f64,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pose_that_was_kept_before_there_were_end_faces_is_read() {
+        let text = r#"{"axis": {"p": 0.0, "q": 0.0, "y0": 1.0, "z0": 2.0}, "x_ref": 3.0, "radius": 4.0,
+            "radius_source": "fitted", "uncertainty": {"covariance": [[0, 0, 0, 0, 0], [0, 0, 0, 0, 0], [0, 0, 0, 0, 0],
+            [0, 0, 0, 0, 0], [0, 0, 0, 0, 0]], "budget": []}}"#;
+        let pose: Pose = serde_json::from_str(text).expect("an old row");
+        assert_eq!(pose.end_faces, EndFaces::default());
+    }
+}

@@ -31,8 +31,8 @@ const STRAY: [f64; 2] = [1e-3, 0.3];
 /// or more that lack theirs; and how many cells that is worth.
 const LACK: [f64; 1 + LACKING_MAX] = [0.05, 0.9, 0.9, 0.9];
 const LACK_WORTH: f64 = 10.0;
-/// Cells are counted this far before the plane, [mm, spacings].
-const COUNTED: [f64; 2] = [0.5, 1.0];
+/// Cells are counted this far before the plane, [mm, spacings]: an edge is the more ragged the nearer to its end.
+const COUNTED: [f64; 2] = [0.5, 0.5];
 /// The end is seen where the likelihood falls by a factor of e⁸ on both sides, and this share of the columns ends.
 const LOG_LIKELIHOOD_MIN: f64 = 8.0;
 const COLUMNS_SHARE_MIN: f64 = 0.1;
