@@ -85,7 +85,9 @@ fn a_recipe_asks_for_end_faces_and_an_end_that_is_not_seen_is_null_with_a_warnin
     };
     let scan = encoded(&part, Format::Json);
     for (asked, keys) in [("far", ["end_face", "far_end_face"]), ("both", ["far_end_face", "end_face"])] {
-        service.put(&format!("/v1/recipes/{asked}"), &[], &json!({ "end_face": asked, "method": "cylinder" })).expect(201);
+        service
+            .put(&format!("/v1/recipes/{asked}"), &[], &json!({ "end_face": asked, "method": "cylinder" }))
+            .expect(201);
         let measurement = service.post(&format!("/v1/measurements?format=json&recipe={asked}"), &scan).expect(201);
         let [seen, unseen] = keys;
         assert!(measurement["pose"][unseen].is_null(), "{measurement}");

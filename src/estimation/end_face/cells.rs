@@ -1,7 +1,8 @@
 //! The cylinder about its end as cells: columns about the axis times planes. A cell shows the surface, something below it,
 //! something above that hides it, or nothing. Must not know where the part ends.
 
-use super::view::{Glimpse, Plane, View};
+use super::lattice::Lattice;
+use super::view::{Glimpse, Plane};
 
 /// Deepest chamfer that is told from a hole or a support, mm.
 const DEPTH_MAX_MM: f64 = 3.2;
@@ -11,83 +12,6 @@ const DEPTH_QUANTILE: f64 = 0.95;
 
 /// Cells in a row that are told apart.
 pub(super) const LACKING_MAX: usize = 3;
-
-/// Columns about the axis that all hold equally many points of the part.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Lattice {
-    /// Where each column but the first begins, radians.
-    bounds: Vec<f64>,
-    columns: Vec<Column>,
-    radius: f64,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Column {
-    /// Median direction of its points.
-    angle: f64,
-    /// How far ahead of its plane it lies, mm.
-    lead: f64,
-    /// The column beside it that a growing part reaches first.
-    before: Option<usize>,
-}
-
-impl Lattice {
-    /// `None` where there are fewer points than columns.
-    pub(super) fn of(mut angles: Vec<f64>, columns_count: usize, view: &View) -> Option<Self> {
-        if columns_count == 0 || angles.len() < columns_count {
-            return None;
-        }
-        angles.sort_by(f64::total_cmp);
-        let at = |share: f64| angles.get((share * angles.len() as f64 / columns_count as f64) as usize).copied();
-        let between = |index: usize| {
-            let upper = index * angles.len() / columns_count;
-            Some(0.5 * (angles.get(upper.checked_sub(1)?)? + angles.get(upper)?))
-        };
-        let bounds = (1..columns_count).filter_map(between).collect();
-        let column = |index: usize| {
-            let angle = at(index as f64 + 0.5)?;
-            Some(Column { angle, lead: view.lead(angle), before: None })
-        };
-        let mut columns: Vec<Column> = (0..columns_count).filter_map(column).collect();
-        let leads: Vec<f64> = columns.iter().map(|column| column.lead).collect();
-        for (index, column) in columns.iter_mut().enumerate() {
-            let beside = [index.checked_sub(1), Some(index + 1)].into_iter().flatten();
-            let earlier = |other: &usize| leads.get(*other).is_some_and(|lead| (*lead, *other) < (column.lead, index));
-            column.before = beside.filter(earlier).next();
-        }
-        Some(Self { bounds, columns, radius: view.radius() })
-    }
-
-    /// The number of its columns.
-    pub(super) fn len(&self) -> usize {
-        self.columns.len()
-    }
-
-    /// Least and most that the columns lie ahead of their plane, mm.
-    pub(super) fn span(&self) -> [f64; 2] {
-        let leads = self.columns.iter().map(|column| column.lead);
-        leads.fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], lead| [least.min(lead), most.max(lead)])
-    }
-
-    /// The directions of some of its columns.
-    pub(super) fn angles(&self, columns: &[usize]) -> impl Iterator<Item = f64> {
-        columns.iter().filter_map(|index| Some(self.columns.get(*index)?.angle))
-    }
-
-    /// Mean step from a column to the next along the axis, mm.
-    pub(super) fn mean_step(&self) -> f64 {
-        let pairs = self.columns.windows(2).filter_map(|pair| Some((pair.last()?.lead - pair.first()?.lead).abs()));
-        pairs.sum::<f64>() / self.len() as f64
-    }
-
-    /// Mean step from one of these columns to the next along the axis, mm.
-    pub(super) fn step(&self, columns: &[usize]) -> f64 {
-        let lead = |index: usize| self.columns.get(index).map(|column| column.lead);
-        let steps = columns.iter().filter_map(|&c| Some((lead(c + 1)? - lead(c)?).abs()));
-        let (sum, count) = steps.fold((0.0, 0.0), |(sum, count), step| (sum + step, count + 1.0));
-        sum / f64::max(count, 1.0)
-    }
-}
 
 /// What a column shows in one plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -119,7 +43,7 @@ pub(super) fn cells(glimpses: &[Glimpse], planes: &[Plane], lattice: &Lattice, t
     let nothing = |plane: &Plane| std::iter::repeat_n(Cell { ahead: plane.ahead, seen: Seen::Nothing }, lattice.len());
     let mut cells: Vec<Cell> = planes.iter().flat_map(nothing).collect();
     for glimpse in glimpses {
-        let column = lattice.bounds.partition_point(|bound| *bound <= glimpse.angle);
+        let column = lattice.column_at(glimpse.angle);
         let Some(cell) = cells.get_mut(glimpse.plane * lattice.len() + column) else { continue };
         let (t, depth) = (glimpse.t, -glimpse.height);
         cell.seen = match cell.seen {
@@ -173,16 +97,16 @@ pub(super) struct Evidence {
 /// What the cells say; hidden ones say nothing.
 pub(super) fn evidence(cells: &[Cell], lattice: &Lattice, chamfer: Option<Chamfer>) -> Vec<Evidence> {
     // The lead grows with the radius.
-    let share = 1.0 - chamfer.map_or(0.0, |chamfer| chamfer.depth / lattice.radius);
+    let share = 1.0 - chamfer.map_or(0.0, |chamfer| chamfer.depth / lattice.radius());
     let mut evidence = Vec::with_capacity(cells.len());
     for plane in cells.chunks(lattice.len().max(1)) {
-        for (index, (cell, column)) in plane.iter().zip(&lattice.columns).enumerate() {
+        for (index, (cell, column)) in plane.iter().zip(lattice.columns()).enumerate() {
             let Some(present) = cell.seen.is_part(chamfer) else { continue };
             let t = match cell.seen {
                 Seen::Surface { t } | Seen::Below { t, .. } if present => t,
                 _ => cell.ahead + share * column.lead,
             };
-            let before = |index: usize| lattice.columns.get(index)?.before;
+            let before = |index: usize| lattice.columns().get(index)?.before;
             let lacks = |index: &usize| plane.get(*index).and_then(|cell| cell.seen.is_part(chamfer)) == Some(false);
             let known = column.before.and_then(|beside| plane.get(beside)?.seen.is_part(chamfer)).is_some();
             let run = std::iter::successors(column.before, |index| before(*index));

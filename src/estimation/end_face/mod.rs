@@ -12,14 +12,16 @@
 //! ```
 
 mod cells;
+mod lattice;
 mod offset;
 mod reach;
 mod view;
 
 use super::{End, EndFace, EndFaces, Estimate, Outcome, Pose, Settings, Warning};
 use crate::scan::Scan;
-use cells::{Cell, Chamfer, Evidence, Lattice};
-use offset::Offset;
+use cells::{Cell, Chamfer, Evidence};
+use lattice::Lattice;
+use offset::{Grid, Offset};
 use view::{Glimpse, Plane, View};
 
 /// Read of a plane to find about where the part ends, and the columns that these points are put in.
@@ -136,6 +138,7 @@ impl Search<'_> {
         let next = reach::reach(&evidence, from, self.spacing)?.next;
         let to = to.min(next);
         evidence.retain(|evidence| evidence.t >= from && evidence.t <= to);
-        offset::find(evidence, to, self.spacing, self.lattice)
+        let (step, columns_count) = (self.lattice.mean_step(), self.lattice.len());
+        offset::find(evidence, to, Grid { spacing: self.spacing, step, columns_count })
     }
 }

@@ -8,7 +8,7 @@
 //! deviation are the answer. Where all cells of a profile share one t it is even over the spacing: its standard deviation
 //! is spacing/√12, however many the columns.
 
-use super::cells::{Evidence, LACKING_MAX, Lattice};
+use super::cells::{Evidence, LACKING_MAX};
 
 /// Where the plane is.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,12 +25,24 @@ pub(super) struct Offset {
     pub(super) crossings: f64,
 }
 
+/// How the evidence is spread.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Grid {
+    /// From profile to profile along the axis, mm.
+    pub(super) spacing: f64,
+    /// From column to column along the axis, mm.
+    pub(super) step: f64,
+    pub(super) columns_count: usize,
+}
+
 /// Beyond the part: a cell shows something after one that does not, and after one that does.
 const STRAY: [f64; 2] = [1e-3, 0.3];
 /// Before the end: how often a cell is taken to lack its point until that is counted, after none, one, two, and three cells
 /// or more that lack theirs; and how many cells that is worth.
 const LACK: [f64; 1 + LACKING_MAX] = [0.05, 0.9, 0.9, 0.9];
 const LACK_WORTH: f64 = 10.0;
+/// At most: a point must stay likelier on the part than beyond it, also where a chamfer has taken most of the surface.
+const LACK_MOST: [f64; 1 + LACKING_MAX] = [0.5, 0.99, 0.99, 0.99];
 /// Cells are counted this far before the plane, [mm, spacings]: an edge is the more ragged the nearer to its end.
 const COUNTED: [f64; 2] = [0.5, 0.5];
 /// The end is seen where the likelihood falls by a factor of e⁸ on both sides, and this share of the columns ends.
@@ -56,7 +68,8 @@ impl Lack {
             *lacking += f64::from(u8::from(!cell.present));
             *all += 1.0;
         }
-        Self(counts.map(|(lacking, all)| lacking / all))
+        let mut most = LACK_MOST.into_iter();
+        Self(counts.map(|(lacking, all)| (lacking / all).min(most.next().unwrap_or_default())))
     }
 
     /// Logarithm of how much likelier a cell is before the plane than beyond it.
@@ -74,10 +87,10 @@ impl Lack {
 }
 
 /// The plane, from evidence up to `to`; `None` where no end is seen.
-pub(super) fn find(mut evidence: Vec<Evidence>, to: f64, spacing: f64, lattice: &Lattice) -> Option<Offset> {
+pub(super) fn find(mut evidence: Vec<Evidence>, to: f64, grid: Grid) -> Option<Offset> {
     evidence.sort_by(|a, b| a.t.total_cmp(&b.t));
     let [mm, spacings] = COUNTED;
-    let counted = f64::max(mm, spacings * spacing);
+    let counted = f64::max(mm, spacings * grid.spacing);
     let mut lack = Lack(LACK);
     for _ in 0..2 {
         let sums = sums(&evidence, lack);
@@ -90,12 +103,12 @@ pub(super) fn find(mut evidence: Vec<Evidence>, to: f64, spacing: f64, lattice: 
     let mut ended: Vec<usize> = evidence.iter().filter(|c| c.t > last && !c.present).map(|c| c.column).collect();
     ended.sort_unstable();
     ended.dedup();
-    if !falls || (ended.len() as f64) < COLUMNS_SHARE_MIN * lattice.len() as f64 {
+    if !falls || (ended.len() as f64) < COLUMNS_SHARE_MIN * grid.columns_count as f64 {
         return None;
     }
     let [t, standard] = moments(&evidence, &sums, most, to)?;
     // The cells at either side of what is left open, and those of every other profile that meets the edge.
-    let steps = NEAR_STEPS * lattice.mean_step();
+    let steps = NEAR_STEPS * grid.step;
     let near = |cell: &&Evidence| (cell.t - t).abs() <= steps.max(NEAR_STANDARDS * standard);
     let columns: Vec<usize> = evidence.iter().filter(near).map(|cell| cell.column).collect();
     let crossings = (columns.len() as f64 / (2.0 * NEAR_STEPS)).max(1.0);
@@ -135,4 +148,43 @@ fn moments(evidence: &[Evidence], sums: &[f64], most: f64, to: f64) -> Option<[f
     let square = |(weight, middle, width): &(f64, f64, f64)| weight * ((middle - mean).powi(2) + width * width / 12.0);
     let variance = pieces.iter().map(square).sum::<f64>() / total;
     Some([mean, variance.sqrt()])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const COLUMNS: usize = 20;
+
+    /// Ten profiles 1 mm apart, each column `step` further than the one before it, of a part that ends at `end`.
+    fn cells(step: f64, end: f64) -> Vec<Evidence> {
+        let cell = |plane: u32, column: usize| {
+            let t = f64::from(plane) + step * column as f64;
+            let lacking = column.checked_sub(1).map(|_| usize::from(t - step > end));
+            Evidence { t, present: t <= end, lacking, column }
+        };
+        (0..10).flat_map(|plane| (0..COLUMNS).map(move |column| cell(plane, column))).collect()
+    }
+
+    fn found(step: f64, end: f64) -> Option<Offset> {
+        find(cells(step, end), 12.0, Grid { spacing: 1.0, step, columns_count: COLUMNS })
+    }
+
+    #[test]
+    fn where_all_columns_end_alike_the_plane_is_anywhere_in_the_spacing() {
+        let offset = found(0.0, 5.7).expect("an end");
+        assert!((offset.t - 5.5).abs() < 1e-3 && (offset.standard - 1.0 / 12f64.sqrt()).abs() < 1e-3, "{offset:?}");
+    }
+
+    #[test]
+    fn where_columns_end_in_turn_the_plane_is_known_to_a_step() {
+        let offset = found(0.05, 5.33).expect("an end");
+        assert!((offset.t - 5.325).abs() < 0.03 && offset.standard < 0.05, "{offset:?}");
+    }
+
+    #[test]
+    fn a_part_that_goes_on_has_no_end() {
+        assert_eq!(found(0.05, 99.0), None);
+        assert_eq!(found(0.0, -1.0), None);
+    }
 }

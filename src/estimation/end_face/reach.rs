@@ -38,3 +38,25 @@ pub(super) fn reach(evidence: &[Evidence], from: f64, bin: f64) -> Option<Reach>
     }
     last.map(|last| Reach { last, next: f64::INFINITY })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A profile a millimetre of five cells, showing the part where `shown` says so.
+    fn planes(shown: &str) -> Vec<Evidence> {
+        let plane = |(index, shown): (usize, char)| {
+            let cell = Evidence { t: index as f64 + 0.5, present: shown == '#', lacking: None, column: 0 };
+            std::iter::repeat_n(cell, 5)
+        };
+        shown.chars().enumerate().flat_map(plane).collect()
+    }
+
+    #[test]
+    fn a_lost_profile_is_no_gap_and_two_are() {
+        let reach = |shown| reach(&planes(shown), 0.0, 1.0);
+        assert_eq!(reach("####.###...##"), Some(Reach { last: 8.0, next: 11.0 }));
+        assert_eq!(reach("####.###...."), Some(Reach { last: 8.0, next: f64::INFINITY }));
+        assert_eq!(reach("....."), None);
+    }
+}

@@ -4,7 +4,7 @@
 //! With dx = x − x_ref, u and w from the axis in the plane of the profile and n² = 1 + p² + q² a point lies at
 //! t = ±(n·dx + (p·u + q·w)/n), outward; ρ² = u² + w² − (p·u + q·w)²/n² is its squared distance from the axis.
 
-use super::Lattice;
+use super::lattice::Lattice;
 use super::offset::Offset;
 use crate::estimation::{End, EndFace, Pose};
 use crate::geometry::AxisLine;
