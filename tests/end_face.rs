@@ -3,13 +3,7 @@
 //!
 //! `COAXIS_SEEDS=500 cargo test --release --test end_face -- --nocapture` prints the table of docs/estimation.md.
 
-#![expect(
-    clippy::panic,
-    clippy::expect_used,
-    clippy::indexing_slicing,
-    clippy::print_stdout,
-    reason = "a test may fail, and says what it saw"
-)]
+#![expect(clippy::panic, clippy::expect_used, clippy::print_stdout, reason = "a test may fail, and says what it saw")]
 
 use coaxis::estimation::{EndFace, EndFaceRule, Estimate, Method, Outcome, Progress, Settings, Warning, estimate};
 use coaxis::geometry::AxisLine;
