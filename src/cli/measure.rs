@@ -2,7 +2,7 @@
 
 use super::config::Sources;
 use super::{FAILED, Outcome, OutputClosed, REFUSED, bar, complain, print, table};
-use crate::estimation::Method;
+use crate::estimation::{EndFaceRule, Method};
 use crate::http::{MeasurementDocument, profiles_csv};
 use crate::plot::{Picture, Subject, draw};
 use crate::scan::decode::{Format, Limits, Unit};
@@ -33,6 +33,9 @@ pub(super) struct Arguments {
     /// Radius that the drawing gives
     #[arg(long, value_name = "MM", allow_hyphen_values = true)]
     nominal_radius_mm: Option<f64>,
+    /// Which end faces are measured: none, near, far or both
+    #[arg(long, value_name = "WHICH", value_parser = end_face)]
+    end_face: Option<EndFaceRule>,
     /// A point nearer than this to its section is an inner point
     #[arg(long, value_name = "MM", allow_hyphen_values = true)]
     epsilon_mm: Option<f64>,
@@ -84,6 +87,7 @@ impl Arguments {
             method: self.method,
             nominal_radius_mm: self.nominal_radius_mm,
             epsilon_mm: self.epsilon_mm,
+            end_face: self.end_face,
             unit: self.unit,
             profile_by: self.profile_by.clone(),
             ..Recipe::default()
@@ -196,6 +200,11 @@ fn write(path: &Path, text: &str) -> Result<(), Box<dyn Error>> {
 fn method(name: &str) -> Result<Method, String> {
     let names = || Method::ALL.map(Method::name).join(", ");
     Method::from_name(name).ok_or_else(|| format!("there is {}", names()))
+}
+
+fn end_face(name: &str) -> Result<EndFaceRule, String> {
+    let names = || EndFaceRule::ALL.map(EndFaceRule::name).join(", ");
+    EndFaceRule::from_name(name).ok_or_else(|| format!("there is {}", names()))
 }
 
 pub(super) fn format(name: &str) -> Result<Format, String> {

@@ -5,7 +5,7 @@ use super::{Outcome, print};
 use crate::geometry::AxisLine;
 use crate::scan::decode::Format;
 use crate::scan::encode::encode;
-use crate::scan::synthetic::{Interference, Part, make_several};
+use crate::scan::synthetic::{Edge, Edges, Interference, Part, make_several};
 use serde::Serialize;
 use std::error::Error;
 use std::fs::{self, File};
@@ -82,6 +82,16 @@ pub(super) struct ScanArguments {
     /// Share of the points that are thrown off by up to 10 mm
     #[arg(long, value_name = "SHARE", default_value_t = 0.0, allow_hyphen_values = true)]
     spikes: f64,
+    /// The part ends here, where its axis meets its near end plane; profiles beyond see nothing, which csv, gocator_csv and
+    /// json keep
+    #[arg(long, value_name = "MM", allow_hyphen_values = true)]
+    near_end_mm: Option<f64>,
+    /// The same of the far end
+    #[arg(long, value_name = "MM", allow_hyphen_values = true)]
+    far_end_mm: Option<f64>,
+    /// Chamfer of 45° at these ends
+    #[arg(long, value_name = "MM", default_value_t = 0.0, allow_hyphen_values = true)]
+    chamfer_mm: f64,
     /// The same seed makes the same scan
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -178,8 +188,13 @@ impl ScanArguments {
             },
             drop_out_ratio: self.drop_outs,
             spike_ratio: self.spikes,
+            edges: Edges { near: self.edge(self.near_end_mm), far: self.edge(self.far_end_mm) },
             seed: self.seed,
         }
+    }
+
+    fn edge(&self, x_mm: Option<f64>) -> Option<Edge> {
+        x_mm.map(|x_mm| Edge { x_mm, chamfer_mm: self.chamfer_mm, ..Edge::default() })
     }
 
     fn check(&self) -> Result<(), String> {
@@ -208,6 +223,9 @@ impl ScanArguments {
             ("y-c0-mm", self.y_c0_mm, -1e5, 1e5),
             ("z-c0-mm", self.z_c0_mm, -1e5, 1e5),
             ("noise-mm", self.noise_mm, 0.0, 1e4),
+            ("near-end-mm", self.near_end_mm.unwrap_or(0.0), -1e6, 1e6),
+            ("far-end-mm", self.far_end_mm.unwrap_or(0.0), -1e6, 1e6),
+            ("chamfer-mm", self.chamfer_mm, 0.0, self.radius_mm),
             ("clamp-height-mm", self.clamp_height_mm, -1e4, 1e4),
             ("second-gap-mm", self.second_gap_mm.unwrap_or(0.0), 0.0, 1e6),
             ("second-radius-mm", self.second_radius_mm.unwrap_or(1.0), 1e-3, 1e5),

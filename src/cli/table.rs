@@ -55,6 +55,15 @@ fn write_pose(text: &mut String, found: Option<(&PoseDocument, &UncertaintyDocum
     for (quantity, value, half_width, unit) in rows {
         writeln!(text, "  {quantity:<12} {value:>12.4} ± {half_width:.4} {unit}")?;
     }
+    let ends = [
+        ("end face x", pose.end_face, expanded.end_face_x_mm),
+        ("far end x", pose.far_end_face, expanded.far_end_face_x_mm),
+    ];
+    for (quantity, face, half_width) in ends {
+        let (Some(face), Some(half_width)) = (face, half_width) else { continue };
+        let (x, y, z) = (face.x_mm, face.y_mm, face.z_mm);
+        writeln!(text, "  {quantity:<12} {x:>12.4} ± {half_width:.4} mm, there y {y:.4}, z {z:.4}")?;
+    }
     writeln!(text, "  x_ref        {:>12.4} mm; ± is the expanded uncertainty, k = 2", pose.x_ref_mm)
 }
 

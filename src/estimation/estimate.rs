@@ -1,7 +1,7 @@
 //! What an estimation returns: the pose or the reason why there is none, and what became of every profile.
 //! Stored as it is; must not know how it is shown.
 
-use super::Method;
+use super::{End, EndFaceRule, Method};
 use crate::geometry::{Angle, AxisLine, SectionEllipse};
 use serde::{Deserialize, Serialize};
 
@@ -43,6 +43,47 @@ pub struct Pose {
     pub radius_source: RadiusSource,
     /// How well the pose is known.
     pub uncertainty: Uncertainty,
+    /// Where the axis meets the part's end planes, as far as that was asked for and seen.
+    #[serde(default)]
+    pub end_faces: EndFaces,
+}
+
+/// The end faces of a part.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct EndFaces {
+    /// What was asked for.
+    pub asked: EndFaceRule,
+    /// At the smaller x; `None` where it was not asked for or not seen.
+    pub near: Option<EndFace>,
+    /// At the larger x; `None` where it was not asked for or not seen.
+    pub far: Option<EndFace>,
+}
+
+impl EndFaces {
+    /// The one that was asked for; the near one where both were.
+    #[must_use]
+    pub fn asked_one(&self) -> Option<EndFace> {
+        match self.asked {
+            EndFaceRule::None => None,
+            EndFaceRule::Near | EndFaceRule::Both => self.near,
+            EndFaceRule::Far => self.far,
+        }
+    }
+
+    /// The far one where both were asked for.
+    #[must_use]
+    pub fn other_one(&self) -> Option<EndFace> {
+        self.far.filter(|_| self.asked == EndFaceRule::Both)
+    }
+}
+
+/// Where the axis meets an end plane, which is square to it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct EndFace {
+    /// The point, mm.
+    pub centre: [f64; 3],
+    /// Standard uncertainty of its x, mm: of the plane's offset along the axis and of the pose together.
+    pub x_standard: f64,
 }
 
 /// Where a radius came from.
@@ -406,6 +447,15 @@ pub enum Warning {
     /// The method neither re-weights nor rejects.
     #[error("section_line_plain follows every clamp and hole; it is for comparison only")]
     NotRobust,
+    /// An end face was asked for that the scan does not show.
+    #[error(
+        "the {} end face is not seen: the scan must go on beyond that end of the part, by two profiles or more that show the \
+         background or are kept though they are empty, and part of the edge must be free of clamps", .end.name()
+    )]
+    EndFaceNotSeen {
+        /// Which.
+        end: End,
+    },
 }
 
 impl Warning {
@@ -418,6 +468,7 @@ impl Warning {
             Self::Tapered { .. } => "tapered",
             Self::Bent { .. } => "bent",
             Self::NotRobust => "not_robust",
+            Self::EndFaceNotSeen { .. } => "end_face_not_seen",
         }
     }
 }
@@ -429,4 +480,18 @@ pub struct Residuals {
     pub sigma: f64,
     /// Share of inner points among all points of the valid profiles.
     pub inlier_ratio: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pose_that_was_kept_before_there_were_end_faces_is_read() {
+        let text = r#"{"axis": {"p": 0.0, "q": 0.0, "y0": 1.0, "z0": 2.0}, "x_ref": 3.0, "radius": 4.0,
+            "radius_source": "fitted", "uncertainty": {"covariance": [[0, 0, 0, 0, 0], [0, 0, 0, 0, 0], [0, 0, 0, 0, 0],
+            [0, 0, 0, 0, 0], [0, 0, 0, 0, 0]], "budget": []}}"#;
+        let pose: Pose = serde_json::from_str(text).expect("an old row");
+        assert_eq!(pose.end_faces, EndFaces::default());
+    }
 }

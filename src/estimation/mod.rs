@@ -1,7 +1,7 @@
 //! From a scan to the pose of the part's axis. Knows geometry and scan; must not know files, clocks, logs or JSON.
 //!
 //! ```text
-//! Scan --unusable?--> method --conclude--> Estimate: pose or refusal, and a verdict on every profile
+//! Scan --unusable?--> method --conclude--> Estimate --end_face--> Estimate: pose or refusal, a verdict on every profile
 //!                       |
 //!        cylinder: every point of every profile serves one joint robust fit
 //!        section_line: an ellipse a profile, then a robust line through the centres (the published method)
@@ -15,6 +15,7 @@
 mod budget;
 mod conclude;
 mod cylinder;
+mod end_face;
 mod estimate;
 mod parts;
 mod progress;
@@ -25,12 +26,12 @@ mod type_b;
 mod unusable;
 
 pub use estimate::{
-    Component, Conditioning, Estimate, Outcome, Pose, Profile, RadiusSource, Reason, Refusal, Residuals, Section,
-    Uncertainty, Warning,
+    Component, Conditioning, EndFace, EndFaces, Estimate, Outcome, Pose, Profile, RadiusSource, Reason, Refusal,
+    Residuals, Section, Uncertainty, Warning,
 };
 pub use parts::{ByGap, PARTS_MAX, PartEstimate, PartRule, Parts, PartsError, ScanEstimate, Window, estimate_parts};
 pub use progress::Progress;
-pub use settings::{Method, RadiusRule, SettingError, Settings};
+pub use settings::{End, EndFaceRule, Method, RadiusRule, SettingError, Settings};
 pub use type_b::TypeB;
 
 use crate::scan::Scan;
@@ -42,7 +43,9 @@ pub fn estimate(scan: &Scan, settings: &Settings, progress: &Progress) -> Estima
         Method::Cylinder => cylinder::find(scan, settings, progress),
         Method::SectionLine | Method::SectionLinePlain => section_line::find(scan, settings, progress),
     };
-    conclude::conclude(settings, found)
+    let mut estimate = conclude::conclude(settings, found);
+    end_face::complete(scan, settings, &mut estimate);
+    estimate
 }
 
 /// What a method comes back with.

@@ -50,6 +50,70 @@ pub enum RadiusRule {
     Prior,
 }
 
+/// Which end faces of the part are measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EndFaceRule {
+    /// Neither.
+    #[default]
+    None,
+    /// That at the smaller x.
+    Near,
+    /// That at the larger x.
+    Far,
+    /// Both.
+    Both,
+}
+
+impl EndFaceRule {
+    /// All rules.
+    pub const ALL: [Self; 4] = [Self::None, Self::Near, Self::Far, Self::Both];
+
+    /// The name used in recipes and flags.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Near => "near",
+            Self::Far => "far",
+            Self::Both => "both",
+        }
+    }
+
+    /// The rule of this name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|rule| rule.name() == name)
+    }
+
+    /// Whether this end is asked for.
+    #[must_use]
+    pub fn asks_for(self, end: End) -> bool {
+        matches!((self, end), (Self::Both, _) | (Self::Near, End::Near) | (Self::Far, End::Far))
+    }
+}
+
+/// One end of the part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum End {
+    /// At the smaller x.
+    Near,
+    /// At the larger x.
+    Far,
+}
+
+impl End {
+    /// The name used in results.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Near => "near",
+            Self::Far => "far",
+        }
+    }
+}
+
 /// Everything that decides an estimate, besides the scan. Lengths in mm.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -82,6 +146,8 @@ pub struct Settings {
     pub angle_uncertainty_max_deg: f64,
     /// Positions of `cylinder` at x_ref that are known worse than this refuse the scan; standard uncertainty.
     pub position_uncertainty_max_mm: f64,
+    /// Which end faces are measured.
+    pub end_face: EndFaceRule,
     /// What is known of stage, sensor and temperature, for the uncertainty budget.
     pub type_b: TypeB,
 }
@@ -102,6 +168,7 @@ impl Default for Settings {
             radius_sigma_mm: None,
             angle_uncertainty_max_deg: 0.5,
             position_uncertainty_max_mm: 1.0,
+            end_face: EndFaceRule::default(),
             type_b: TypeB::default(),
         }
     }

@@ -1,6 +1,6 @@
 //! The words that requests choose from, as closed sets: methods, formats, units. Each turns into the domain's own.
 
-use crate::estimation::{Method, RadiusRule};
+use crate::estimation::{EndFaceRule, Method, RadiusRule};
 use crate::scan::decode::{Format, Unit};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -29,6 +29,21 @@ pub(super) enum RadiusName {
     Fixed,
     /// The nominal radius with its uncertainty, weighed against the data.
     Prior,
+}
+
+/// Which end faces of the part are measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+#[schema(as = EndFaceRule)]
+pub(super) enum EndFaceName {
+    /// Neither.
+    None,
+    /// That at the smaller x.
+    Near,
+    /// That at the larger x.
+    Far,
+    /// Both.
+    Both,
 }
 
 /// How a scan is written.
@@ -103,6 +118,28 @@ impl From<RadiusRule> for RadiusName {
             RadiusRule::Free => Self::Free,
             RadiusRule::Fixed => Self::Fixed,
             RadiusRule::Prior => Self::Prior,
+        }
+    }
+}
+
+impl From<EndFaceName> for EndFaceRule {
+    fn from(name: EndFaceName) -> Self {
+        match name {
+            EndFaceName::None => Self::None,
+            EndFaceName::Near => Self::Near,
+            EndFaceName::Far => Self::Far,
+            EndFaceName::Both => Self::Both,
+        }
+    }
+}
+
+impl From<EndFaceRule> for EndFaceName {
+    fn from(rule: EndFaceRule) -> Self {
+        match rule {
+            EndFaceRule::None => Self::None,
+            EndFaceRule::Near => Self::Near,
+            EndFaceRule::Far => Self::Far,
+            EndFaceRule::Both => Self::Both,
         }
     }
 }

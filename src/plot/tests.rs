@@ -3,8 +3,8 @@
 
 use super::{Picture, Subject, draw};
 use crate::estimation::{
-    self, Conditioning, Estimate, Method, Outcome, Pose, Profile, Progress, RadiusSource, Reason, Refusal, Section,
-    Settings, Uncertainty,
+    self, Conditioning, EndFaces, Estimate, Method, Outcome, Pose, Profile, Progress, RadiusSource, Reason, Refusal,
+    Section, Settings, Uncertainty,
 };
 use crate::geometry::{Angle, AxisLine};
 use crate::scan::synthetic::{Part, make};
@@ -75,8 +75,8 @@ impl Made {
 
     fn estimate(&self) -> Estimate {
         let uncertainty = Uncertainty { covariance: [[0.0; 5]; 5], budget: Vec::new() };
-        let pose =
-            Pose { axis: self.axis, x_ref: 0.0, radius: RADIUS, radius_source: RadiusSource::Fitted, uncertainty };
+        let (radius_source, end_faces) = (RadiusSource::Fitted, EndFaces::default());
+        let pose = Pose { axis: self.axis, x_ref: 0.0, radius: RADIUS, radius_source, uncertainty, end_faces };
         made(Outcome::Accepted(Box::new(pose)), self.profiles())
     }
 }

@@ -38,6 +38,8 @@ pub struct Cloud {
     pub labels: Labels,
     /// The unit that the file's coordinates were read in.
     pub unit: Unit,
+    /// Planes of rows or profiles of which the file holds none but missing points, as far as it says where they are, mm.
+    pub blanks: Vec<f64>,
     /// Points that the file marks as missing (NaN, infinite, empty cell); they are in no column.
     pub missing_count: u64,
 }

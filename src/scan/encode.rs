@@ -11,6 +11,8 @@
 //! | npy | (P, M, 3), filled up with NaN |
 //! | npz | x, y and z as (P, M), filled up with NaN |
 //!
+//! Profiles without a point are written last, by the text formats alone: the others have no place for their x.
+//!
 //! The binary formats hold single precision where the scan does and its x lose nothing by it. Those with a row per
 //! profile grow with the longest one: a scan of very uneven profiles is better written as csv or ply.
 

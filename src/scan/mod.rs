@@ -42,6 +42,7 @@ pub struct Scan {
     stations: Vec<Station>,
     columns: Arc<Columns>,
     rule: String,
+    blanks: Vec<f64>,
 }
 
 /// Why profiles do not make a scan.
@@ -86,8 +87,23 @@ impl Scan {
         }
         match columns.first_not_finite() {
             Some(index) => Err(ScanError::NotFinite { index }),
-            None => Ok(Self { stations, columns: Arc::new(columns), rule }),
+            None => Ok(Self { stations, columns: Arc::new(columns), rule, blanks: Vec::new() }),
         }
+    }
+
+    /// The same with the planes of profiles that were taken and hold no point, mm. They say where there is no part.
+    #[must_use]
+    pub fn with_blanks(self, mut blanks: Vec<f64>) -> Self {
+        blanks.retain(|x| x.is_finite());
+        blanks.sort_by(f64::total_cmp);
+        blanks.dedup();
+        Self { blanks, ..self }
+    }
+
+    /// The planes of profiles that hold no point, as far as they are known, in order of x.
+    #[must_use]
+    pub fn blanks(&self) -> &[f64] {
+        &self.blanks
     }
 
     /// The profiles, in order of x.
@@ -96,11 +112,12 @@ impl Scan {
         &self.stations
     }
 
-    /// The profiles of these positions as a scan of their own, whose points are shared, not copied. `None` where there is none.
+    /// The profiles of these positions as a scan of their own, whose points are shared, not copied, and which knows of no
+    /// blanks. `None` where there is none.
     #[must_use]
     pub fn part(&self, stations: Range<usize>) -> Option<Self> {
         let stations = self.stations.get(stations).filter(|stations| !stations.is_empty())?.to_vec();
-        Some(Self { stations, columns: Arc::clone(&self.columns), rule: self.rule.clone() })
+        Some(Self { stations, columns: Arc::clone(&self.columns), rule: self.rule.clone(), blanks: Vec::new() })
     }
 
     /// Where its points lie in the columns.

@@ -1,7 +1,7 @@
 //! How a kind of part is measured: what the operator may say, checked, laid over what somebody else said, and resolved
 //! into what scan and estimation take. Must not know where a recipe is kept, nor how it is sent.
 
-use crate::estimation::{Method, PartRule, PartsError, RadiusRule, SettingError, Settings, TypeB};
+use crate::estimation::{EndFaceRule, Method, PartRule, PartsError, RadiusRule, SettingError, Settings, TypeB};
 use crate::geometry::{Frame, FrameError};
 use crate::scan::decode::Unit;
 use crate::scan::slice::{Region, RegionError, SliceRequest};
@@ -63,6 +63,9 @@ pub struct Recipe {
     /// What is known of stage, sensor and temperature; said as a whole.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub type_b: Option<TypeB>,
+    /// Which end faces are measured: none, near, far or both.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub end_face: Option<EndFaceRule>,
     /// Unit of the file's coordinates; millimetres where nobody says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<Unit>,
@@ -181,6 +184,7 @@ impl Recipe {
             angle_uncertainty_max_deg: self.angle_uncertainty_max_deg.or(under.angle_uncertainty_max_deg),
             position_uncertainty_max_mm: self.position_uncertainty_max_mm.or(under.position_uncertainty_max_mm),
             type_b: self.type_b.or(under.type_b),
+            end_face: self.end_face.or(under.end_face),
             unit: self.unit.or(under.unit),
             profile_by: self.profile_by.or_else(|| under.profile_by.clone()),
             frame: self.frame.or(under.frame),
@@ -236,6 +240,7 @@ impl Recipe {
                 .position_uncertainty_max_mm
                 .unwrap_or(default.position_uncertainty_max_mm),
             type_b: self.type_b.unwrap_or(default.type_b),
+            end_face: self.end_face.unwrap_or(default.end_face),
         })
     }
 
@@ -268,6 +273,7 @@ impl Recipe {
             angle_uncertainty_max_deg: Some(settings.angle_uncertainty_max_deg),
             position_uncertainty_max_mm: Some(settings.position_uncertainty_max_mm),
             type_b: Some(settings.type_b),
+            end_face: Some(settings.end_face),
             ..self.clone()
         }
     }

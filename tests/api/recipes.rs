@@ -1,7 +1,10 @@
 //! Recipes: putting, replacing what one has seen, measuring with them.
 
-use crate::bodies::exact_csv;
+use crate::bodies::{encoded, exact_csv};
 use crate::harness::start;
+use coaxis::geometry::AxisLine;
+use coaxis::scan::decode::Format;
+use coaxis::scan::synthetic::{Edge, Edges, Part};
 use insta::assert_json_snapshot;
 use serde_json::{Value, json};
 
@@ -75,4 +78,44 @@ fn the_request_holds_over_the_recipe_and_the_recipe_over_the_configuration() {
     let listed = service.get("/v1/measurements?recipe=part").expect(200);
     assert_eq!(listed["measurements"][0]["id"], measurement["id"]);
     assert_eq!(service.get("/v1/measurements?recipe=other").expect(200)["measurements"], json!([]));
+}
+
+#[test]
+fn a_recipe_asks_for_end_faces_and_an_end_that_is_not_seen_is_null_with_a_warning() {
+    let (service, _folder) = start();
+    let axis = AxisLine { p: 0.02, q: 0.0, y0: 1.0, z0: 2.0 };
+    let far = Some(Edge { x_mm: 80.25, ..Edge::default() });
+    let part = Part {
+        axis,
+        length_mm: 100.0,
+        profiles_count: 101,
+        points_count: 100,
+        edges: Edges { near: None, far },
+        ..Part::smooth(1)
+    };
+    let scan = encoded(&part, Format::Json);
+    for (asked, keys) in [("far", ["end_face", "far_end_face"]), ("both", ["far_end_face", "end_face"])] {
+        service
+            .put(&format!("/v1/recipes/{asked}"), &[], &json!({ "end_face": asked, "method": "cylinder" }))
+            .expect(201);
+        let measurement = service.post(&format!("/v1/measurements?format=json&recipe={asked}"), &scan).expect(201);
+        let [seen, unseen] = keys;
+        assert!(measurement["pose"][unseen].is_null(), "{measurement}");
+        let error = measurement["pose"][seen]["x_mm"].as_f64().expect("a length") - 80.25;
+        // Profiles 1 mm apart, columns 0.15 mm apart along the axis.
+        assert!(error.abs() < 0.1, "{error} mm");
+        let half_width = measurement["uncertainty"][format!("{seen}_x_mm")].as_f64().expect("a length");
+        assert!(half_width > 0.0 && half_width < 0.3, "{half_width} mm");
+        let ends: Vec<&Value> = measurement["conditioning"]["warnings"]
+            .as_array()
+            .expect("a list")
+            .iter()
+            .filter(|warning| warning["code"] == "end_face_not_seen")
+            .map(|warning| &warning["end"])
+            .collect();
+        assert_eq!(ends, if asked == "both" { vec!["near"] } else { vec![] });
+        let id = measurement["id"].as_str().expect("an id");
+        assert_eq!(service.get(&format!("/v1/measurements/{id}")).expect(200), measurement, "as it was kept");
+    }
+    service.put("/v1/recipes/wrong", &[], &json!({ "end_face": "left" })).problem(422, "json_invalid");
 }

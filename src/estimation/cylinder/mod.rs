@@ -22,7 +22,8 @@ mod sums;
 use super::budget::Line;
 use super::unusable::unusable;
 use super::{
-    Found, Outcome, Pose, Profile, Progress, RadiusRule, RadiusSource, Reason, Refusal, Settings, Uncertainty, Warning,
+    EndFaces, Found, Outcome, Pose, Profile, Progress, RadiusRule, RadiusSource, Reason, Refusal, Settings,
+    Uncertainty, Warning,
 };
 use crate::scan::{Scan, Station};
 use candidates::{Candidate, Choice};
@@ -183,6 +184,7 @@ fn pose(solution: &Solution, settings: &Settings, uncertainty: Uncertainty) -> P
             RadiusRule::Prior => RadiusSource::Prior,
         },
         uncertainty,
+        end_faces: EndFaces::default(),
     }
 }
 

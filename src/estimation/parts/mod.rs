@@ -71,6 +71,8 @@ struct Piece {
     x_mm: [f64; 2],
     stations: Range<usize>,
     settings: Settings,
+    /// Planes that show nothing of the part, mm.
+    blanks: Vec<f64>,
 }
 
 /// The measurement of every part that the rule tells of. The result does not depend on the number of threads, and that of a
@@ -97,7 +99,10 @@ fn in_windows(scan: &Scan, settings: &Settings, windows: &[Window]) -> Vec<Piece
         let start = below(window.x_min_mm).max(end);
         end = up_to(window.x_max_mm).max(start);
         let x_mm = [window.x_min_mm, window.x_max_mm];
-        Piece { name: window.name.clone(), x_mm, stations: start..end, settings: window.settings(settings) }
+        // What lies beyond a window is not looked at, not even to see a part end there.
+        let blanks = scan.blanks().iter().copied().filter(|x| (window.x_min_mm..=window.x_max_mm).contains(x));
+        let settings = window.settings(settings);
+        Piece { name: window.name.clone(), x_mm, stations: start..end, settings, blanks: blanks.collect() }
     };
     windows.into_iter().map(piece).collect()
 }
@@ -105,10 +110,15 @@ fn in_windows(scan: &Scan, settings: &Settings, windows: &[Window]) -> Vec<Piece
 fn between_gaps(scan: &Scan, settings: &Settings, rule: &ByGap, progress: &Progress) -> Parts {
     let found = gap::parts(scan, settings, rule);
     let wrong_count = wrong_count(found.len(), rule);
+    // A part ends where the profiles of the gap show nothing of it.
+    let between =
+        scan.stations().iter().enumerate().filter(|(index, _)| !found.iter().any(|part| part.contains(index)));
+    let blanks: Vec<f64> = between.map(|(_, station)| station.x).chain(scan.blanks().iter().copied()).collect();
     let piece = |(index, stations): (usize, &Range<usize>)| {
         let x = |index: usize| scan.stations().get(index).map_or(0.0, |station| station.x);
         let x_mm = [x(stations.start), x(stations.end.saturating_sub(1))];
-        Piece { name: format!("part_{}", index + 1), x_mm, stations: stations.clone(), settings: *settings }
+        let (name, blanks) = (format!("part_{}", index + 1), blanks.clone());
+        Piece { name, x_mm, stations: stations.clone(), settings: *settings, blanks }
     };
     let mut pieces: Vec<Piece> = found.iter().enumerate().map(piece).collect();
     if pieces.len() > PARTS_MAX {
@@ -142,7 +152,7 @@ fn measure(scan: &Scan, pieces: &[Piece], progress: &Progress) -> Parts {
         x_mm: piece.x_mm,
         stations: piece.stations.clone(),
         estimate: match scan.part(piece.stations.clone()) {
-            Some(part) => estimate(&part, &piece.settings, progress),
+            Some(part) => estimate(&part.with_blanks(piece.blanks.clone()), &piece.settings, progress),
             None => empty(piece),
         },
     };

@@ -7,7 +7,9 @@ use crate::estimation::budget::Line;
 use crate::estimation::conclude::{axial_length, median};
 use crate::estimation::type_b::Found;
 use crate::estimation::unusable::unusable;
-use crate::estimation::{Method, Pose, Profile, RadiusSource, Reason, Refusal, Section, Settings, Uncertainty, robust};
+use crate::estimation::{
+    EndFaces, Method, Pose, Profile, RadiusSource, Reason, Refusal, Section, Settings, Uncertainty, robust,
+};
 use crate::geometry::AxisLine;
 use crate::scan::{Scan, Station};
 use nalgebra::Vector5;
@@ -132,5 +134,6 @@ pub(super) fn pose(fit: &Fit, bias: Bias, settings: &Settings) -> Pose {
         Line::of_shift(Line::FIT_BIAS, &shared, &axis),
     ];
     lines.extend(settings.type_b.lines(&Found { axis, x_ref, radius }, &fit.influences));
-    Pose { axis, x_ref, radius, radius_source: RadiusSource::Fitted, uncertainty: Uncertainty::of(&lines) }
+    let (uncertainty, end_faces) = (Uncertainty::of(&lines), EndFaces::default());
+    Pose { axis, x_ref, radius, radius_source: RadiusSource::Fitted, uncertainty, end_faces }
 }

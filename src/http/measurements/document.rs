@@ -4,7 +4,7 @@
 use super::super::recipes::RecipeDocument;
 use super::parts::{PartDocument, pose};
 use super::uncertainty::UncertaintyDocument;
-use crate::estimation::{Conditioning, Pose, RadiusSource, Reason, Refusal, Residuals, Warning};
+use crate::estimation::{Conditioning, EndFace, Pose, RadiusSource, Reason, Refusal, Residuals, Warning};
 use crate::service::{Measurement, Tally, Verdict};
 use jiff::Timestamp;
 use serde::Serialize;
@@ -99,8 +99,11 @@ pub struct PoseDocument {
     /// Where the radius came from.
     #[schema(example = "fitted")]
     pub radius_source: &'static str,
-    /// Where the axis meets the part's end plane; null until it is measured.
+    /// Where the axis meets the end plane that was asked for, the near one where both were; null where none was asked for
+    /// or it is not seen.
     pub end_face: Option<EndFaceDocument>,
+    /// Where the axis meets the far end plane where both were asked for; null else.
+    pub far_end_face: Option<EndFaceDocument>,
 }
 
 /// A point of the part's end plane.
@@ -254,8 +257,15 @@ impl From<&Pose> for PoseDocument {
                 RadiusSource::Nominal => "nominal",
                 RadiusSource::Prior => "prior",
             },
-            end_face: None,
+            end_face: pose.end_faces.asked_one().map(EndFaceDocument::from),
+            far_end_face: pose.end_faces.other_one().map(EndFaceDocument::from),
         }
+    }
+}
+
+impl From<EndFace> for EndFaceDocument {
+    fn from(EndFace { centre: [x_mm, y_mm, z_mm], .. }: EndFace) -> Self {
+        Self { x_mm, y_mm, z_mm }
     }
 }
 

@@ -41,6 +41,8 @@ pub(in super::super) struct PlcDocument {
     z_ref_um: Option<i64>,
     /// Radius, micrometres.
     radius_um: Option<i64>,
+    /// Where the axis meets the end face (the near one where both were asked for), micrometres.
+    end_face_x_um: Option<i64>,
     /// Expanded uncertainty (k = 2) of the deflection, 10⁻⁶ degrees.
     u_deflection_udeg: Option<i64>,
     /// Of the pitch.
@@ -90,6 +92,7 @@ impl PlcDocument {
             y_ref_um: pose.as_ref().and_then(|pose| um(pose.y_ref_mm)),
             z_ref_um: pose.as_ref().and_then(|pose| um(pose.z_ref_mm)),
             radius_um: pose.as_ref().and_then(|pose| um(pose.radius_mm)),
+            end_face_x_um: pose.as_ref().and_then(|pose| um(pose.end_face?.x_mm)),
             u_deflection_udeg: known.and_then(|known| micro(known.deflection_deg)),
             u_pitch_udeg: known.and_then(|known| micro(known.pitch_deg)),
             u_y_ref_um: known.and_then(|known| um(known.y_ref_mm)),
@@ -146,6 +149,7 @@ mod tests {
             y_ref_um: length,
             z_ref_um: length,
             radius_um: most,
+            end_face_x_um: length,
             u_deflection_udeg: most,
             u_pitch_udeg: most,
             u_y_ref_um: most,

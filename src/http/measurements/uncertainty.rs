@@ -50,8 +50,10 @@ pub struct UncertaintiesDocument {
     pub z_ref_mm: f64,
     /// Of the radius.
     pub radius_mm: f64,
-    /// Of the end face; null until it is measured.
+    /// Of x of the end face; null where there is none.
     pub end_face_x_mm: Option<f64>,
+    /// Of x of the far end face where both were asked for; null where there is none.
+    pub far_end_face_x_mm: Option<f64>,
 }
 
 /// Variances and covariances.
@@ -120,7 +122,8 @@ impl UncertaintiesDocument {
             y_ref_mm: y.sqrt(),
             z_ref_mm: z.sqrt(),
             radius_mm: radius.sqrt(),
-            end_face_x_mm: None,
+            end_face_x_mm: pose.end_faces.asked_one().map(|face| face.x_standard),
+            far_end_face_x_mm: pose.end_faces.other_one().map(|face| face.x_standard),
         }
     }
 
@@ -134,6 +137,7 @@ impl UncertaintiesDocument {
             z_ref_mm: factor * self.z_ref_mm,
             radius_mm: factor * self.radius_mm,
             end_face_x_mm: self.end_face_x_mm.map(|value| factor * value),
+            far_end_face_x_mm: self.far_end_face_x_mm.map(|value| factor * value),
         }
     }
 }
@@ -155,7 +159,7 @@ impl From<&Component> for ComponentDocument {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimation::{RadiusSource, Uncertainty};
+    use crate::estimation::{EndFaces, RadiusSource, Uncertainty};
     use crate::geometry::AxisLine;
 
     /// A line through two points at x = 100 and x = 300, each known to 0.1 mm independently: at x_ref = 200 the
@@ -168,8 +172,9 @@ mod tests {
         covariance[0][0] = slope_u * slope_u;
         covariance[2][2] = y_u * y_u;
         let axis = AxisLine { p: 0.0, q: 0.0, y0: 0.0, z0: 0.0 };
-        let uncertainty = Uncertainty { covariance, budget: Vec::new() };
-        let pose = Pose { axis, x_ref: 200.0, radius: 1.0, radius_source: RadiusSource::Fitted, uncertainty };
+        let (uncertainty, end_faces) = (Uncertainty { covariance, budget: Vec::new() }, EndFaces::default());
+        let pose =
+            Pose { axis, x_ref: 200.0, radius: 1.0, radius_source: RadiusSource::Fitted, uncertainty, end_faces };
         let document = UncertaintyDocument::from(&pose);
         assert!((document.standard.y_c0_mm - 0.1 * 2.5f64.sqrt()).abs() < 1e-12);
         assert!((document.expanded.y_c0_mm - 0.2 * 2.5f64.sqrt()).abs() < 1e-12);
@@ -184,8 +189,9 @@ mod tests {
         covariance[2][2] = 0.01;
         (covariance[0][2], covariance[2][0]) = (-0.01 / 200.0, -0.01 / 200.0);
         let axis = AxisLine { p: 0.0, q: 0.0, y0: 0.0, z0: 0.0 };
-        let uncertainty = Uncertainty { covariance, budget: Vec::new() };
-        let pose = Pose { axis, x_ref: 100.0, radius: 1.0, radius_source: RadiusSource::Fitted, uncertainty };
+        let (uncertainty, end_faces) = (Uncertainty { covariance, budget: Vec::new() }, EndFaces::default());
+        let pose =
+            Pose { axis, x_ref: 100.0, radius: 1.0, radius_source: RadiusSource::Fitted, uncertainty, end_faces };
         assert!((UncertaintyDocument::from(&pose).standard.y_c0_mm - 0.1 * 2.5f64.sqrt()).abs() < 1e-12);
     }
 }

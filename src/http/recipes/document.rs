@@ -1,6 +1,6 @@
 //! A recipe as clients write and read it. Every field may be left out. Must not know what a field does.
 
-use super::super::names::{MethodName, RadiusName, UnitName};
+use super::super::names::{EndFaceName, MethodName, RadiusName, UnitName};
 use super::parts::PartsDocument;
 use super::type_b::TypeBDocument;
 use crate::geometry::Frame;
@@ -79,6 +79,9 @@ pub struct RecipeDocument {
     /// What is known of stage, sensor and temperature, for the uncertainty budget; given as a whole.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub type_b: Option<TypeBDocument>,
+    /// Which end faces are measured: none, near (the smaller x), far or both.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(in super::super) end_face: Option<EndFaceName>,
     /// Unit of the file's coordinates.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(in super::super) unit: Option<UnitName>,
@@ -146,6 +149,7 @@ impl From<RecipeDocument> for Recipe {
             angle_uncertainty_max_deg: document.angle_uncertainty_max_deg,
             position_uncertainty_max_mm: document.position_uncertainty_max_mm,
             type_b: document.type_b.map(Into::into),
+            end_face: document.end_face.map(Into::into),
             unit: document.unit.map(Into::into),
             profile_by: document.profile_by,
             frame: document.frame.map(|frame| Frame {
@@ -179,6 +183,7 @@ impl From<Recipe> for RecipeDocument {
             angle_uncertainty_max_deg: recipe.angle_uncertainty_max_deg,
             position_uncertainty_max_mm: recipe.position_uncertainty_max_mm,
             type_b: recipe.type_b.map(Into::into),
+            end_face: recipe.end_face.map(Into::into),
             unit: recipe.unit.map(Into::into),
             profile_by: recipe.profile_by,
             frame: recipe.frame.map(|frame| FrameDocument {

@@ -4,6 +4,7 @@
 use super::packed::Run;
 use super::{DecodeError, Limits, Unit};
 use crate::scan::{Cloud, Columns, Labels, Stripe, huge_pages};
+use std::collections::HashSet;
 
 /// How precise a file's coordinates are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,6 +22,8 @@ pub(super) struct Gather<'a> {
     scale: f64,
     seen: usize,
     missing: u64,
+    /// Labels and planes of missing points whose plane is known, in mm.
+    blanks: Vec<(f64, f64)>,
     stripes: Vec<Stripe>,
     columns: Columns,
 }
@@ -32,7 +35,16 @@ impl<'a> Gather<'a> {
             (Unit::Millimetre, Precision::Single) => Columns::F32 { y: Vec::new(), z: Vec::new() },
             _ => Columns::F64 { y: Vec::new(), z: Vec::new() },
         };
-        Self { limits, unit, scale: unit.in_mm(), seen: 0, missing: 0, stripes: Vec::new(), columns }
+        Self {
+            limits,
+            unit,
+            scale: unit.in_mm(),
+            seen: 0,
+            missing: 0,
+            blanks: Vec::new(),
+            stripes: Vec::new(),
+            columns,
+        }
     }
 
     /// Makes room for `points` more, which the caller has seen in the input; not exactly that much, as there may be many
@@ -140,7 +152,27 @@ impl<'a> Gather<'a> {
         if self.columns.is_empty() {
             return Err(DecodeError::NoPoints { missing_count: self.missing });
         }
-        Ok(Cloud { stripes: self.stripes, columns: self.columns, labels, unit: self.unit, missing_count: self.missing })
+        let blanks = self.blanks_without_points();
+        let Self { stripes, columns, unit, missing: missing_count, .. } = self;
+        Ok(Cloud { stripes, columns, labels, unit, blanks, missing_count })
+    }
+
+    /// Takes a profile without a point, at x in the file's unit.
+    pub(super) fn push_blank(&mut self, label: f64, x: f64) {
+        let blank = (label, x * self.scale);
+        let known = label.is_finite() && blank.1.abs() <= self.limits.coordinate_max_mm;
+        if known && self.blanks.len() < self.limits.profiles_max && self.blanks.last() != Some(&blank) {
+            self.blanks.push(blank);
+        }
+    }
+
+    /// The planes of labels that no point has.
+    fn blanks_without_points(&self) -> Vec<f64> {
+        if self.blanks.is_empty() {
+            return Vec::new();
+        }
+        let full: HashSet<u64> = self.stripes.iter().map(|stripe| stripe.label.to_bits()).collect();
+        self.blanks.iter().filter(|(label, _)| !full.contains(&label.to_bits())).map(|(_, x)| *x).collect()
     }
 
     fn count(&mut self, points: usize) -> Result<(), DecodeError> {
@@ -155,6 +187,8 @@ impl<'a> Gather<'a> {
     fn turn_away(&mut self, index: usize, label: f64, point: [f64; 3]) -> Result<(), DecodeError> {
         if !(label.is_finite() && point.iter().all(|value| value.is_finite())) {
             self.missing += 1;
+            let [x, ..] = point;
+            self.push_blank(label, x);
             return Ok(());
         }
         let limit = self.limits.coordinate_max_mm;
@@ -190,6 +224,18 @@ mod tests {
         let stripe = |label, x, end| Stripe { label, x, end };
         assert_eq!(cloud.stripes, [stripe(0.0, 1000.0, 2), stripe(1.0, 1000.0, 3), stripe(1.0, 2000.0, 4)]);
         assert_eq!(cloud.columns, Columns::F64 { y: vec![1e3, 2e3, 3e3, 4e3], z: vec![500.0; 4] });
+    }
+
+    #[test]
+    fn a_row_of_missing_points_is_blank_where_its_plane_is_known() {
+        let limits = Limits::default();
+        let mut gather = Gather::new(Unit::Metre, Precision::Double, &limits);
+        for (label, x, y) in [(0.0, 1.0, f64::NAN), (0.0, 1.0, 2.0), (1.0, 2.0, f64::NAN), (2.0, f64::NAN, f64::NAN)] {
+            gather.push(label, [x, y, 0.5]).expect("in range");
+        }
+        gather.push_blank(3.0, 4.0);
+        let cloud = gather.finish(Labels::Row).expect("points");
+        assert_eq!((cloud.blanks, cloud.missing_count), (vec![2000.0, 4000.0], 3));
     }
 
     #[test]

@@ -89,6 +89,9 @@ impl<'de> Visitor<'de> for Profiles<'_, '_> {
         let sink = self.0;
         while let Some(profile) = seq.next_element::<Profile>()? {
             let Some((y, z)) = profile.columns() else { return Err(A::Error::custom("points, or y_mm and z_mm")) };
+            if y.is_empty() {
+                sink.gather.push_blank(sink.row, profile.x_mm);
+            }
             for (y, z) in y.iter().zip(z) {
                 if let Err(refusal) = sink.gather.push(sink.row, [profile.x_mm, *y, *z]) {
                     sink.refusal = Some(refusal);

@@ -72,3 +72,14 @@ fn single_precision_stays_single_where_nothing_is_lost() {
         assert!(matches!(read(&written(&inexact, format)).columns(), Columns::F64 { .. }), "{format}");
     }
 }
+
+#[test]
+fn the_text_formats_keep_profiles_without_a_point() {
+    let columns = Columns::F64 { y: vec![0.1; 16], z: vec![0.2; 16] };
+    let stations = vec![Station { x: 1.0, start: 0, end: 8 }, Station { x: 2.0, start: 8, end: 16 }];
+    let scan = Scan::new(stations, columns, String::new()).expect("valid").with_blanks(vec![3.5, -1.0]);
+    for format in [Format::Csv, Format::GocatorCsv, Format::Json] {
+        let back = read(&written(&scan, format));
+        assert_eq!((back.blanks(), all_points(&back)), (&[-1.0, 3.5][..], all_points(&scan)), "{format}");
+    }
+}

@@ -12,7 +12,8 @@ pub(super) fn write_csv(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
             writeln!(out, "{profile},{:?},{y:?},{z:?}", station.x)?;
         }
     }
-    Ok(())
+    let stations_count = scan.stations().len();
+    scan.blanks().iter().enumerate().try_for_each(|(blank, x)| writeln!(out, "{},{x:?},,", stations_count + blank))
 }
 
 /// One object per profile.
@@ -27,6 +28,9 @@ pub(super) fn write_json(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
         }
         write!(out, "]}}")?;
     }
+    for x in scan.blanks() {
+        write!(out, ",\n{{\"x_mm\":{x:?},\"points\":[]}}")?;
+    }
     writeln!(out, "]}}")
 }
 
@@ -34,7 +38,7 @@ pub(super) fn write_json(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
 pub(super) fn write_gocator_csv(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
     let columns = longest(scan);
     writeln!(out, "Info\nCSV Version,Sensor Count\n2,1\nEnd\n")?;
-    writeln!(out, "RawProfile\nFrame Count,Column Count\n{},{columns}\n", scan.stations().len())?;
+    writeln!(out, "RawProfile\nFrame Count,Column Count\n{},{columns}\n", scan.stations().len() + scan.blanks().len())?;
     write!(out, "Frame,Source,Time,Encoder,Z Encoder,Inputs,Exposure,Y,Axis")?;
     (0..columns).try_for_each(|column| write!(out, ",{column}"))?;
     writeln!(out)?;
@@ -46,6 +50,12 @@ pub(super) fn write_gocator_csv(scan: &Scan, out: &mut dyn Write) -> io::Result<
             }
             let filled = station.end - station.start;
             writeln!(out, "{}", ",".repeat(columns - filled))?;
+        }
+    }
+    for (blank, x) in scan.blanks().iter().enumerate() {
+        let frame = scan.stations().len() + blank;
+        for name in ["X", "Z"] {
+            writeln!(out, "{frame},0,0,0,0,0,0,{x:?},{name}{}", ",".repeat(columns))?;
         }
     }
     writeln!(out, "End")

@@ -10,10 +10,10 @@ use std::ops::Range;
 /// The scan of a cloud whose profiles share a key.
 pub(super) fn group(cloud: Cloud, key: Key, rule: String, limits: &Limits) -> Result<Scan, SliceError> {
     if let Some(stations) = in_file_order(&cloud.stripes, key, limits)? {
-        return Ok(Scan::new(stations, cloud.columns, rule)?);
+        return Ok(Scan::new(stations, cloud.columns, rule)?.with_blanks(cloud.blanks));
     }
     let (stations, columns) = in_x_order(&cloud, key, limits)?;
-    Ok(Scan::new(stations, columns, rule)?)
+    Ok(Scan::new(stations, columns, rule)?.with_blanks(cloud.blanks))
 }
 
 /// A profile in the making: the mean of x as an offset from its first x, so that equal values give themselves.

@@ -50,7 +50,8 @@ fn each_point(cloud: &Cloud) -> impl Iterator<Item = (&Stripe, [f64; 2])> {
     })
 }
 
-/// A cloud of the given points, of the labels and missing points of `like`.
+/// A cloud of the given points, of the labels and missing points of `like`. Planes without points are left out: a turn does
+/// not leave them at one x.
 fn collect(like: &Cloud, points: impl Iterator<Item = (f64, [f64; 3])>) -> Cloud {
     let (mut stripes, mut ys, mut zs): (Vec<Stripe>, Vec<f64>, Vec<f64>) = Default::default();
     for (label, [x, y, z]) in points {
@@ -62,7 +63,8 @@ fn collect(like: &Cloud, points: impl Iterator<Item = (f64, [f64; 3])>) -> Cloud
         }
     }
     let columns = Columns::F64 { y: ys, z: zs };
-    Cloud { stripes, columns, labels: like.labels.clone(), unit: like.unit, missing_count: like.missing_count }
+    let (labels, unit, missing_count) = (like.labels.clone(), like.unit, like.missing_count);
+    Cloud { stripes, columns, labels, unit, blanks: Vec::new(), missing_count }
 }
 
 /// The cloud as seen from the rail frame that `frame` declares, no coordinate beyond `coordinate_max_mm`.
@@ -85,9 +87,10 @@ pub(super) fn cut_to(cloud: &Cloud, region: &Region) -> Result<Cloud, SliceError
         |bound: Option<[f64; 2]>, value: f64| bound.is_none_or(|[lower, upper]| (lower..=upper).contains(&value));
     let inside = |x: f64, [y, z]: [f64; 2]| holds(region.x_mm, x) && holds(region.y_mm, y) && holds(region.z_mm, z);
     let kept = each_point(cloud).filter(|(stripe, point)| inside(stripe.x, *point));
-    let cut = collect(cloud, kept.map(|(stripe, [y, z])| (stripe.label, [stripe.x, y, z])));
+    let mut cut = collect(cloud, kept.map(|(stripe, [y, z])| (stripe.label, [stripe.x, y, z])));
     if cut.columns.is_empty() {
         return Err(SliceError::RegionEmpty { points: cloud.columns.len() });
     }
+    cut.blanks = cloud.blanks.iter().copied().filter(|x| holds(region.x_mm, *x)).collect();
     Ok(cut)
 }

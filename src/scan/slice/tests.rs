@@ -9,7 +9,14 @@ fn cloud(labels: Labels, points: &[(f64, f64, f64)]) -> Cloud {
     let stripes = (1..).zip(points).map(|(end, (label, x, _))| Stripe { label: *label, x: *x, end }).collect();
     let y: Vec<f64> = points.iter().map(|(_, _, y)| *y).collect();
     let z = y.iter().map(|y| -y).collect();
-    Cloud { stripes, columns: Columns::F64 { y, z }, labels, unit: Unit::Millimetre, missing_count: 0 }
+    Cloud {
+        stripes,
+        columns: Columns::F64 { y, z },
+        labels,
+        unit: Unit::Millimetre,
+        blanks: Vec::new(),
+        missing_count: 0,
+    }
 }
 
 /// `profiles` at steps of `step`, ten points each; x within a profile varies by up to `spread`.

@@ -4,9 +4,11 @@
 //! Every profile is seen from above (+Z): its directions are spread evenly over the arc, and a feature moves its points
 //! along the line of sight from the axis, so that the true section is the ellipse of [`AxisLine::section`].
 
+mod edge;
 mod several;
 mod truth;
 
+pub use edge::{Edge, Edges, Neighbour};
 pub use several::make_several;
 pub use truth::{Bound, Truth};
 
@@ -41,6 +43,8 @@ pub struct Part {
     pub drop_out_ratio: f64,
     /// Share of the points that are thrown off by up to [`SPIKE_MM`].
     pub spike_ratio: f64,
+    /// Where the part ends; profiles beyond see what is there, or nothing.
+    pub edges: Edges,
     /// Decides every random number.
     pub seed: u64,
 }
@@ -134,6 +138,7 @@ impl Part {
             interference: Interference::default(),
             drop_out_ratio: 0.0,
             spike_ratio: 0.0,
+            edges: Edges::default(),
             seed,
         }
     }
@@ -159,11 +164,12 @@ impl Part {
 /// Scans the part.
 ///
 /// # Errors
-/// [`ScanError`] where nothing is left of a profile, or the part's numbers are not finite.
+/// [`ScanError`] where no point is left, or the part's numbers are not finite.
 pub fn make(part: &Part) -> Result<(Scan, Truth), ScanError> {
     let mut chance = ChaCha8Rng::seed_from_u64(part.seed);
     let (mut y, mut z, mut stations) = (Vec::new(), Vec::new(), Vec::new());
     let mut truth = Truth::begin(part);
+    let (edges, mut blanks) = (part.edges.prepare(part), Vec::new());
     for index in 0..part.profiles_count {
         let (x, feature, start) = (part.station_x(index), part.feature(index), y.len());
         let mut inner_count = 0;
@@ -176,6 +182,7 @@ pub fn make(part: &Part) -> Result<(Scan, Truth), ScanError> {
             let thrown = if spike { chance.random_range(-SPIKE_MM..SPIKE_MM) } else { 0.0 };
             let direction = (0.5 - place) * part.arc_deg.to_radians();
             let offset = feature.offset_mm(place) + thrown;
+            let Some(offset) = edges.offset(x, point, [-direction.sin(), direction.cos()], offset) else { continue };
             let [true_y, true_z] = on_surface(part, x, direction, offset);
             let mut noise =
                 || part.noise_sigma_mm * <StandardNormal as Distribution<f64>>::sample(&StandardNormal, &mut chance);
@@ -186,11 +193,15 @@ pub fn make(part: &Part) -> Result<(Scan, Truth), ScanError> {
                 truth.add_inner_point(part, [x, true_y, true_z]);
             }
         }
+        if y.len() == start {
+            blanks.push(x);
+            continue;
+        }
         truth.end_profile(inner_count, y.len() - start);
         stations.push(Station { x, start, end: y.len() });
     }
     let scan = Scan::new(stations, Columns::F64 { y, z }, "synthetic".to_owned())?;
-    Ok((scan, truth.end(part)))
+    Ok((scan.with_blanks(blanks), truth.end(part)))
 }
 
 /// The point that is seen from the axis in `direction` (radians from +Z towards −Y), `offset` beyond the surface.

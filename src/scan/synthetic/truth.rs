@@ -32,6 +32,12 @@ pub struct Truth {
     pub z_ref_mm: f64,
     /// Standard deviations that no unbiased estimator can undercut; `None` without noise.
     pub bound: Option<Bound>,
+    /// Where the axis meets the near end plane, mm; `None` where the part goes on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub near_end_face_mm: Option<[f64; 3]>,
+    /// Where the axis meets the far end plane, mm; `None` where the part goes on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub far_end_face_mm: Option<[f64; 3]>,
     /// Share of each profile's points that lie on the part.
     pub inner_ratio_per_profile: Vec<f64>,
     #[serde(skip)]
@@ -70,6 +76,8 @@ impl Truth {
             y_ref_mm,
             z_ref_mm,
             bound: None,
+            near_end_face_mm: part.edges.near.map(|edge| edge.centre(&part.axis)),
+            far_end_face_mm: part.edges.far.map(|edge| edge.centre(&part.axis)),
             inner_ratio_per_profile: Vec::with_capacity(part.profiles_count),
             information: Matrix5::zeros(),
         }

@@ -1,0 +1,156 @@
+//! The scan as seen along the axis towards one end: planes outward, points as places on the cylinder, and an offset turned
+//! back into the point where the axis meets the end plane. Must not know how an end is told.
+//!
+//! With dx = x − x_ref, u and w from the axis in the plane of the profile and n² = 1 + p² + q² a point lies at
+//! t = ±(n·dx + (p·u + q·w)/n), outward; ρ² = u² + w² − (p·u + q·w)²/n² is its squared distance from the axis.
+
+use super::lattice::Lattice;
+use super::offset::Offset;
+use crate::estimation::{End, EndFace, Pose};
+use crate::geometry::AxisLine;
+use crate::scan::Scan;
+use std::ops::Range;
+
+/// A profile's plane; one that holds no point has an empty range.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Plane {
+    pub(super) x: f64,
+    /// Where the axis is in it, outward from the reference point, mm.
+    pub(super) ahead: f64,
+    points: Range<usize>,
+}
+
+/// A point as a place on the cylinder.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Glimpse {
+    /// Position of its plane among those looked at.
+    pub(super) plane: usize,
+    /// Outward along the axis, mm.
+    pub(super) t: f64,
+    /// About the axis, from +Z towards +Y, radians.
+    pub(super) angle: f64,
+    /// Above the surface, mm.
+    pub(super) height: f64,
+}
+
+/// The direction of looking.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct View {
+    axis: AxisLine,
+    x_ref: f64,
+    radius: f64,
+    /// |(1, p, q)|.
+    n: f64,
+    /// −1 towards smaller x, 1 towards larger.
+    side: f64,
+}
+
+impl View {
+    pub(super) fn new(pose: &Pose, end: End) -> Self {
+        let AxisLine { p, q, .. } = pose.axis;
+        let side = match end {
+            End::Near => -1.0,
+            End::Far => 1.0,
+        };
+        Self { axis: pose.axis, x_ref: pose.x_ref, radius: pose.radius, n: (1.0 + p * p + q * q).sqrt(), side }
+    }
+
+    /// The planes from the reference outward, those without a point among them.
+    pub(super) fn planes_outward(&self, scan: &Scan) -> Vec<Plane> {
+        let ahead = |x: f64| self.side * self.n * (x - self.x_ref);
+        let full = scan.stations().iter().map(|s| Plane { x: s.x, ahead: ahead(s.x), points: s.start..s.end });
+        let blank = scan.blanks().iter().map(|x| Plane { x: *x, ahead: ahead(*x), points: 0..0 });
+        let mut planes: Vec<Plane> = full.chain(blank).filter(|plane| plane.ahead >= 0.0).collect();
+        planes.sort_by(|a, b| a.ahead.total_cmp(&b.ahead));
+        planes
+    }
+
+    /// Median distance of neighbouring planes along the axis, mm; `None` below two planes.
+    pub(super) fn spacing(&self, planes: &[Plane]) -> Option<f64> {
+        let steps = planes.windows(2).filter_map(|pair| Some(pair.last()?.ahead - pair.first()?.ahead));
+        crate::estimation::conclude::median(steps.filter(|step| *step > 0.0))
+    }
+
+    /// The points of the planes, at most as many of each, at a regular stride.
+    pub(super) fn look(&self, scan: &Scan, planes: &[Plane], points_max: usize) -> Vec<Glimpse> {
+        let mut glimpses = Vec::new();
+        for (index, plane) in planes.iter().enumerate() {
+            let stride = plane.points.len().div_ceil(points_max).max(1);
+            let points = plane.points.clone().step_by(stride).filter_map(|point| scan.columns().get(point));
+            glimpses.extend(points.map(|point| self.glimpse(index, plane, point)));
+        }
+        glimpses
+    }
+
+    fn glimpse(&self, index: usize, plane: &Plane, [y, z]: [f64; 2]) -> Glimpse {
+        let AxisLine { p, q, .. } = self.axis;
+        let [axis_y, axis_z] = self.axis.at(plane.x);
+        let (u, w) = (y - axis_y, z - axis_z);
+        let along = (p * u + q * w) / self.n;
+        let distance = (u * u + w * w - along * along).max(0.0).sqrt();
+        let t = plane.ahead + self.side * along;
+        Glimpse { plane: index, t, angle: u.atan2(w), height: distance - self.radius }
+    }
+
+    /// How far ahead of its plane, along the axis, the surface lies in a direction about the axis.
+    pub(super) fn lead(&self, angle: f64) -> f64 {
+        let [u, w] = self.place(angle);
+        self.side * (self.axis.p * u + self.axis.q * w) / self.n
+    }
+
+    /// The radius of the cylinder, mm.
+    pub(super) const fn radius(&self) -> f64 {
+        self.radius
+    }
+
+    /// The surface in a direction about the axis, in the plane of a profile, from the axis.
+    fn place(&self, angle: f64) -> [f64; 2] {
+        let (sin, cos) = angle.sin_cos();
+        let along = (self.axis.p * sin + self.axis.q * cos) / self.n;
+        let reach = self.radius / (1.0 - along * along).sqrt();
+        [reach * sin, reach * cos]
+    }
+
+    /// The point where the axis meets the plane at an offset, with the standard uncertainty of its x.
+    ///
+    /// What the pose adds is taken at that of the deciding columns where it adds most: where several decide, an axis that
+    /// is off lets the one win that ends last.
+    pub(super) fn face(&self, pose: &Pose, offset: &Offset, lattice: &Lattice, sigma: f64) -> EndFace {
+        let x = self.x_ref + self.side * offset.t / self.n;
+        let [y, z] = self.axis.at(x);
+        let of_pose = lattice.angles(&offset.columns).map(|angle| self.of_pose(pose, x, angle)).fold(0.0, f64::max);
+        // A column is as wide as a step of the raster, and a point of it lies off by the noise, both times the tilt.
+        let tilt = self.axis.p.hypot(self.axis.q);
+        let of_place = lattice.step(&offset.columns).powi(2) / 12.0 / offset.crossings + (tilt * sigma).powi(2);
+        let x_standard = ((offset.standard.powi(2) + of_place) / (self.n * self.n) + of_pose).sqrt();
+        EndFace { centre: [x, y, z], x_standard }
+    }
+
+    /// The variance of the point's x by that of the pose where the edge is seen in one direction about the axis.
+    ///
+    /// The edge E is what stays where it is when the axis is taken to be another: the point's x = x_E + (p·u + q·w)/n²,
+    /// u = y_E − y_ref − p·dx, w = z_E − z_ref − q·dx, has the derivatives (u − p·dx)/n² − 2p(p·u + q·w)/n⁴ by p, −p/n² by
+    /// y_ref, and likewise by q and z_ref.
+    fn of_pose(&self, pose: &Pose, x: f64, angle: f64) -> f64 {
+        let AxisLine { p, q, .. } = self.axis;
+        let n2 = self.n * self.n;
+        let [u, w] = self.place(angle);
+        let along = p * u + q * w;
+        let dx = x - along / n2 - self.x_ref;
+        // The slopes' derivatives by the angles are 1 + p² and 1 + q².
+        let by = [
+            ((u - p * dx) / n2 - 2.0 * p * along / (n2 * n2)) * (1.0 + p * p),
+            ((w - q * dx) / n2 - 2.0 * q * along / (n2 * n2)) * (1.0 + q * q),
+            -p / n2,
+            -q / n2,
+            0.0,
+        ];
+        let rows = pose.uncertainty.covariance.iter().zip(by);
+        rows.map(|(row, j)| j * row.iter().zip(by).map(|(c, k)| c * k).sum::<f64>()).sum()
+    }
+}
+
+/// At most `most` of the planes, at a regular stride.
+pub(super) fn thin(planes: &[Plane], most: usize) -> Vec<Plane> {
+    planes.iter().step_by(planes.len().div_ceil(most).max(1)).cloned().collect()
+}
