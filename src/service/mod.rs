@@ -14,10 +14,12 @@ mod measure;
 mod measurement;
 mod offline;
 mod pictures;
+mod reading;
 mod recipe;
 mod recipes;
 mod records;
 mod scans;
+mod tee;
 #[cfg(test)]
 mod tests;
 mod upload;
@@ -120,7 +122,8 @@ impl Service {
             .map_err(|source| ServiceError::Threads(Arc::new(source)))?;
         let drawing = compute.beside(capacity.pictures_running_max, capacity.pictures_queue_max);
         let unpacking = compute.beside(capacity.running_max, capacity.uploads_max);
-        let uploads = Uploads::new(capacity.uploads_max);
+        // Points that wait in memory are bounded as those that are calculated with are.
+        let uploads = Uploads::new(capacity.uploads_max, capacity.running_max);
         let clock = Clock;
         let service = Self {
             store,

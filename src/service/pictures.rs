@@ -43,7 +43,7 @@ impl View {
     fn draw(self, file: File, limits: &Limits) -> Result<String, super::MeasureError> {
         let Self { measurement, profiles, resolved, picture, profile } = self;
         let origin = Origin { parameter: Some(measurement.format), ..Origin::default() };
-        let mut reader = BufReader::with_capacity(super::answer::READ_BLOCK_BYTES, file);
+        let mut reader = BufReader::with_capacity(super::tee::READ_BLOCK_BYTES, file);
         let prepared = super::prepare(&mut reader, &origin.claims(), &resolved, limits)?;
         let subject = Subject { title: &measurement.id, epsilon_mm: resolved.settings.epsilon_mm, profile };
         Ok(draw(picture, &prepared.scan, &measurement.estimate(profiles), &subject))

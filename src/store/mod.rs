@@ -12,6 +12,7 @@ mod columns;
 mod connection;
 mod error;
 mod folder;
+mod following;
 mod measurements;
 mod migration;
 mod page;
@@ -26,6 +27,7 @@ mod tests;
 mod writer;
 
 pub use error::StoreError;
+pub use following::{ScanFollower, ScanTrail};
 pub use page::{Cursor, Listing, PAGE_ROWS_MAX, Page};
 pub use rows::{
     AnsweredRequest, Counts, Filter, Inserted, MeasurementRow, NewMeasurement, Precondition, PutRecipe, RecipeRow,

@@ -10,6 +10,7 @@ mod harness;
 mod life;
 mod limits;
 mod measurements;
+mod on_the_way;
 mod recipes;
 mod scans;
 mod wrong_scans;
