@@ -17,13 +17,6 @@ pub(super) fn reserve<T>(column: &mut Vec<T>, more: usize) {
     }
 }
 
-/// `count` zeros in memory that nobody touched yet, backed by huge pages where that pays.
-pub(super) fn zeros<T: Copy + Default>(count: usize) -> Vec<T> {
-    let mut column = vec![T::default(); count];
-    advise(&mut column);
-    column
-}
-
 fn advise<T>(column: &mut Vec<T>) {
     let bytes_count = column.capacity() * size_of::<T>();
     if bytes_count < LEAST_BYTES {

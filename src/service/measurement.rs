@@ -18,7 +18,7 @@ pub struct Measurement {
     pub id: String,
     /// When it was made.
     pub created_at: Timestamp,
-    /// From the beginning of the reading to the end of the calculation, milliseconds.
+    /// Reading and calculation, milliseconds; what was read while it came in is not counted.
     pub duration_ms: u64,
     /// SHA-256 of the scan, 64 lower-case hexadecimal digits.
     pub scan_sha256: String,

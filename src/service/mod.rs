@@ -2,8 +2,8 @@
 //! Knows scan, estimation, plot and store; must not know HTTP.
 //!
 //! ```text
-//! pieces --Upload--> a file --read, slice--> Scan --estimate--> Estimate --record--> Measurement, acknowledged when durable
-//!                               \______ on the compute pool ______/
+//! pieces --Upload--> a file --read--> Decoded --slice--> Scan --estimate--> Estimate --record--> Measurement, acknowledged
+//!                     behind its writer    \_____ on the compute pool _____/                      when durable
 //! ```
 
 mod answer;

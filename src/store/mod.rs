@@ -3,6 +3,7 @@
 //! ```text
 //! rows in ───> writer (one task, one transaction for all that wait) ───> coaxis.db ───> readers ───> rows out
 //! bytes in ──> scan_files (hash) ──> placing (with its row) ──> scans/ab/abcd… ──> a file to read from
+//!                   └──> following: to read from while they come in
 //! ```
 //!
 //! A write is acknowledged when it is durable, not before. Times and ids come in as arguments; documents are text that is
