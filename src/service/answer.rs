@@ -50,7 +50,7 @@ pub struct Accepted {
 /// Where the points of a scan are.
 enum Points {
     /// In memory.
-    Read(ReadScan),
+    Read(Box<ReadScan>),
     /// In its file.
     InFile(File),
 }
@@ -93,7 +93,7 @@ impl Service {
             return Ok(earlier);
         }
         let points = match read {
-            Some(read) => Points::Read(read),
+            Some(read) => Points::Read(Box::new(read)),
             None => Points::InFile(scan.open().await?),
         };
         let (measurement, profiles) = self.calculate(&scan.id(), points, &origin, accepted).await?;
@@ -223,7 +223,8 @@ fn new_measurement(
 impl Points {
     fn measure(self, origin: &Origin, resolved: &Resolved, limits: &Limits) -> Result<Measured, MeasureError> {
         let decoded = match self {
-            Self::Read(ReadScan { decoded, place, .. }) => {
+            Self::Read(read) => {
+                let ReadScan { decoded, place, unpacked: _ } = *read;
                 // From now on the place of the calculation stands for these points.
                 drop(place);
                 decoded?

@@ -14,8 +14,11 @@ use std::thread::{self, JoinHandle};
 
 /// First bytes that tell how a file is packed.
 const HEAD_BYTES: u64 = 4;
-/// Blocks that wait to be hashed: 16 MiB, so that reading seldom waits and memory stays bounded.
-const BLOCKS_BEHIND_MAX: usize = 64;
+/// Blocks that wait to be hashed: 8 MiB, so that reading waits less and memory stays bounded.
+const BLOCKS_BEHIND_MAX: usize = 32;
+
+/// Takes a block that is to be hashed, and gives back one to be filled.
+type HandOn = Box<dyn FnMut(Vec<u8>) -> io::Result<Vec<u8>>>;
 
 /// A measurement that was made offline.
 #[derive(Debug, Clone, PartialEq)]
@@ -77,7 +80,7 @@ fn unpacked<'a>(mut source: Box<dyn Read + 'a>, limits: &Limits) -> Result<Box<d
 
 /// Starts a thread that hashes blocks and gives them back: the SHA-256 in the end, and the way in. The hash of a large
 /// binary scan takes longer than its reading; what it lags behind is caught up with while the estimation runs.
-fn hash_along() -> io::Result<(JoinHandle<String>, impl FnMut(Vec<u8>) -> io::Result<Vec<u8>>)> {
+fn hash_along() -> io::Result<(JoinHandle<String>, HandOn)> {
     let (to_hash, blocks) = mpsc::sync_channel::<Vec<u8>>(BLOCKS_BEHIND_MAX);
     let (give_back, hashed) = mpsc::channel();
     let work = move || {
@@ -94,7 +97,7 @@ fn hash_along() -> io::Result<(JoinHandle<String>, impl FnMut(Vec<u8>) -> io::Re
         to_hash.send(block).map_err(|_| not_hashed())?;
         Ok(hashed.try_recv().unwrap_or_default())
     };
-    Ok((digest, hand_on))
+    Ok((digest, Box::new(hand_on)))
 }
 
 fn not_hashed() -> io::Error {

@@ -18,6 +18,9 @@ const ROOM: usize = 16 * 1024;
 /// Points of one x from which they are worth a pass of their own.
 const RUN_MIN: usize = 16;
 
+/// The columns of y and z.
+type Both<'a, R> = (&'a mut Vec<R>, &'a mut Vec<R>);
+
 /// A record of three floats and nothing else.
 pub(super) trait Packed: Copy {
     /// The float.
@@ -27,7 +30,7 @@ pub(super) trait Packed: Copy {
     /// Whether no value is NaN or of a magnitude above `limit`.
     fn all_within(values: &[Self::Real], limit: f64) -> bool;
     /// The columns, where they are of this float.
-    fn columns(columns: &mut Columns) -> Option<(&mut Vec<Self::Real>, &mut Vec<Self::Real>)>;
+    fn columns(columns: &mut Columns) -> Option<Both<'_, Self::Real>>;
 }
 
 impl Packed for [u8; 12] {
@@ -45,7 +48,7 @@ impl Packed for [u8; 12] {
         values.iter().fold(true, |all, value| all & (value.abs() <= limit))
     }
 
-    fn columns(columns: &mut Columns) -> Option<(&mut Vec<f32>, &mut Vec<f32>)> {
+    fn columns(columns: &mut Columns) -> Option<Both<'_, f32>> {
         if let Columns::F32 { y, z } = columns { Some((y, z)) } else { None }
     }
 }
@@ -64,7 +67,7 @@ impl Packed for [u8; 24] {
         values.iter().fold(true, |all, value| all & (value.abs() <= limit))
     }
 
-    fn columns(columns: &mut Columns) -> Option<(&mut Vec<f64>, &mut Vec<f64>)> {
+    fn columns(columns: &mut Columns) -> Option<Both<'_, f64>> {
         if let Columns::F64 { y, z } = columns { Some((y, z)) } else { None }
     }
 }
