@@ -114,7 +114,13 @@ impl Service {
         let scan = match (&mut read, encoding) {
             (Some(read), _) => read.unpacked.take().unwrap_or(sent),
             (None, Some(encoding)) => {
-                self.unpacking.run(move || unpack(&trail, encoding, &limits).inspect(|_| drop(sent))).await??
+                let work = move || {
+                    let unpacked = unpack(&trail, encoding, &limits);
+                    // What was sent lies there until here.
+                    drop(sent);
+                    unpacked
+                };
+                self.unpacking.run(work).await??
             }
             (None, None) => sent,
         };
