@@ -4,32 +4,23 @@
 //! Everything is timed in turns in one run and quoted as the median ratio to the sum of the same round, since machines are
 //! shared and noisy.
 
-#![expect(clippy::print_stdout, clippy::disallowed_methods, reason = "a benchmark prints and reads the clock")]
+#![expect(clippy::print_stdout, reason = "a benchmark prints")]
+
+mod yardstick;
 
 use coaxis::estimation::{Method, Progress, Settings, estimate};
+use coaxis::scan::Scan;
 use coaxis::scan::decode::{Format, Limits, Request, decode};
 use coaxis::scan::encode::encode;
 use coaxis::scan::slice::{SliceRequest, slice};
-use coaxis::scan::synthetic::{Part, make};
-use coaxis::scan::{Columns, Scan};
 use std::error::Error;
 use std::hint::black_box;
-use std::time::Instant;
+use yardstick::{POINTS_COUNT, PROFILES_COUNT, large_scan, median, narrowed, sum, timed};
 
-const PROFILES_COUNT: usize = 5000;
-const POINTS_COUNT: usize = 1280;
 const ROUNDS_COUNT: usize = 7;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let part = Part {
-        profiles_count: PROFILES_COUNT,
-        points_count: POINTS_COUNT,
-        // Stations an eighth of a millimetre apart, so that single precision holds them exactly.
-        length_mm: (PROFILES_COUNT - 1) as f64 / 8.0,
-        spike_ratio: 0.005,
-        ..Part::with_interference(1)
-    };
-    let (double, _) = make(&part)?;
+    let double = large_scan()?;
     let single = narrowed(&double)?;
     println!("{PROFILES_COUNT} profiles x {POINTS_COUNT} points, {} threads", rayon::current_num_threads());
     println!("{:<34} {:>9} {:>9} {:>9} {:>9}", "", "MB", "ms", "sum ms", "ratio");
@@ -62,27 +53,6 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The scan as a sensor would store it: single precision.
-fn narrowed(scan: &Scan) -> Result<Scan, Box<dyn Error>> {
-    let narrow = |v: &Vec<f64>| v.iter().map(|&v| v as f32).collect();
-    let columns = match scan.columns() {
-        Columns::F64 { y, z } => Columns::F32 { y: narrow(y), z: narrow(z) },
-        single => single.clone(),
-    };
-    Ok(Scan::new(scan.stations().to_vec(), columns, scan.rule().to_owned())?)
-}
-
-/// The yardstick: the plain loop that adds up y and z in double precision, in their order, once.
-fn sum(scan: &Scan) -> [f64; 2] {
-    fn of<T: Copy + Into<f64>>(y: &[T], z: &[T]) -> [f64; 2] {
-        y.iter().zip(z).fold([0.0; 2], |[sum_y, sum_z], (&y, &z)| [sum_y + y.into(), sum_z + z.into()])
-    }
-    match scan.columns() {
-        Columns::F32 { y, z } => of(y, z),
-        Columns::F64 { y, z } => of(y, z),
-    }
-}
-
 fn report<T>(name: &str, bytes_count: usize, scan: &Scan, mut work: impl FnMut() -> T) {
     let (mut works, mut sums, mut ratios) = (Vec::new(), Vec::new(), Vec::new());
     black_box(work());
@@ -95,15 +65,4 @@ fn report<T>(name: &str, bytes_count: usize, scan: &Scan, mut work: impl FnMut()
     }
     let megabytes = bytes_count as f64 / 1e6;
     println!("{name:<34} {megabytes:>9.1} {:>9.2} {:>9.2} {:>9.2}", median(works), median(sums), median(ratios));
-}
-
-fn timed<T>(work: impl FnOnce() -> T) -> f64 {
-    let start = Instant::now();
-    black_box(work());
-    start.elapsed().as_secs_f64() * 1e3
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }

@@ -79,7 +79,7 @@ pub struct Limits {
     pub header_bytes_max: u64,
     /// Connections at a time; a further one is closed.
     pub connections_max: u64,
-    /// Measurements that are calculated at a time.
+    /// Measurements that are calculated at a time; as many large uploads are read while they come in.
     pub measurements_running_max: u64,
     /// Measurements that wait for their turn; a further one is answered 503.
     pub queue_max: u64,

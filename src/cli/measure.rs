@@ -11,7 +11,7 @@ use std::collections::HashSet;
 use std::error::Error;
 use std::ffi::OsStr;
 use std::fs::{self, File};
-use std::io::{BufReader, IsTerminal, Read};
+use std::io::{IsTerminal, Read};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -123,9 +123,8 @@ impl Arguments {
         let source = open(path)?;
         let file_name = Some(path.display().to_string()).filter(|name| name != STANDARD_INPUT);
         let name = file_name.clone().unwrap_or_else(|| "standard input".to_owned());
-        let reader = Box::new(BufReader::with_capacity(READ_BLOCK_BYTES, source));
         let origin = Origin { parameter: self.format, media_type: None, file_name };
-        let measured = bar::with_bar(&name, |progress| measure_offline(reader, &origin, resolved, limits, progress));
+        let measured = bar::with_bar(&name, |progress| measure_offline(source, &origin, resolved, limits, progress));
         let Offline { measurement, profiles, scan } = measured.map_err(|error| format!("{name}: {error}"))?;
         if let Some(place) = &self.profiles {
             let place = if self.files.len() > 1 { place.join(with_csv(own_name(path))) } else { place.clone() };
@@ -160,9 +159,6 @@ fn draw_all(folder: &Path, name: &str, view: &View, epsilon_mm: f64) -> Result<(
     }
     Ok(())
 }
-
-/// Reading a file in large blocks costs fewer calls; a scan has megabytes.
-const READ_BLOCK_BYTES: usize = 256 << 10;
 
 /// The name that stands for standard input among the files.
 const STANDARD_INPUT: &str = "-";

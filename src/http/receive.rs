@@ -7,7 +7,7 @@ use super::extract::{header_text, media_type};
 use super::names::FormatName;
 use super::problem::{Code, Problem};
 use crate::scan::decode::Encoding;
-use crate::service::{Arrived, Origin};
+use crate::service::{Accepted, Arrived, Origin, Upload};
 use axum::http::{HeaderMap, HeaderName, header};
 
 const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
@@ -76,15 +76,29 @@ pub(super) fn request_id(said: Option<String>, headers: &HeaderMap) -> Result<Op
     }
 }
 
-/// The body into a file of the store that is not kept yet.
+/// The body into a file of the store that is not kept yet; what is refused on the way has left nothing there.
 ///
 /// # Errors
 /// What the body, the packing or the store says.
-pub(super) async fn receive(app: &App, pieces: &mut Pieces, encoding: Option<Encoding>) -> Result<Arrived, Problem> {
-    let mut upload = app.service.begin_upload(encoding).await?;
-    while let Some(piece) = pieces.next().await? {
-        upload.write(&piece).await?;
+pub(super) async fn receive(
+    app: &App,
+    pieces: &mut Pieces,
+    encoding: Option<Encoding>,
+    origin: Origin,
+    accepted: Accepted,
+) -> Result<Arrived, Problem> {
+    let mut upload = app.service.begin_upload(encoding, origin, accepted).await?;
+    if let Err(problem) = write_all(pieces, &mut upload).await {
+        upload.abandon().await;
+        return Err(problem);
     }
     app.metrics.received(pieces.bytes_count());
     Ok(app.service.complete_upload(upload).await?)
+}
+
+async fn write_all(pieces: &mut Pieces, upload: &mut Upload) -> Result<(), Problem> {
+    while let Some(piece) = pieces.next().await? {
+        upload.write(&piece).await?;
+    }
+    Ok(())
 }

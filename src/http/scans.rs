@@ -8,7 +8,7 @@ use super::paging::{PageQuery, link_next};
 use super::problem::Problem;
 use super::receive::{content_encoding, origin, receive};
 use crate::scan::decode::Format;
-use crate::service::{Content, Kept};
+use crate::service::{Content, Kept, Order};
 use crate::store::{Listing, ScanRow};
 use axum::Json;
 use axum::body::{Body, Bytes};
@@ -80,9 +80,9 @@ pub(super) async fn create_scan(State(app): State<App>, request: Request) -> Res
     let query: CreateQuery = query(&parts)?;
     let encoding = content_encoding(&parts.headers)?;
     let origin = origin(query.format, &parts.headers)?;
-    app.service.check_free()?;
-    let scan = receive(&app, &mut pieces, encoding).await?;
-    let (status, row) = match app.service.store_scan(scan, origin).await? {
+    let accepted = app.service.accept(Order::default()).await?;
+    let arrived = receive(&app, &mut pieces, encoding, origin, accepted).await?;
+    let (status, row) = match app.service.store_scan(arrived).await? {
         Kept::New(row) => (StatusCode::CREATED, row),
         Kept::Known(row) => (StatusCode::OK, row),
     };

@@ -17,26 +17,21 @@ pub(super) fn reserve<T>(column: &mut Vec<T>, more: usize) {
     }
 }
 
-/// `count` zeros in memory that nobody touched yet, backed by huge pages where that pays.
-pub(super) fn zeros<T: Copy + Default>(count: usize) -> Vec<T> {
-    let mut column = vec![T::default(); count];
-    advise(&mut column);
-    column
-}
-
 fn advise<T>(column: &mut Vec<T>) {
     let bytes_count = column.capacity() * size_of::<T>();
     if bytes_count < LEAST_BYTES {
         return;
     }
     let start = column.as_mut_ptr().cast::<u8>();
-    let skipped = start.align_offset(PAGE_BYTES);
-    let whole = bytes_count.saturating_sub(skipped) / PAGE_BYTES * PAGE_BYTES;
-    // SAFETY: the range lies within the column's own allocation, since `skipped` + `whole` is at most its size, and this
+    // From the first page to the last one, the column's or not: a large allocation has its pages for itself, and one whose
+    // pages are not all alike could not grow without being copied.
+    let before = start.addr() % PAGE_BYTES;
+    let whole = (before + bytes_count).next_multiple_of(PAGE_BYTES);
+    // SAFETY: every page of the range holds a byte of the column's own allocation, so all of them are mapped, and this
     // advice changes neither contents nor access, only how the pages are backed. A kernel without huge pages refuses it,
     // and nothing depends on that.
     #[expect(unsafe_code, reason = "the standard library has no safe way to say this")]
-    let _taken = unsafe { madvise(start.wrapping_add(skipped).cast(), whole, Advice::LinuxHugepage) };
+    let _taken = unsafe { madvise(start.wrapping_sub(before).cast(), whole, Advice::LinuxHugepage) };
 }
 
 #[cfg(test)]

@@ -1,6 +1,10 @@
 //! Measures a scan and records the result once per request. Must not know HTTP.
 
-use super::{Arrived, Identity, Measured, Measurement, Origin, Recipe, RecipeName, Resolved, Service, ServiceError};
+use super::reading::ReadScan;
+use super::tee::READ_BLOCK_BYTES;
+use super::{
+    Arrived, Identity, MeasureError, Measured, Measurement, Origin, Recipe, RecipeName, Resolved, Service, ServiceError,
+};
 use crate::estimation::{Profile, Progress};
 use crate::scan::decode::{Format, Limits};
 use crate::store::{CompleteScan, Inserted, MeasurementRow, NewMeasurement, RequestKey, ScanRow};
@@ -38,15 +42,17 @@ pub struct Answer {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Accepted {
     order: Order,
-    resolved: Resolved,
+    pub(super) resolved: Resolved,
+    /// Whether there is an answer to its request id, so that nothing will be calculated.
+    pub(super) answered: bool,
 }
 
-/// Where the bytes of a scan are.
-enum Source {
-    /// Just arrived, not kept yet.
-    Arrived(Arrived),
-    /// Kept, as this row says.
-    Kept(ScanRow),
+/// Where the points of a scan are.
+enum Points {
+    /// In memory.
+    Read(Box<ReadScan>),
+    /// In its file.
+    InFile(File),
 }
 
 impl Service {
@@ -63,10 +69,11 @@ impl Service {
             None => Recipe::default(),
         };
         let resolved = order.overrides.clone().over(&under).resolve(&self.defaults)?;
-        if !self.is_answered(order.request_id.as_deref()).await? {
+        let answered = self.is_answered(order.request_id.as_deref()).await?;
+        if !answered {
             self.compute.check_free()?;
         }
-        Ok(Accepted { order, resolved })
+        Ok(Accepted { order, resolved, answered })
     }
 
     async fn is_answered(&self, request_id: Option<&str>) -> Result<bool, ServiceError> {
@@ -78,13 +85,21 @@ impl Service {
     ///
     /// # Errors
     /// [`ServiceError`]; nothing is recorded then.
-    pub async fn measure_upload(
-        &self,
-        scan: Arrived,
-        origin: Origin,
-        accepted: Accepted,
-    ) -> Result<Answer, ServiceError> {
-        self.answer(Source::Arrived(scan), origin, accepted).await
+    pub async fn measure_upload(&self, arrived: Arrived) -> Result<Answer, ServiceError> {
+        // It holds its place among the uploads until it is kept.
+        let Arrived { scan, read, origin, accepted, place: _place } = arrived;
+        let request = request_key(&scan.id(), &accepted.order);
+        if let Some(earlier) = self.earlier_answer(request.as_ref()).await? {
+            return Ok(earlier);
+        }
+        let points = match read {
+            Some(read) => Points::Read(Box::new(read)),
+            None => Points::InFile(scan.open().await?),
+        };
+        let (measurement, profiles) = self.calculate(&scan.id(), points, &origin, accepted).await?;
+        let row = scan_row(&scan, &measurement, &origin);
+        let new = new_measurement(&measurement, &profiles, Some(row), request)?;
+        self.insert(measurement, new, Some(scan)).await
     }
 
     /// Measures a scan that is kept.
@@ -93,36 +108,16 @@ impl Service {
     /// [`ServiceError`]; nothing is recorded then.
     pub async fn measure_scan(&self, scan_id: &str, accepted: Accepted) -> Result<Answer, ServiceError> {
         let row = self.scan(scan_id).await?;
-        let origin = Origin { parameter: Format::from_name(&row.format), ..Origin::default() };
-        self.answer(Source::Kept(row), origin, accepted).await
-    }
-
-    async fn answer(&self, source: Source, origin: Origin, accepted: Accepted) -> Result<Answer, ServiceError> {
-        let Accepted { order, resolved } = accepted;
-        let scan_id = source.id();
-        let request = order.request_id.clone().map(|id| RequestKey { id, fingerprint: fingerprint(&scan_id, &order) });
+        let request = request_key(&row.id, &accepted.order);
         if let Some(earlier) = self.earlier_answer(request.as_ref()).await? {
             return Ok(earlier);
         }
-        let created_at = self.clock.now();
-        let file = self.open_source(&source).await?;
-        let (measured, duration_ms) = self.calculate(file, &origin, &resolved).await?;
-        let identity = Identity {
-            id: self.clock.new_id("m-"),
-            created_at,
-            duration_ms,
-            scan_sha256: scan_id.trim_start_matches("s-").to_owned(),
-            recipe_name: order.recipe.map(RecipeName::into_string),
-        };
-        let (measurement, profiles) = Measurement::record(identity, &measured.prepared, measured.estimate, &resolved);
-        // The arrived scan holds its place until it is kept.
-        let (file, _place) = match source {
-            Source::Arrived(Arrived { scan, place }) => (Some(scan), Some(place)),
-            Source::Kept(_) => (None, None),
-        };
-        let scan = file.as_ref().map(|file| scan_row(file, &measurement, &origin));
-        let new = new_measurement(&measurement, &profiles, scan, request)?;
-        self.insert(measurement, new, file).await
+        let file = self.store.open_scan(&row.id).await?;
+        let file = file.ok_or_else(|| ServiceError::ScanFileMissing { id: row.id.clone() })?;
+        let origin = Origin { parameter: Format::from_name(&row.format), ..Origin::default() };
+        let (measurement, profiles) = self.calculate(&row.id, Points::InFile(file), &origin, accepted).await?;
+        let new = new_measurement(&measurement, &profiles, None, request)?;
+        self.insert(measurement, new, None).await
     }
 
     async fn earlier_answer(&self, request: Option<&RequestKey>) -> Result<Option<Answer>, ServiceError> {
@@ -136,19 +131,29 @@ impl Service {
         }
     }
 
-    async fn open_source(&self, source: &Source) -> Result<File, ServiceError> {
-        match source {
-            Source::Arrived(arrived) => Ok(arrived.scan.open().await?),
-            Source::Kept(row) => {
-                let file = self.store.open_scan(&row.id).await?;
-                file.ok_or_else(|| ServiceError::ScanFileMissing { id: row.id.clone() })
-            }
-        }
-    }
-
     async fn calculate(
         &self,
-        file: File,
+        scan_id: &str,
+        points: Points,
+        origin: &Origin,
+        accepted: Accepted,
+    ) -> Result<(Measurement, Vec<Profile>), ServiceError> {
+        let Accepted { order, resolved, answered: _ } = accepted;
+        let created_at = self.clock.now();
+        let (measured, duration_ms) = self.measure(points, origin, &resolved).await?;
+        let identity = Identity {
+            id: self.clock.new_id("m-"),
+            created_at,
+            duration_ms,
+            scan_sha256: scan_id.trim_start_matches("s-").to_owned(),
+            recipe_name: order.recipe.map(RecipeName::into_string),
+        };
+        Ok(Measurement::record(identity, &measured.prepared, measured.estimate, &resolved))
+    }
+
+    async fn measure(
+        &self,
+        points: Points,
         origin: &Origin,
         resolved: &Resolved,
     ) -> Result<(Measured, u64), ServiceError> {
@@ -157,7 +162,7 @@ impl Service {
         self.compute
             .run(move || {
                 let watch = clock.start();
-                let measured = measure_file(file, &origin, &resolved, &limits)?;
+                let measured = points.measure(&origin, &resolved, &limits)?;
                 Ok((measured, watch.elapsed_ms()))
             })
             .await?
@@ -215,26 +220,26 @@ fn new_measurement(
     Ok(NewMeasurement { row, scan, profiles: serde_json::to_vec(profiles).map_err(unwritable)?, request })
 }
 
-impl Source {
-    fn id(&self) -> String {
-        match self {
-            Self::Arrived(arrived) => arrived.scan.id(),
-            Self::Kept(row) => row.id.clone(),
-        }
+impl Points {
+    fn measure(self, origin: &Origin, resolved: &Resolved, limits: &Limits) -> Result<Measured, MeasureError> {
+        let decoded = match self {
+            Self::Read(read) => {
+                let ReadScan { decoded, place, unpacked: _ } = *read;
+                // From now on the place of the calculation stands for these points.
+                drop(place);
+                decoded?
+            }
+            Self::InFile(file) => {
+                let mut reader = BufReader::with_capacity(READ_BLOCK_BYTES, file);
+                super::read(&mut reader, &origin.claims(), resolved, limits)?
+            }
+        };
+        super::measure(decoded, resolved, limits, &Progress::default())
     }
 }
 
-/// Reading a file in large blocks costs fewer calls; a scan has megabytes.
-pub(super) const READ_BLOCK_BYTES: usize = 256 << 10;
-
-fn measure_file(
-    file: File,
-    origin: &Origin,
-    resolved: &Resolved,
-    limits: &Limits,
-) -> Result<Measured, super::MeasureError> {
-    let mut reader = BufReader::with_capacity(READ_BLOCK_BYTES, file);
-    super::measure(&mut reader, &origin.claims(), resolved, limits, &Progress::default())
+fn request_key(scan_id: &str, order: &Order) -> Option<RequestKey> {
+    order.request_id.clone().map(|id| RequestKey { id, fingerprint: fingerprint(scan_id, order) })
 }
 
 /// What was asked, as a digest: the scan and everything said about its measurement.

@@ -77,25 +77,29 @@ pub fn prepare(
     resolved: &Resolved,
     limits: &Limits,
 ) -> Result<Prepared, MeasureError> {
-    let Decoded { format, cloud } = read(reader, claims, resolved, limits)?;
+    cut(read(reader, claims, resolved, limits)?, resolved, limits)
+}
+
+/// Points to profiles.
+fn cut(decoded: Decoded, resolved: &Resolved, limits: &Limits) -> Result<Prepared, MeasureError> {
+    let Decoded { format, cloud } = decoded;
     let points_count = u64::try_from(cloud.columns.len()).unwrap_or(u64::MAX);
     let (unit, missing_count) = (cloud.unit, cloud.missing_count);
     let scan = slice(cloud, &resolved.slicing, limits)?;
     Ok(Prepared { format, unit, scan, points_count, missing_count })
 }
 
-/// Bytes to an estimate.
+/// Points to an estimate.
 ///
 /// # Errors
-/// [`MeasureError`] with what is wrong with the bytes or with the way they are to be cut.
+/// [`MeasureError`] with what is wrong with the way they are to be cut.
 pub fn measure(
-    reader: &mut dyn BufRead,
-    claims: &FormatClaims<'_>,
+    decoded: Decoded,
     resolved: &Resolved,
     limits: &Limits,
     progress: &Progress,
 ) -> Result<Measured, MeasureError> {
-    let prepared = prepare(reader, claims, resolved, limits)?;
+    let prepared = cut(decoded, resolved, limits)?;
     let estimate = estimate_parts(&prepared.scan, &resolved.settings, &resolved.parts, progress);
     Ok(Measured { prepared, estimate })
 }

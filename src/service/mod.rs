@@ -2,8 +2,8 @@
 //! Knows scan, estimation, plot and store; must not know HTTP.
 //!
 //! ```text
-//! pieces --Upload--> a file --read, slice--> Scan --estimate--> Estimate --record--> Measurement, acknowledged when durable
-//!                               \______ on the compute pool ______/
+//! pieces --Upload--> a file --read--> Decoded --slice--> Scan --estimate--> Estimate --record--> Measurement, acknowledged
+//!                     behind its writer    \_____ on the compute pool _____/                      when durable
 //! ```
 
 mod answer;
@@ -15,10 +15,12 @@ mod measure;
 mod measurement;
 mod offline;
 mod pictures;
+mod reading;
 mod recipe;
 mod recipes;
 mod records;
 mod scans;
+mod tee;
 #[cfg(test)]
 mod tests;
 mod upload;
@@ -124,7 +126,8 @@ impl Service {
             .map_err(|source| ServiceError::Threads(Arc::new(source)))?;
         let drawing = compute.beside(capacity.pictures_running_max, capacity.pictures_queue_max);
         let unpacking = compute.beside(capacity.running_max, capacity.uploads_max);
-        let uploads = Uploads::new(capacity.uploads_max);
+        // Points that wait in memory are bounded as those that are calculated with are.
+        let uploads = Uploads::new(capacity.uploads_max, capacity.running_max);
         let clock = Clock;
         let service = Self {
             store,

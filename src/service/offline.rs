@@ -2,12 +2,23 @@
 //! is one function, so that both give the same bits. Must not know who asks.
 
 use super::clock::Clock;
-use super::{Identity, MeasureError, Measurement, Origin, Resolved, measure};
+use super::tee::{READ_BLOCK_BYTES, Tee};
+use super::{Identity, MeasureError, Measurement, Origin, Resolved, measure, read};
 use crate::estimation::{Profile, Progress};
 use crate::scan::Scan;
-use crate::scan::decode::{Encoding, Limits, inflate};
+use crate::scan::decode::{DecodeError, Encoding, Limits, inflate};
 use sha2::{Digest, Sha256};
-use std::io::{self, BufRead, Read};
+use std::io::{self, BufReader, Cursor, Read};
+use std::sync::mpsc;
+use std::thread::{self, JoinHandle};
+
+/// First bytes that tell how a file is packed.
+const HEAD_BYTES: u64 = 4;
+/// Blocks that wait to be hashed: 8 MiB, so that reading waits less and memory stays bounded.
+const BLOCKS_BEHIND_MAX: usize = 32;
+
+/// Takes a block that is to be hashed, and gives back one to be filled.
+type HandOn = Box<dyn FnMut(Vec<u8>) -> io::Result<Vec<u8>>>;
 
 /// A measurement that was made offline.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,12 +31,12 @@ pub struct Offline {
     pub scan: Scan,
 }
 
-/// Measures what `reader` holds; gzip and zstd are undone first. The bytes are hashed on the way.
+/// Measures what `source` holds; gzip and zstd are undone first. The bytes are hashed on the way, on a thread of their own.
 ///
 /// # Errors
 /// [`MeasureError`] with what is wrong with the file.
 pub fn measure_offline(
-    mut reader: Box<dyn BufRead + '_>,
+    source: Box<dyn Read + '_>,
     origin: &Origin,
     resolved: &Resolved,
     limits: &Limits,
@@ -33,16 +44,16 @@ pub fn measure_offline(
 ) -> Result<Offline, MeasureError> {
     let created_at = Clock.now();
     let watch = Clock.start();
-    let encoding = Encoding::sniff(reader.fill_buf().map_err(crate::scan::decode::DecodeError::from)?);
-    let reader: Box<dyn BufRead + '_> = match encoding {
-        Some(encoding) => Box::new(inflate(encoding, reader, limits)?),
-        None => reader,
+    let (digest, hand_on) = hash_along().map_err(DecodeError::from)?;
+    let mut bytes = Tee::new(unpacked(source, limits)?, hand_on);
+    let decoded = match read(&mut bytes, &origin.claims(), resolved, limits) {
+        Ok(decoded) => decoded,
+        Err(error) => return Err(bytes.into_failure().map_or(error, DecodeError::from).into()),
     };
-    let mut hashed = Hashed { inner: reader, hash: Sha256::new() };
-    let measured = measure(&mut hashed, &origin.claims(), resolved, limits, progress)?;
     // A reader may stop behind the last point; the file's identity is all of it.
-    io::copy(&mut hashed, &mut io::sink()).map_err(crate::scan::decode::DecodeError::from)?;
-    let scan_sha256 = hashed.hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+    bytes.finish().map_err(DecodeError::from)?;
+    let measured = measure(decoded, resolved, limits, progress)?;
+    let scan_sha256 = digest.join().map_err(|_| DecodeError::from(not_hashed()))?;
     let identity = Identity {
         id: Clock.new_id("m-"),
         created_at,
@@ -54,30 +65,40 @@ pub fn measure_offline(
     Ok(Offline { measurement, profiles, scan: measured.prepared.scan })
 }
 
-/// Hashes whatever is taken from it.
-struct Hashed<R> {
-    inner: R,
-    hash: Sha256,
+/// The source without its packing, if its first bytes give one away.
+fn unpacked<'a>(mut source: Box<dyn Read + 'a>, limits: &Limits) -> Result<Box<dyn Read + 'a>, DecodeError> {
+    let mut head = Vec::new();
+    source.by_ref().take(HEAD_BYTES).read_to_end(&mut head)?;
+    let encoding = Encoding::sniff(&head);
+    let whole = Cursor::new(head).chain(source);
+    Ok(match encoding {
+        Some(encoding) => Box::new(inflate(encoding, BufReader::with_capacity(READ_BLOCK_BYTES, whole), limits)?),
+        None => Box::new(whole),
+    })
 }
 
-impl<R: BufRead> Read for Hashed<R> {
-    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
-        let count = self.inner.read(into)?;
-        self.hash.update(into.get(..count).unwrap_or_default());
-        Ok(count)
-    }
-}
-
-impl<R: BufRead> BufRead for Hashed<R> {
-    fn fill_buf(&mut self) -> io::Result<&[u8]> {
-        self.inner.fill_buf()
-    }
-
-    fn consume(&mut self, count: usize) {
-        // The buffer is there already: nothing waits and nothing fails here.
-        if let Ok(bytes) = self.inner.fill_buf() {
-            self.hash.update(bytes.get(..count).unwrap_or_default());
+/// Starts a thread that hashes blocks and gives them back: the SHA-256 in the end, and the way in. The hash of a large
+/// binary scan takes longer than its reading; what it lags behind is caught up with while the estimation runs.
+fn hash_along() -> io::Result<(JoinHandle<String>, HandOn)> {
+    let (to_hash, blocks) = mpsc::sync_channel::<Vec<u8>>(BLOCKS_BEHIND_MAX);
+    let (give_back, hashed) = mpsc::channel();
+    let work = move || {
+        let mut hash = Sha256::new();
+        for block in blocks {
+            hash.update(&block);
+            // Whoever reads no more has no use for it.
+            let _ = give_back.send(block);
         }
-        self.inner.consume(count);
-    }
+        hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+    };
+    let digest = thread::Builder::new().name("hash".to_owned()).spawn(work)?;
+    let hand_on = move |block| {
+        to_hash.send(block).map_err(|_| not_hashed())?;
+        Ok(hashed.try_recv().unwrap_or_default())
+    };
+    Ok((digest, Box::new(hand_on)))
+}
+
+fn not_hashed() -> io::Error {
+    io::Error::other("the thread that hashes ended early")
 }

@@ -53,7 +53,7 @@ impl Wanted {
     fn draw(self, file: File, limits: &Limits) -> Result<String, ServiceError> {
         let Self { measurement, profiles, resolved, picture, part, profile } = self;
         let origin = Origin { parameter: Some(measurement.format), ..Origin::default() };
-        let mut reader = BufReader::with_capacity(super::answer::READ_BLOCK_BYTES, file);
+        let mut reader = BufReader::with_capacity(super::tee::READ_BLOCK_BYTES, file);
         let prepared = super::prepare(&mut reader, &origin.claims(), &resolved, limits)?;
         let chosen = measurement.findings.choose(part.as_deref())?;
         let View { scan, estimate, first_profile, part } = measurement.view(&prepared.scan, &profiles, chosen, profile);

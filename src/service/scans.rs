@@ -1,6 +1,7 @@
 //! Raw scans: kept under their content, looked up, handed out byte for byte. Must not know what is measured from them.
 
-use super::{Arrived, Recipe, Resolved, Service, ServiceError};
+use super::tee::READ_BLOCK_BYTES;
+use super::{Arrived, Decoded, MeasureError, Resolved, Service, ServiceError};
 use crate::scan::decode::{Format, FormatClaims, Limits};
 use crate::store::{Listing, Page, RecordedScan, ScanRow};
 use std::fs::File;
@@ -52,13 +53,16 @@ impl Service {
     ///
     /// # Errors
     /// [`ServiceError`]; nothing is recorded then.
-    pub async fn store_scan(&self, arrived: Arrived, origin: Origin) -> Result<Kept, ServiceError> {
-        let Arrived { scan, place: _place } = arrived;
-        let resolved = Recipe::default().resolve(&self.defaults)?;
-        let (file, limits) = (scan.open().await?, self.capacity.scan.clone());
+    pub async fn store_scan(&self, arrived: Arrived) -> Result<Kept, ServiceError> {
+        let Arrived { scan, read, origin, accepted, place: _place } = arrived;
         let file_name = origin.file_name.clone();
-        let (format, points_count) =
-            self.compute.run(move || count_points(file, &origin, &resolved, &limits)).await??;
+        let (format, points_count) = match read {
+            Some(read) => read.decoded.map(|decoded| count_points(&decoded)).map_err(MeasureError::from)?,
+            None => {
+                let (file, limits) = (scan.open().await?, self.capacity.scan.clone());
+                self.compute.run(move || look_through(file, &origin, &accepted.resolved, &limits)).await??
+            }
+        };
         let created_at = self.clock.now();
         let row = ScanRow {
             id: scan.id(),
@@ -104,13 +108,16 @@ impl Service {
     }
 }
 
-fn count_points(
+fn look_through(
     file: File,
     origin: &Origin,
     resolved: &Resolved,
     limits: &Limits,
-) -> Result<(Format, u64), super::MeasureError> {
-    let mut reader = BufReader::with_capacity(super::answer::READ_BLOCK_BYTES, file);
-    let decoded = super::read(&mut reader, &origin.claims(), resolved, limits)?;
-    Ok((decoded.format, u64::try_from(decoded.cloud.columns.len()).unwrap_or(u64::MAX)))
+) -> Result<(Format, u64), MeasureError> {
+    let mut reader = BufReader::with_capacity(READ_BLOCK_BYTES, file);
+    Ok(count_points(&super::read(&mut reader, &origin.claims(), resolved, limits)?))
+}
+
+fn count_points(decoded: &Decoded) -> (Format, u64) {
+    (decoded.format, u64::try_from(decoded.cloud.columns.len()).unwrap_or(u64::MAX))
 }

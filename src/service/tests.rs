@@ -32,20 +32,37 @@ impl Drop for TempFolder {
 
 /// One measurement and one picture at a time, none that waits.
 async fn open(folder: &TempFolder) -> Arc<Service> {
+    open_with(folder, |_| {}).await
+}
+
+async fn open_with(folder: &TempFolder, change: impl FnOnce(&mut crate::config::Limits)) -> Arc<Service> {
     let mut config = Config::default();
     let limits = &mut config.limits;
     (limits.threads, limits.measurements_running_max, limits.queue_max) = (2, 1, 0);
     (limits.pictures_running_max, limits.pictures_queue_max, limits.uploads_max) = (1, 0, 1);
+    change(limits);
     Service::open(&folder.0, Capacity::from_config(&config), Settings::default()).await.expect("a store")
 }
 
-async fn upload(service: &Service) -> Arrived {
-    let part = Part { profiles_count: 5, points_count: 50, length_mm: 40.0, ..Part::smooth(2) };
+fn ply(profiles_count: usize) -> Vec<u8> {
+    let part = Part { profiles_count, points_count: 50, length_mm: 40.0, ..Part::smooth(2) };
     let mut bytes = Vec::new();
     encode(&make(&part).expect("a scan").0, Format::Ply, &mut bytes).expect("written");
-    let mut upload = service.begin_upload(None).await.expect("room");
-    upload.write(&bytes).await.expect("room");
-    service.complete_upload(upload).await.expect("complete")
+    bytes
+}
+
+/// More than is worth reading on the way.
+fn large_ply() -> Vec<u8> {
+    let bytes = ply(500);
+    assert!(bytes.len() > tee::READ_BLOCK_BYTES, "{}", bytes.len());
+    bytes
+}
+
+async fn begin(service: &Service, bytes: &[u8], order: Order) -> Result<Upload, ServiceError> {
+    let accepted = service.accept(order).await.expect("a free place");
+    let mut upload = service.begin_upload(None, Origin::default(), accepted).await?;
+    upload.write(bytes).await.expect("room");
+    Ok(upload)
 }
 
 fn order(request_id: &str) -> Order {
@@ -53,8 +70,9 @@ fn order(request_id: &str) -> Order {
 }
 
 async fn measure_once(service: &Service, order: Order) -> Answer {
-    let accepted = service.accept(order).await.expect("a free place");
-    service.measure_upload(upload(service).await, Origin::default(), accepted).await.expect("measured")
+    let upload = begin(service, &ply(5), order).await.expect("room");
+    let arrived = service.complete_upload(upload).await.expect("complete");
+    service.measure_upload(arrived).await.expect("measured")
 }
 
 /// Takes a door's only place until the sender is dropped.
@@ -105,12 +123,75 @@ async fn pictures_and_measurements_take_no_place_from_each_other() {
 async fn an_upload_has_its_place_until_it_is_kept_or_let_go() {
     let folder = TempFolder::new();
     let service = open(&folder).await;
-    let begun = service.begin_upload(None).await.expect("a place");
-    let refused = service.begin_upload(None).await.expect_err("taken");
+    let upload = async || begin(&service, &ply(5), Order::default()).await;
+    let begun = upload().await.expect("a place");
+    let refused = upload().await.expect_err("taken");
     assert!(matches!(refused, ServiceError::UploadsBusy { uploads_max: 1 }), "{refused}");
     drop(begun);
-    let arrived = upload(&service).await;
-    service.begin_upload(None).await.expect_err("what has arrived lies there still");
-    service.store_scan(arrived, Origin::default()).await.expect("kept");
-    service.begin_upload(None).await.expect("free again");
+    let arrived = service.complete_upload(upload().await.expect("free")).await.expect("complete");
+    upload().await.expect_err("what has arrived lies there still");
+    service.store_scan(arrived).await.expect("kept");
+    upload().await.expect("free again");
+}
+
+#[tokio::test]
+async fn a_large_upload_is_read_on_the_way_and_one_without_a_place_afterwards() {
+    let folder = TempFolder::new();
+    let service = open_with(&folder, |limits| limits.uploads_max = 3).await;
+    let bytes = large_ply();
+    let first = begin(&service, &bytes, Order::default()).await.expect("room");
+    let second = begin(&service, &bytes, Order::default()).await.expect("room");
+    let small = begin(&service, &ply(5), Order::default()).await.expect("room");
+    let first = service.complete_upload(first).await.expect("complete");
+    let second = service.complete_upload(second).await.expect("complete");
+    let small = service.complete_upload(small).await.expect("complete");
+    assert_eq!([&first, &second, &small].map(|arrived| arrived.read.is_some()), [true, false, false]);
+    let [first, second] = [service.measure_upload(first).await, service.measure_upload(second).await]
+        .map(|answer| answer.expect("measured").measurement);
+    assert_eq!((&first.findings, &first.scan_sha256), (&second.findings, &second.scan_sha256));
+    let third = begin(&service, &bytes, Order::default()).await.expect("room");
+    let third = service.complete_upload(third).await.expect("complete");
+    assert!(third.read.is_some(), "the place is free again");
+}
+
+#[tokio::test]
+async fn a_scan_is_read_before_its_end_is_here() {
+    let folder = TempFolder::new();
+    let service = open(&folder).await;
+    let bytes = [b"Dear Sir or Madam,\n".repeat(10), large_ply()].concat();
+    let upload = begin(&service, &bytes, Order::default()).await.expect("room");
+    // No more comes, and yet it is known that these bytes are no scan.
+    while !upload.is_read() {
+        tokio::task::yield_now().await;
+    }
+    let arrived = service.complete_upload(upload).await.expect("complete");
+    let refused = service.measure_upload(arrived).await.expect_err("no scan");
+    assert!(matches!(refused, ServiceError::Content(ContentError::Scan(_))), "{refused}");
+}
+
+#[tokio::test]
+async fn a_replay_is_not_read() {
+    let folder = TempFolder::new();
+    let service = open(&folder).await;
+    let mut replayed = Vec::new();
+    for _ in 0..2 {
+        let upload = begin(&service, &large_ply(), order("large")).await.expect("room");
+        let arrived = service.complete_upload(upload).await.expect("complete");
+        let read = arrived.read.is_some();
+        replayed.push((read, service.measure_upload(arrived).await.expect("answered").replayed));
+    }
+    assert_eq!(replayed, [(true, false), (false, true)]);
+}
+
+#[tokio::test]
+async fn a_store_that_fails_in_the_middle_is_told_as_that() {
+    let folder = TempFolder::new();
+    let service = open(&folder).await;
+    let upload = begin(&service, &large_ply(), Order::default()).await.expect("room");
+    std::fs::remove_dir_all(folder.0.join("scans")).expect("removed");
+    let told = match service.complete_upload(upload).await {
+        Ok(arrived) => service.measure_upload(arrived).await.expect_err("its file is gone"),
+        Err(error) => error,
+    };
+    assert!(matches!(told, ServiceError::Store(_)), "{told}");
 }

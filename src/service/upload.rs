@@ -1,14 +1,15 @@
-//! A scan that comes in piece by piece into a file of the store that is not kept yet, and is unpacked once it is whole.
-//! Dropped before its end, it leaves nothing behind. Must not know where the pieces come from.
+//! A scan that comes in piece by piece into a file of the store that is not kept yet. Large ones are read on the way; the
+//! rest is unpacked, where it has to be, once it is whole. Dropped before its end, it leaves nothing behind. Must not know
+//! where the pieces come from.
 //!
-//! Nothing but memory and disk is waited for here, and no thread is held while a client sends: as many uploads as may be
-//! under way go on beside each other on however few threads.
+//! Nothing but memory and disk is waited for here, and no thread that others need is held while a client sends: as many
+//! uploads as may be under way go on beside each other on however few threads.
 
-use super::answer::READ_BLOCK_BYTES;
-use super::{ContentError, Service, ServiceError};
-use crate::scan::decode::{Encoding, Limits, inflate};
+use super::reading::{ReadScan, Readers, Reading, Wanted, unpack};
+use super::tee::READ_BLOCK_BYTES;
+use super::{Accepted, Origin, Service, ServiceError};
+use crate::scan::decode::{Encoding, Limits};
 use crate::store::{CompleteScan, ScanWriter};
-use std::io::{self, BufReader, Read};
 use std::sync::Arc;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
@@ -20,15 +21,28 @@ const HEAD_BYTES: usize = 4;
 pub(super) struct Uploads {
     places: Arc<Semaphore>,
     uploads_max: usize,
+    readers: Readers,
 }
 
 /// A scan that is coming in.
 #[derive(Debug)]
 pub struct Upload {
     writer: ScanWriter,
-    encoding: Option<Encoding>,
+    said: Said,
     head: Vec<u8>,
+    bytes_count: usize,
+    readers: Readers,
+    limits: Limits,
+    reading: Option<Reading>,
     place: OwnedSemaphorePermit,
+}
+
+/// What was said before the first byte.
+#[derive(Debug)]
+struct Said {
+    encoding: Option<Encoding>,
+    origin: Origin,
+    accepted: Accepted,
 }
 
 /// A scan that is here as a whole, unpacked and not kept yet. It holds its place among the uploads until it is kept or let
@@ -36,13 +50,18 @@ pub struct Upload {
 #[derive(Debug)]
 pub struct Arrived {
     pub(super) scan: CompleteScan,
+    /// What it holds, where it was read on the way.
+    pub(super) read: Option<ReadScan>,
+    pub(super) origin: Origin,
+    pub(super) accepted: Accepted,
     pub(super) place: OwnedSemaphorePermit,
 }
 
 impl Uploads {
-    pub(super) fn new(uploads_max: usize) -> Self {
+    pub(super) fn new(uploads_max: usize, readers_max: usize) -> Self {
         let uploads_max = uploads_max.min(Semaphore::MAX_PERMITS);
-        Self { places: Arc::new(Semaphore::new(uploads_max)), uploads_max }
+        let readers = Readers::new(readers_max.min(uploads_max));
+        Self { places: Arc::new(Semaphore::new(uploads_max)), uploads_max, readers }
     }
 
     fn take_place(&self) -> Result<OwnedSemaphorePermit, ServiceError> {
@@ -57,10 +76,24 @@ impl Service {
     ///
     /// # Errors
     /// [`ServiceError::UploadsBusy`], [`ServiceError::Store`] where there is no room for it.
-    pub async fn begin_upload(&self, encoding: Option<Encoding>) -> Result<Upload, ServiceError> {
+    pub async fn begin_upload(
+        &self,
+        encoding: Option<Encoding>,
+        origin: Origin,
+        accepted: Accepted,
+    ) -> Result<Upload, ServiceError> {
         let place = self.uploads.take_place()?;
         let writer = self.store.begin_scan(self.capacity.body_bytes_max).await?;
-        Ok(Upload { writer, encoding, head: Vec::with_capacity(HEAD_BYTES), place })
+        Ok(Upload {
+            writer,
+            said: Said { encoding, origin, accepted },
+            head: Vec::with_capacity(HEAD_BYTES),
+            bytes_count: 0,
+            readers: self.uploads.readers.clone(),
+            limits: self.capacity.scan.clone(),
+            reading: None,
+            place,
+        })
     }
 
     /// All pieces of an upload were written.
@@ -68,14 +101,31 @@ impl Service {
     /// # Errors
     /// [`ServiceError::Store`] where there is no room, [`ServiceError::Content`] where it cannot be unpacked.
     pub async fn complete_upload(&self, upload: Upload) -> Result<Arrived, ServiceError> {
-        let Upload { writer, encoding, head, place } = upload;
-        let sent = writer.complete().await?;
-        let Some(encoding) = encoding.or_else(|| Encoding::sniff(&head)) else {
-            return Ok(Arrived { scan: sent, place });
+        let encoding = upload.encoding();
+        let Upload { writer, said, reading, limits, place, .. } = upload;
+        let trail = writer.trail();
+        let sent = writer.complete().await;
+        // Its reader ends with it, however that went.
+        let read = match reading {
+            Some(reading) => Some(reading.outcome().await),
+            None => None,
         };
-        let limits = self.capacity.scan.clone();
-        let scan = self.unpacking.run(move || unpack(&sent, encoding, &limits)).await??;
-        Ok(Arrived { scan, place })
+        let (sent, mut read) = (sent?, read.transpose()?);
+        let scan = match (&mut read, encoding) {
+            (Some(read), _) => read.unpacked.take().unwrap_or(sent),
+            (None, Some(encoding)) => {
+                let work = move || {
+                    let unpacked = unpack(&trail, encoding, &limits);
+                    // What was sent lies there until here.
+                    drop(sent);
+                    unpacked
+                };
+                self.unpacking.run(work).await??
+            }
+            (None, None) => sent,
+        };
+        let Said { origin, accepted, .. } = said;
+        Ok(Arrived { scan, read, origin, accepted, place })
     }
 }
 
@@ -87,21 +137,41 @@ impl Upload {
     pub async fn write(&mut self, piece: &[u8]) -> Result<(), ServiceError> {
         let wanting = HEAD_BYTES.saturating_sub(self.head.len());
         self.head.extend(piece.iter().take(wanting));
-        Ok(self.writer.write(piece).await?)
-    }
-}
-
-fn unpack(sent: &CompleteScan, encoding: Encoding, limits: &Limits) -> Result<CompleteScan, ServiceError> {
-    let packed = BufReader::with_capacity(READ_BLOCK_BYTES, sent.open_blocking()?);
-    let mut unpacked = inflate(encoding, packed, limits).map_err(ContentError::Packing)?;
-    let mut part = sent.begin_another()?;
-    let mut block = vec![0; READ_BLOCK_BYTES];
-    loop {
-        match unpacked.read(&mut block) {
-            Ok(0) => return Ok(part.complete()),
-            Ok(count) => part.append(block.get(..count).unwrap_or_default())?,
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            Err(error) => return Err(ContentError::Packing(error.into()).into()),
+        self.bytes_count = self.bytes_count.saturating_add(piece.len());
+        self.writer.write(piece).await?;
+        if self.reading.is_none() && self.is_worth_reading() {
+            self.reading = self.readers.begin(&self.writer.trail(), || self.wanted());
         }
+        Ok(())
+    }
+
+    /// Lets it go, and waits until nothing is left of it.
+    pub async fn abandon(self) {
+        let Self { writer, reading, .. } = self;
+        drop(writer);
+        if let Some(reading) = reading {
+            let _ = reading.outcome().await;
+        }
+    }
+
+    /// Less than a block is read at once when it is whole, and the points of a request that was answered before are not
+    /// looked at.
+    fn is_worth_reading(&self) -> bool {
+        self.bytes_count >= READ_BLOCK_BYTES && !self.said.accepted.answered
+    }
+
+    #[cfg(test)]
+    pub(super) fn is_read(&self) -> bool {
+        self.reading.as_ref().is_some_and(Reading::is_over)
+    }
+
+    fn encoding(&self) -> Option<Encoding> {
+        self.said.encoding.or_else(|| Encoding::sniff(&self.head))
+    }
+
+    fn wanted(&self) -> Wanted {
+        let Said { origin, accepted, .. } = &self.said;
+        let (origin, resolved) = (origin.clone(), accepted.resolved.clone());
+        Wanted { encoding: self.encoding(), origin, resolved, limits: self.limits.clone() }
     }
 }

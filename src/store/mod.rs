@@ -3,6 +3,7 @@
 //! ```text
 //! rows in ───> writer (one task, one transaction for all that wait) ───> coaxis.db ───> readers ───> rows out
 //! bytes in ──> scan_files (hash) ──> placing (with its row) ──> scans/ab/abcd… ──> a file to read from
+//!                   └──> following: to read from while they come in
 //! ```
 //!
 //! A write is acknowledged when it is durable, not before. Times and ids come in as arguments; documents are text that is
@@ -12,6 +13,7 @@ mod columns;
 mod connection;
 mod error;
 mod folder;
+mod following;
 mod measurements;
 mod migration;
 mod page;
@@ -26,6 +28,7 @@ mod tests;
 mod writer;
 
 pub use error::StoreError;
+pub use following::{ScanFollower, ScanTrail};
 pub use page::{Cursor, Listing, PAGE_ROWS_MAX, Page};
 pub use rows::{
     AnsweredRequest, Counts, Filter, Inserted, MeasurementRow, NewMeasurement, Precondition, PutRecipe, RecipeRow,

@@ -10,13 +10,14 @@ use sha2::{Digest, Sha256};
 use tokio::task::{JoinHandle, spawn_blocking};
 
 use super::{
-    Store, StoreError,
+    ScanTrail, Store, StoreError,
     folder::{Folder, Temporary},
+    following::Growth,
     hex,
 };
 
 /// What goes to the blocking thread at once, bytes: large against a thread's waking, small against memory.
-const BLOCK_BYTES: usize = 256 * 1024;
+pub(super) const BLOCK_BYTES: usize = 256 * 1024;
 
 /// A raw scan that is coming in. Dropped before [`ScanWriter::complete`], it leaves nothing behind.
 #[derive(Debug)]
@@ -25,6 +26,7 @@ pub struct ScanWriter {
     bytes_count: u64,
     block: Vec<u8>,
     part: PartState,
+    trail: ScanTrail,
 }
 
 /// A raw scan that is here as a whole and may be looked into before it is kept. Dropped before it is recorded, it leaves
@@ -47,6 +49,7 @@ pub struct ScanPart {
     file: fs::File,
     digest: Sha256,
     bytes_count: u64,
+    growth: Growth,
 }
 
 #[derive(Debug)]
@@ -64,8 +67,9 @@ impl Store {
     /// [`StoreError::Full`], [`StoreError::FileUnavailable`].
     pub async fn begin_scan(&self, bytes_max: u64) -> Result<ScanWriter, StoreError> {
         let folder = Arc::clone(&self.folder);
-        let part = PartState::Idle(blocking(move || ScanPart::create(folder)).await?);
-        Ok(ScanWriter { bytes_max, bytes_count: 0, block: Vec::with_capacity(BLOCK_BYTES), part })
+        let part = blocking(move || ScanPart::create(folder)).await?;
+        let (trail, part) = (part.trail(), PartState::Idle(part));
+        Ok(ScanWriter { bytes_max, bytes_count: 0, block: Vec::with_capacity(BLOCK_BYTES), part, trail })
     }
 
     /// The path of the scan of this id, whether it is there or not; `None` for what is not a scan's id.
@@ -90,6 +94,12 @@ impl Store {
 }
 
 impl ScanWriter {
+    /// Where the file can be read, also while it is written; it is there until this or the complete scan is let go.
+    #[must_use]
+    pub fn trail(&self) -> ScanTrail {
+        self.trail.clone()
+    }
+
     /// Takes the next piece, of any size. After an error, or where its future was dropped, only dropping is left.
     ///
     /// # Errors
@@ -166,29 +176,16 @@ impl CompleteScan {
         let path = self.temporary.path().to_owned();
         blocking(move || fs::File::open(&path).map_err(StoreError::of_file(path))).await
     }
-
-    /// The same on a thread that may block.
-    ///
-    /// # Errors
-    /// [`StoreError::FileUnavailable`].
-    pub fn open_blocking(&self) -> Result<fs::File, StoreError> {
-        let path = self.temporary.path();
-        fs::File::open(path).map_err(StoreError::of_file(path))
-    }
-
-    /// Begins a scan that is made from this one, on a thread that may block.
-    ///
-    /// # Errors
-    /// [`StoreError::Full`], [`StoreError::FileUnavailable`].
-    pub fn begin_another(&self) -> Result<ScanPart, StoreError> {
-        ScanPart::create(Arc::clone(&self.folder))
-    }
 }
 
 impl ScanPart {
-    fn create(folder: Arc<Folder>) -> Result<Self, StoreError> {
+    pub(super) fn create(folder: Arc<Folder>) -> Result<Self, StoreError> {
         let (temporary, file) = folder.create_part()?;
-        Ok(Self { folder, temporary, file, digest: Sha256::new(), bytes_count: 0 })
+        Ok(Self { folder, temporary, file, digest: Sha256::new(), bytes_count: 0, growth: Growth::new() })
+    }
+
+    fn trail(&self) -> ScanTrail {
+        self.growth.trail(&self.folder, self.temporary.path().to_owned())
     }
 
     /// Takes the next bytes.
@@ -198,13 +195,16 @@ impl ScanPart {
     pub fn append(&mut self, block: &[u8]) -> Result<(), StoreError> {
         self.digest.update(block);
         self.bytes_count += u64::try_from(block.len()).unwrap_or(u64::MAX);
-        self.file.write_all(block).map_err(StoreError::of_file(self.temporary.path()))
+        self.file.write_all(block).map_err(StoreError::of_file(self.temporary.path()))?;
+        self.growth.grow_to(self.bytes_count);
+        Ok(())
     }
 
     /// Ends the writing.
     #[must_use]
     pub fn complete(self) -> CompleteScan {
-        let Self { folder, temporary, file, digest, bytes_count } = self;
+        let Self { folder, temporary, file, digest, bytes_count, growth } = self;
+        growth.end_at(bytes_count);
         CompleteScan { folder, temporary, file, sha256_hex: hex(&digest.finalize()), bytes_count }
     }
 }

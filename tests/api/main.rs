@@ -10,6 +10,7 @@ mod harness;
 mod life;
 mod limits;
 mod measurements;
+mod on_the_way;
 mod parts;
 mod recipes;
 mod scans;

@@ -151,8 +151,8 @@ pub(in super::super) async fn create_measurement(
     }
     let origin = origin(query.format, &parts.headers)?;
     let accepted = app.service.accept(query.order(&parts.headers)?).await?;
-    let scan = receive(&app, &mut pieces, encoding).await?;
-    answer(&app, app.service.measure_upload(scan, origin, accepted).await?)
+    let arrived = receive(&app, &mut pieces, encoding, origin, accepted).await?;
+    answer(&app, app.service.measure_upload(arrived).await?)
 }
 
 async fn measure_kept(

@@ -29,7 +29,7 @@ pub struct MeasurementDocument {
     /// When it was made, UTC.
     #[schema(value_type = String, format = DateTime)]
     pub created_at: Timestamp,
-    /// From the beginning of the reading to the end of the calculation.
+    /// Reading and calculation; what was read while it came in is not counted.
     pub duration_ms: u64,
     /// The pose of the part's axis; null where the verdict is `refused`, or there is not exactly one part.
     pub pose: Option<PoseDocument>,

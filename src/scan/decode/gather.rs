@@ -1,7 +1,7 @@
 //! The one place where points enter a cloud: scales them, drops the missing, refuses the impossible, codes the stripes.
 //! Comes from every reader; goes out as a [`Cloud`]. Must not know about bytes or formats.
 
-use super::packed::Run;
+use super::packed::{Packed, Run};
 use super::{DecodeError, Limits, Unit};
 use crate::scan::{Cloud, Columns, Labels, Stripe, huge_pages};
 use std::collections::HashSet;
@@ -99,49 +99,33 @@ impl<'a> Gather<'a> {
         Ok(())
     }
 
-    /// Whether as many points more are within the limit, so that only one of them can be refused.
-    pub(super) fn admits_at_once(&self, points: usize) -> bool {
-        points <= self.limits.points_max.saturating_sub(self.seen)
-    }
-
-    /// Appends points that were found to be finite, within [`Self::plain_limit`] and in millimetres, out of `seen`.
-    pub(super) fn append(&mut self, columns: Columns, runs: &[Run], seen: usize) -> Result<(), DecodeError> {
-        self.count(seen)?;
-        self.missing += seen.saturating_sub(columns.len()) as u64;
-        let mut end = self.columns.len();
-        for run in runs {
+    /// Takes `count` points at once: `fill` writes those that are there, finite and within [`Self::plain_limit`], in
+    /// millimetres, to the start of the room made for all, and says how many. False, and nothing taken, where it finds one
+    /// to be refused, or they are too many.
+    pub(super) fn fill<P: Packed>(
+        &mut self,
+        count: usize,
+        fill: impl FnOnce(&mut [P::Real], &mut [P::Real]) -> Option<(usize, Vec<Run>)>,
+    ) -> bool {
+        if count > self.limits.points_max.saturating_sub(self.seen) {
+            return false;
+        }
+        let Some((y, z)) = P::columns(&mut self.columns) else { return false };
+        let mut end = y.len();
+        y.resize(end + count, P::Real::default());
+        z.resize(end + count, P::Real::default());
+        let filled = y.get_mut(end..).zip(z.get_mut(end..)).and_then(|(y, z)| fill(y, z));
+        let kept = filled.as_ref().map_or(0, |(kept, _)| *kept);
+        y.truncate(end + kept);
+        z.truncate(end + kept);
+        let Some((_, runs)) = filled else { return false };
+        self.seen += count;
+        self.missing += count.saturating_sub(kept) as u64;
+        for run in &runs {
             end += run.count;
             self.extend_stripe(run.label, run.x, end);
         }
-        if self.columns.is_empty() {
-            self.columns = columns;
-            return Ok(());
-        }
-        match (&mut self.columns, columns) {
-            (Columns::F32 { y, z }, Columns::F32 { y: more_y, z: more_z }) => {
-                huge_pages::reserve(y, more_y.len());
-                huge_pages::reserve(z, more_z.len());
-                y.extend_from_slice(&more_y);
-                z.extend_from_slice(&more_z);
-            }
-            (Columns::F64 { y, z }, Columns::F64 { y: more_y, z: more_z }) => {
-                huge_pages::reserve(y, more_y.len());
-                huge_pages::reserve(z, more_z.len());
-                y.extend_from_slice(&more_y);
-                z.extend_from_slice(&more_z);
-            }
-            // A reader keeps to one precision; a cloud of two would be double.
-            (mine, more) => {
-                let (mut y, mut z) = (Vec::new(), Vec::new());
-                let all = |columns: &Columns| (0..columns.len()).filter_map(|i| columns.get(i)).collect::<Vec<_>>();
-                for [point_y, point_z] in all(mine).into_iter().chain(all(&more)) {
-                    y.push(point_y);
-                    z.push(point_z);
-                }
-                *mine = Columns::F64 { y, z };
-            }
-        }
-        Ok(())
+        true
     }
 
     /// The cloud.

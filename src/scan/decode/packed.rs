@@ -3,18 +3,23 @@
 //! A scan of millions of points has to pass in a few sweeps over memory. So blocks are taken apart without a branch, and
 //! checked as a whole: one x, all finite, all within the limit. Only a block that is not goes point by point.
 //!
-//! What is left is mostly the kernel's handing out of fresh pages for the columns, so they are written once, in place.
-//! (Filling them from two threads at once was tried; the kernel made both wait.)
+//! What is left is mostly the kernel's handing out of fresh pages, so the columns are filled in place, and no others are
+//! needed. (Filling them from two threads at once was tried; the kernel made both wait.)
 
 use super::DecodeError;
 use super::gather::Gather;
 use super::records::row_of;
-use crate::scan::{Columns, huge_pages};
+use crate::scan::Columns;
 
 /// Records of a block: what is read and what is written stay in the first-level cache.
 const BLOCK: usize = 512;
+/// Records for which room is made at once; it is cleared before it is filled, and is still in the second-level cache then.
+const ROOM: usize = 16 * 1024;
 /// Points of one x from which they are worth a pass of their own.
 const RUN_MIN: usize = 16;
+
+/// The columns of y and z.
+type Both<'a, R> = (&'a mut Vec<R>, &'a mut Vec<R>);
 
 /// A record of three floats and nothing else.
 pub(super) trait Packed: Copy {
@@ -24,8 +29,8 @@ pub(super) trait Packed: Copy {
     fn point(&self) -> [Self::Real; 3];
     /// Whether no value is NaN or of a magnitude above `limit`.
     fn all_within(values: &[Self::Real], limit: f64) -> bool;
-    /// Columns of this float.
-    fn columns(y: Vec<Self::Real>, z: Vec<Self::Real>) -> Columns;
+    /// The columns, where they are of this float.
+    fn columns(columns: &mut Columns) -> Option<Both<'_, Self::Real>>;
 }
 
 impl Packed for [u8; 12] {
@@ -43,8 +48,8 @@ impl Packed for [u8; 12] {
         values.iter().fold(true, |all, value| all & (value.abs() <= limit))
     }
 
-    fn columns(y: Vec<f32>, z: Vec<f32>) -> Columns {
-        Columns::F32 { y, z }
+    fn columns(columns: &mut Columns) -> Option<Both<'_, f32>> {
+        if let Columns::F32 { y, z } = columns { Some((y, z)) } else { None }
     }
 }
 
@@ -62,8 +67,8 @@ impl Packed for [u8; 24] {
         values.iter().fold(true, |all, value| all & (value.abs() <= limit))
     }
 
-    fn columns(y: Vec<f64>, z: Vec<f64>) -> Columns {
-        Columns::F64 { y, z }
+    fn columns(columns: &mut Columns) -> Option<Both<'_, f64>> {
+        if let Columns::F64 { y, z } = columns { Some((y, z)) } else { None }
     }
 }
 
@@ -82,19 +87,18 @@ pub(super) fn take_packed<P: Packed>(
     limit: f64,
     gather: &mut Gather<'_>,
 ) -> Result<(), DecodeError> {
-    if gather.admits_at_once(records.len()) {
-        let (mut y, mut z) = (huge_pages::zeros(records.len()), huge_pages::zeros(records.len()));
-        let target = Target::new(row_length, limit, &mut y, &mut z);
-        if let Some((kept, runs)) = target.fill(records, gather.seen()) {
-            y.truncate(kept);
-            z.truncate(kept);
-            return gather.append(P::columns(y, z), &runs, records.len());
+    gather.reserve(records.len());
+    for records in records.chunks(ROOM) {
+        let at = gather.seen();
+        let fill = |y: &mut [P::Real], z: &mut [P::Real]| Target::new(row_length, limit, y, z).fill(records, at);
+        if gather.fill::<P>(records.len(), fill) {
+            continue;
         }
-    }
-    // One at a time they find the point that is to be refused, or the one too many.
-    for record in records {
-        let label = row_of(gather.seen(), row_length);
-        gather.push(label, record.point().map(Into::into))?;
+        // One at a time they find the point that is to be refused, or the one too many.
+        for record in records {
+            let label = row_of(gather.seen(), row_length);
+            gather.push(label, record.point().map(Into::into))?;
+        }
     }
     Ok(())
 }

@@ -2,6 +2,7 @@
 
 mod crash;
 mod failures;
+mod following;
 mod pages;
 mod placing;
 mod records;
