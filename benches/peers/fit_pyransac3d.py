@@ -7,7 +7,7 @@ import pyransac3d
 
 from protocol import Hints, NoPose, Pose, pose_from_line, serve
 
-SAMPLE_COUNT, ITERATIONS_COUNT = 5_000, 2_000
+SAMPLE_COUNT, ITERATIONS_COUNT = 5_000, 1_000
 
 
 def fit(profiles: list[np.ndarray], hints: Hints) -> Pose:
