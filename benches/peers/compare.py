@@ -28,7 +28,9 @@ def entry(peer: Peer, scene: Scene, seed: int, found: Run, truth: dict[str, floa
     return {"scene": scene.name, "seed": seed, "peer": peer.name, **asdict(found), **scored}
 
 
-def on_scan(scene: Scene, seed: int, peers: list[Peer], limit_s: float, late: Counter[tuple[str, str]]) -> list[dict[str, object]]:
+def on_scan(
+    scene: Scene, seed: int, peers: list[Peer], limit_s: float, late: Counter[tuple[str, str]]
+) -> list[dict[str, object]]:
     """Makes a scan, runs every peer on it, and removes it."""
     folder = HERE / "out/scan"
     subprocess.run([sys.executable, str(HERE / "make_scan.py"), scene.name, str(seed), str(folder)], check=True)
@@ -45,8 +47,16 @@ def on_scan(scene: Scene, seed: int, peers: list[Peer], limit_s: float, late: Co
 
 def machine() -> dict[str, str]:
     """Where it was measured."""
-    cpu = next((line.split(":")[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in line), "")
-    return {"cpu": cpu, "system": platform.platform(), "python": platform.python_version(), "date": time.strftime("%Y-%m-%d")}
+    cpu = next(
+        (line.split(":")[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in line),
+        "",
+    )
+    return {
+        "cpu": cpu,
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "date": time.strftime("%Y-%m-%d"),
+    }
 
 
 def main() -> None:
@@ -61,7 +71,8 @@ def main() -> None:
     scenes = [scene for scene in SCENES if not chosen.scenes or scene.name in chosen.scenes.split(",")]
     peers = [peer for peer in PEERS if chosen.peers in peer.name]
     chosen.out.parent.mkdir(parents=True, exist_ok=True)
-    entries, late = [], Counter()
+    entries: list[dict[str, object]] = []
+    late: Counter[tuple[str, str]] = Counter()
     for seed in range(1, chosen.seeds + 1):
         for scene in scenes:
             entries += on_scan(scene, seed, peers, chosen.limit_s, late)

@@ -1,17 +1,19 @@
 """OpenCV: one of its three ellipse fits on every profile, then a line through the centres: least squares, or robust."""
 
 from collections.abc import Callable
+from typing import Any
 
 import cv2
 import numpy as np
 
 from protocol import Fit, Hints, Pose, pose_from_line, serve
 
-Ellipse = tuple[tuple[float, float], tuple[float, float], float]
+#: From points to ((centre), (axes), angle).
+EllipseFit = Callable[..., Any]
 
 
-def centres(profiles: list[np.ndarray], fit: Callable[[np.ndarray], Ellipse]) -> np.ndarray:
-    """(x, y, z, semi-minor axis) of every profile. OpenCV calculates in single precision, so that its points are centred."""
+def centres(profiles: list[np.ndarray], fit: EllipseFit) -> np.ndarray:
+    """(x, y, z, semi-minor axis) of every profile; centred first, since OpenCV calculates in single precision."""
     found = []
     for profile in profiles:
         origin = profile.mean(axis=0)
@@ -39,7 +41,7 @@ def plausible(found: np.ndarray, hints: Hints) -> np.ndarray:
     return kept if len(kept) >= 3 else found
 
 
-def variant(fit: Callable[[np.ndarray], Ellipse], robust: bool) -> Fit:
+def variant(fit: EllipseFit, robust: bool) -> Fit:
     """The fit, with the line that goes with it."""
 
     def run(profiles: list[np.ndarray], hints: Hints) -> Pose:
@@ -50,5 +52,11 @@ def variant(fit: Callable[[np.ndarray], Ellipse], robust: bool) -> Fit:
 
 
 if __name__ == "__main__":
-    fits = {"ellipse": cv2.fitEllipse, "ams": cv2.fitEllipseAMS, "direct": cv2.fitEllipseDirect}
-    serve({f"{name}_{line}": variant(fit, line == "robust") for name, fit in fits.items() for line in ("line", "robust")})
+    fits: dict[str, EllipseFit] = {
+        "ellipse": cv2.fitEllipse,
+        "ams": cv2.fitEllipseAMS,
+        "direct": cv2.fitEllipseDirect,
+    }
+    serve(
+        {f"{name}_{line}": variant(fit, line == "robust") for name, fit in fits.items() for line in ("line", "robust")}
+    )

@@ -16,7 +16,9 @@ def fit(profiles: list[np.ndarray], hints: Hints) -> Pose:
     points = np.concatenate(profiles)
     points = points[:: max(1, len(points) // SAMPLE_COUNT)]
     with np.errstate(all="ignore"):
-        found = pyransac3d.Cylinder().fit(points, thresh=max(3.0 * hints.noise, 0.005 * hints.radius), maxIteration=ITERATIONS_COUNT)
+        found = pyransac3d.Cylinder().fit(
+            points, thresh=max(3.0 * hints.noise, 0.005 * hints.radius), maxIteration=ITERATIONS_COUNT
+        )
     if len(found.axis) != 3 or abs(found.axis[0]) < 1e-6:
         raise NoPose("no cylinder along the rail")
     return pose_from_line(np.asarray(found.center), np.asarray(found.axis), float(found.radius))

@@ -1,6 +1,6 @@
-"""SciPy: least_squares with Cauchy loss on the orthogonal distances of a cylinder, in stages from a coarse scale to the
-noise, with the derivatives written out. The start is what a user would write down first: the middle of what is seen, one
-radius below its top.
+"""SciPy: least_squares with Cauchy loss on the orthogonal distances of a cylinder, in stages from a coarse scale to
+the noise, with the derivatives written out. The start is what a user would write down first: the middle of what is
+seen, one radius below its top.
 """
 
 import numpy as np

@@ -13,14 +13,14 @@ from protocol import Hints, NoPose, Pose, pose_from_line, serve
 PROFILES_COUNT, POINTS_COUNT = 80, 80
 
 
-def thinned(rows: list[np.ndarray] | np.ndarray, count: int) -> list[np.ndarray] | np.ndarray:
-    """Every n-th."""
-    return rows[:: max(1, len(rows) // count)]
+def every_nth(count: int, of: int) -> slice:
+    """About `count` of so many."""
+    return slice(None, None, max(1, of // count))
 
 
 def centre(profile: np.ndarray, hints: Hints) -> tuple[float, float, float, float] | None:
     """(x, y, z, semi-minor axis) of a profile."""
-    points = thinned(profile, POINTS_COUNT)[:, 1:]
+    points = profile[every_nth(POINTS_COUNT, len(profile)), 1:]
     origin = points.mean(axis=0)
 
     def plausible(model: EllipseModel, *_: np.ndarray) -> bool:
@@ -41,11 +41,13 @@ def centre(profile: np.ndarray, hints: Hints) -> tuple[float, float, float, floa
 
 def fit(profiles: list[np.ndarray], hints: Hints) -> Pose:
     """Centres, then the line that most of them agree on."""
-    found = [centre(profile, hints) for profile in thinned(profiles, PROFILES_COUNT)]
+    found = [centre(profile, hints) for profile in profiles[every_nth(PROFILES_COUNT, len(profiles))]]
     centres = np.array([one for one in found if one is not None])
     if len(centres) < 3:
         raise NoPose(f"an ellipse on {len(centres)} profiles")
-    line, _ = ransac(centres[:, :3], LineModelND, min_samples=2, residual_threshold=0.005 * hints.radius, max_trials=500, rng=0)
+    line, _ = ransac(
+        centres[:, :3], LineModelND, min_samples=2, residual_threshold=0.005 * hints.radius, max_trials=500, rng=0
+    )
     if not line:
         raise NoPose("no line through the centres")
     return pose_from_line(line.origin, line.direction, float(np.median(centres[:, 3])))

@@ -1,7 +1,7 @@
 """Makes the scan of a scene: an NPY array for those who read arrays, the same points as PCD, the truth and the hints.
 
-The truth is derived, not fitted: a ray from the section's centre in direction φ meets the cylinder of radius R about the
-axis (1, p, q) at t = R / √(1 − (p sin φ + q cos φ)² / (1 + p² + q²)). Must not know who measures the scan.
+The truth is derived, not fitted: a ray from the section's centre in direction φ meets the cylinder of radius R about
+the axis (1, p, q) at t = R / √(1 − (p sin φ + q cos φ)² / (1 + p² + q²)). Must not know who measures the scan.
 """
 
 import json
@@ -33,16 +33,25 @@ class Truth:
     radius: float
     x_mid: float
     inner_share: float
+    #: Cramér-Rao bounds with the radius free, standard deviations: the larger of deflection and pitch in degrees, and
+    #: of the distance from the axis at mid scan in mm.
+    bound_deg: float
+    bound_mid: float
 
 
 def features(scene: Scene, phi: np.ndarray, chance: np.random.Generator) -> np.ndarray:
     """How far each point (profile, direction φ) is moved away from the axis, mm."""
     clamp = clamp_offset(scene, phi, chance)
     blocks = min(BLOCKS_COUNT, scene.profiles)
-    shares = {"screw": scene.screw_holes, "straight": scene.straight_holes, "clamp": scene.clamps, "tape": 0.6 * (scene.tape > 0)}
+    shares = {
+        "screw": scene.screw_holes,
+        "straight": scene.straight_holes,
+        "clamp": scene.clamps,
+        "tape": 0.6 * (scene.tape > 0),
+    }
     kinds = [kind for kind, share in shares.items() for _ in range(round(share * blocks))]
-    kinds = chance.permutation(kinds + ["smooth"] * (blocks - len(kinds)))
-    rows = np.stack([block(kind, scene, clamp, chance) for kind in kinds])
+    kinds += ["smooth"] * (blocks - len(kinds))
+    rows = np.stack([block(str(kind), scene, clamp, chance) for kind in chance.permutation(kinds)])
     return rows[np.arange(scene.profiles) * blocks // scene.profiles]
 
 
@@ -108,12 +117,34 @@ def make(scene: Scene, seed: int) -> tuple[np.ndarray, Truth]:
     scan[..., 1] = (y0 + p * x)[:, None] + t * np.sin(phi) + chance.normal(0.0, scene.sigma, shape)
     scan[..., 2] = (z0 + q * x)[:, None] + t * np.cos(phi) + chance.normal(0.0, scene.sigma, shape)
     scan[chance.random(shape) < scene.drop_outs] = np.nan
-    truth = Truth(p, q, y0, z0, scene.radius, scene.length / 2.0, float(np.mean(offset == 0.0)))
-    return scan, truth
+    inner = (offset == 0.0) & ~np.isnan(scan[..., 2])
+    x_mid = scene.length / 2.0
+    bounds = bound(scene, (p, q), phi, x - x_mid, inner)
+    return scan, Truth(p, q, y0, z0, scene.radius, x_mid, float(inner.mean()), *bounds)
+
+
+def bound(
+    scene: Scene, slope: tuple[float, float], phi: np.ndarray, lever: np.ndarray, inner: np.ndarray
+) -> tuple[float, float]:
+    """The best that anyone could know from the points on the part: the inverse of Σ J Jᵀ / σ² over (p, q, y, z, R), J
+    the derivatives of a point's distance: −(u − p s)/R and −(w − q s)/R for y and z, times x + s for p and q, −1 for R.
+    """
+    p, q = slope
+    t = scene.radius / np.sqrt(1.0 - (p * np.sin(phi) + q * np.cos(phi)) ** 2 / (1.0 + p * p + q * q))
+    u, w = t * np.sin(phi), t * np.cos(phi)
+    s = (p * u + q * w) / (1.0 + p * p + q * q)
+    across, up = -(u - p * s) / scene.radius, -(w - q * s) / scene.radius
+    information = np.zeros((5, 5))
+    for x, seen in zip(lever, inner, strict=True):
+        rows = np.stack([across * (x + s), up * (x + s), across, up, np.full_like(s, -1.0)])[:, seen]
+        information += rows @ rows.T
+    variances = np.diag(np.linalg.inv(information)) * scene.sigma**2
+    angles = np.degrees(np.sqrt(variances[:2]) / (1.0 + np.square(slope)))
+    return float(angles.max()), float(np.sqrt(variances[2] + variances[3]))
 
 
 def hints(scene: Scene, seed: int) -> dict[str, float]:
-    """What every peer is told: the radius within 15 %, a range that holds it, the noise within 25 %, the profiles' pitch."""
+    """What every peer is told: the radius within 15 %, a range that holds it, the noise within 25 %, the pitch."""
     chance = np.random.default_rng([seed, zlib.crc32(scene.name.encode()), 1])
     radius = scene.radius * chance.uniform(0.85, 1.15)
     return {

@@ -1,5 +1,5 @@
-"""What every peer speaks: `peer VARIANT SCAN HINTS [REPEATS]` prints one line of JSON, the pose and the seconds that each
-estimation took from points in memory. Here for the peers in Python. Must not know any method.
+"""What every peer speaks: `peer VARIANT SCAN HINTS [REPEATS]` prints one line of JSON, the pose and the seconds that
+each estimation took from points in memory. Here for the peers in Python. Must not know any method.
 """
 
 import json
@@ -57,7 +57,8 @@ def serve(variants: dict[str, Fit]) -> None:
     """Runs the variant that the command line names and prints what came of it."""
     variant, scan, hints = sys.argv[1], Path(sys.argv[2]), Hints(**json.loads(Path(sys.argv[3]).read_text()))
     repeats = int(sys.argv[4]) if len(sys.argv) > 4 else 1
-    profiles, seconds, answer = load(scan), [], {}
+    profiles, seconds = load(scan), []
+    answer: dict[str, object] = {}
     for _ in range(repeats):
         start = time.perf_counter()
         try:

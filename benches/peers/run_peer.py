@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryFile
+from typing import Any
 
 from peers import Peer
 
@@ -24,7 +25,7 @@ class Run:
     """What is known of one run."""
 
     state: str  # "pose", "refused", "timeout" or "failed"
-    answer: dict[str, object]
+    answer: dict[str, Any]
     #: From points in memory to the pose: the median of the repeats, and the first time.
     seconds: float | None
     first_seconds: float | None

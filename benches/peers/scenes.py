@@ -1,11 +1,12 @@
 """The scenes of the comparison: what is scanned, in numbers. Must not know how a scan is made nor who measures it."""
 
 from dataclasses import dataclass
+from typing import Any
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A part and what lies on it. Lengths in mm, angles in degrees; shares are of profiles unless they say otherwise."""
+    """A part and what lies on it. Lengths in mm, angles in degrees; shares are of profiles if nothing else is said."""
 
     name: str
     note: str
@@ -29,10 +30,10 @@ class Scene:
     spikes: float = 0.0
 
 
-PAPER = {"screw_holes": 0.20, "straight_holes": 0.16, "clamps": 0.24}
+PAPER: dict[str, Any] = {"screw_holes": 0.20, "straight_holes": 0.16, "clamps": 0.24}
 
 
-def paper(name: str, note: str, **what: float | int) -> Scene:
+def paper(name: str, note: str, **what: Any) -> Scene:
     """The published mix (40 % smooth profiles) with one thing made harder."""
     return Scene(name, f"paper, {note}", **(PAPER | what))
 

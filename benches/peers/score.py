@@ -1,4 +1,6 @@
-"""A pose against the truth. Success: angles within 0.02° and offsets at x = 0 within 0.3 mm. Must not know who found it."""
+"""A pose against the truth. Success: angles within 0.02° and offsets at x = 0 within 0.3 mm. Must not know who found
+it.
+"""
 
 import math
 from dataclasses import dataclass
@@ -18,6 +20,9 @@ class Score:
     #: Distance of the axes in the plane of mid scan.
     mid_mm: float
     radius_mm: float
+    #: The Cramér-Rao bounds of the two.
+    bound_deg: float
+    bound_mid_mm: float
 
 
 def score(pose: dict[str, float], truth: dict[str, float]) -> Score:
@@ -27,4 +32,5 @@ def score(pose: dict[str, float], truth: dict[str, float]) -> Score:
     offset, x = max(abs(off_y), abs(off_z)), truth["x_mid"]
     mid = math.hypot(off_y + x * (pose["p"] - truth["p"]), off_z + x * (pose["q"] - truth["q"]))
     success = angle <= ANGLE_MAX_DEG and offset <= OFFSET_MAX_MM
-    return Score(success, angle, offset, mid, abs(pose["radius"] - truth["radius"]))
+    radius = abs(pose["radius"] - truth["radius"])
+    return Score(success, angle, offset, mid, radius, truth["bound_deg"], truth["bound_mid"])
