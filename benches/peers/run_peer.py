@@ -1,6 +1,6 @@
 """One peer on one scan: what it answered, how long it took, how much memory. Must not know scenes nor tables.
 
-Imports no NumPy: the kernel counts a child's peak memory from what its parent held when it began.
+GNU time stands between: what the kernel says of a process's peak memory includes what its parent held when it began.
 """
 
 import json
@@ -11,7 +11,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
-from tempfile import TemporaryFile
+from tempfile import NamedTemporaryFile, TemporaryFile
 from typing import Any
 
 from peers import Peer
@@ -49,19 +49,21 @@ class Ended:
 
 def execute(command: list[str], environment: dict[str, str], limit_s: float) -> Ended:
     """Runs a process by itself and counts what it used."""
-    with TemporaryFile() as out, open(os.devnull, "wb") as nothing:
+    with TemporaryFile() as out, open(os.devnull, "wb") as nothing, NamedTemporaryFile() as used:
+        counted = ["/usr/bin/time", "--quiet", "--format", "%U %S %M", "--output", used.name, *command]
         start = time.perf_counter()
         actions = [(os.POSIX_SPAWN_DUP2, out.fileno(), 1), (os.POSIX_SPAWN_DUP2, nothing.fileno(), 2)]
-        child = os.posix_spawnp(command[0], command, os.environ | environment, file_actions=actions)
+        child = os.posix_spawn(counted[0], counted, {**os.environ, **environment}, file_actions=actions, setpgroup=0)
         timed_out = not exited_within(child, limit_s)
-        if timed_out:
-            os.kill(child, signal.SIGKILL)
-        _, status, used = os.wait4(child, 0)
         seconds = time.perf_counter() - start
+        if timed_out:
+            os.killpg(child, signal.SIGKILL)
+        _, status = os.waitpid(child, 0)
         out.seek(0)
         text = out.read().decode(errors="replace")
-    code = os.waitstatus_to_exitcode(status)
-    return Ended(text, code, seconds, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0, timed_out)
+        user, system, peak_kb = (used.read().split() or ["nan"] * 3)[-3:]
+    cpu_seconds, peak_mb = float(user) + float(system), float(peak_kb) / 1024.0
+    return Ended(text, os.waitstatus_to_exitcode(status), seconds, cpu_seconds, peak_mb, timed_out)
 
 
 def exited_within(child: int, limit_s: float) -> bool:
