@@ -61,7 +61,7 @@ def execute(command: list[str], environment: dict[str, str], limit_s: float) -> 
         _, status = os.waitpid(child, 0)
         out.seek(0)
         text = out.read().decode(errors="replace")
-        user, system, peak_kb = (used.read().split() or ["nan"] * 3)[-3:]
+        user, system, peak_kb = (used.read().split() or [b"nan"] * 3)[-3:]
     cpu_seconds, peak_mb = float(user) + float(system), float(peak_kb) / 1024.0
     return Ended(text, os.waitstatus_to_exitcode(status), seconds, cpu_seconds, peak_mb, timed_out)
 
