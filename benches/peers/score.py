@@ -1,0 +1,36 @@
+"""A pose against the truth. Success: angles within 0.02° and offsets at x = 0 within 0.3 mm. Must not know who found
+it.
+"""
+
+import math
+from dataclasses import dataclass
+
+ANGLE_MAX_DEG, OFFSET_MAX_MM = 0.02, 0.3
+
+
+@dataclass(frozen=True)
+class Score:
+    """How far a pose is off."""
+
+    success: bool
+    #: The larger of deflection's and pitch's error.
+    angle_deg: float
+    #: Distance of the axes in the plane x = 0, the larger of y's and z's.
+    offset_mm: float
+    #: Distance of the axes in the plane of mid scan.
+    mid_mm: float
+    radius_mm: float
+    #: The Cramér-Rao bounds of the two.
+    bound_deg: float
+    bound_mid_mm: float
+
+
+def score(pose: dict[str, float], truth: dict[str, float]) -> Score:
+    """Compares two axes (p, q, y0, z0) and their radii."""
+    angle = max(abs(math.degrees(math.atan(pose[slope]) - math.atan(truth[slope]))) for slope in "pq")
+    off_y, off_z = pose["y0"] - truth["y0"], pose["z0"] - truth["z0"]
+    offset, x = max(abs(off_y), abs(off_z)), truth["x_mid"]
+    mid = math.hypot(off_y + x * (pose["p"] - truth["p"]), off_z + x * (pose["q"] - truth["q"]))
+    success = angle <= ANGLE_MAX_DEG and offset <= OFFSET_MAX_MM
+    radius = abs(pose["radius"] - truth["radius"])
+    return Score(success, angle, offset, mid, radius, truth["bound_deg"], truth["bound_mid"])
