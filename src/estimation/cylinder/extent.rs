@@ -1,12 +1,14 @@
 //! How large and how rough a scan is: what bounds the search for a start. Must not know any cylinder.
 
-use super::sample::Sample;
+use super::sample::{Sample, spread};
 use crate::estimation::conclude::median;
 use crate::estimation::robust;
 use crate::scan::Scan;
 
 /// Profiles that are looked at for the roughness.
 const PROFILES_MAX: usize = 64;
+/// Chords of a profile that are looked at.
+const CHORDS_MAX: usize = 64;
 /// Squared distance of a point from the chord of its neighbours, for points with unit noise across the chord: 1 + ¼ + ¼.
 const CHORD_VARIANCE: f64 = 1.5;
 
@@ -29,15 +31,16 @@ pub(super) fn size(sample: &Sample) -> f64 {
 /// The noise where profiles are in order; too large where they are shuffled, too small where the noise is correlated: good
 /// enough to say what is near.
 pub(super) fn roughness(scan: &Scan) -> f64 {
-    let (mut y, mut z, mut squared) = (Vec::new(), Vec::new(), Vec::new());
-    let stride = scan.stations().len().div_ceil(PROFILES_MAX).max(1);
-    for station in scan.stations().iter().step_by(stride) {
-        scan.load(*station, &mut y, &mut z);
-        for (y, z) in y.windows(3).zip(z.windows(3)) {
-            if let ([ay, by, cy], [az, bz, cz]) = (y, z) {
+    let columns = scan.columns();
+    let mut squared = Vec::with_capacity(PROFILES_MAX * CHORDS_MAX);
+    for station in spread(scan.stations().len(), PROFILES_MAX).filter_map(|index| scan.stations().get(index)) {
+        let chords_count = (station.end - station.start).saturating_sub(2);
+        for first in spread(chords_count, CHORDS_MAX).map(|place| station.start + place) {
+            if let [Some([ay, az]), Some([by, bz]), Some([cy, cz])] = [0, 1, 2].map(|next| columns.get(first + next)) {
                 let (dy, dz) = (cy - ay, cz - az);
-                let across = ((by - ay) * dz - (bz - az) * dy) / dy.hypot(dz);
-                squared.push(if across.is_finite() { across * across / CHORD_VARIANCE } else { 0.0 });
+                let area = (by - ay) * dz - (bz - az) * dy;
+                let across2 = area * area / (dy * dy + dz * dz);
+                squared.push(if across2.is_finite() { across2 / CHORD_VARIANCE } else { 0.0 });
             }
         }
     }

@@ -11,7 +11,9 @@ mod consensus;
 mod covariance;
 mod extent;
 mod judge;
+mod kernel;
 mod model;
+mod projection;
 mod sample;
 mod settle;
 mod solve;
@@ -29,7 +31,7 @@ use judge::Model;
 use model::Cylinder;
 use nalgebra::{Matrix5, Vector5};
 use sample::Sample;
-use solve::Solution;
+use solve::{Problem, Solution};
 use step::Hold;
 
 /// Sampled for the start: enough that the finest surface is told from its neighbours.
@@ -48,17 +50,17 @@ const TOLERANCE_SIZES: [f64; 2] = [0.002, 0.02];
 /// The pose or why there is none, and what became of every profile.
 pub(super) fn find(scan: &Scan, settings: &Settings, progress: &Progress) -> (Outcome, Vec<Profile>) {
     let used: Vec<bool> = scan.stations().iter().map(|s| s.end - s.start >= settings.points_min as usize).collect();
-    match search(scan, &used, settings) {
+    match search(scan, &used, settings, progress) {
         Err(refusal) => (Outcome::Refused(refusal), unjudged(scan, &used)),
         Ok(solution) => {
             let model = Model {
                 cylinder: &solution.cylinder,
                 sigma: solution.sigma,
                 sums: &solution.profiles,
+                inner: &solution.inner,
                 passes_count: solution.passes_count,
             };
             let profiles = judge::judge(scan, &used, model, settings);
-            profiles.iter().for_each(|_| progress.advance());
             let outcome = match weigh(scan, &solution, settings) {
                 Some(refusal) => Outcome::Refused(refusal),
                 None => Outcome::Accepted(Box::new(pose(&solution, settings))),
@@ -68,7 +70,7 @@ pub(super) fn find(scan: &Scan, settings: &Settings, progress: &Progress) -> (Ou
     }
 }
 
-fn search(scan: &Scan, used: &[bool], settings: &Settings) -> Result<Solution, Refusal> {
+fn search(scan: &Scan, used: &[bool], settings: &Settings, progress: &Progress) -> Result<Solution, Refusal> {
     if let Some(refusal) = unusable(scan, settings) {
         return Err(refusal);
     }
@@ -103,7 +105,9 @@ fn search(scan: &Scan, used: &[bool], settings: &Settings) -> Result<Solution, R
         // At the end of what was looked for lies a plane or a line, not a part.
         radius >= least && radius <= most && radius >= settings.radius_resolved_mm()
     };
-    let solution = solve::solve(scan, used, &chosen.settled, hold).filter(resolved);
+    let epsilon = judge::epsilon(settings, chosen.settled.sigma);
+    let problem = Problem { scan, used, hold, epsilon, progress };
+    let solution = solve::solve(&problem, &sample, &chosen.settled).filter(resolved);
     solution.ok_or(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm })
 }
 

@@ -2,10 +2,11 @@
 //! from coarse to fine, so that the surface with most points near the start wins over what lies beside it.
 //! Must not know where the start came from.
 
+use super::kernel;
 use super::model::Cylinder;
 use super::sample::Sample;
 use super::step::{self, Hold};
-use super::sums::{Curvature, Sums, Weighting, sum};
+use super::sums::{self, Sums};
 use crate::estimation::robust;
 
 /// A cylinder that the points of a sample agree on.
@@ -21,6 +22,8 @@ const ROUNDS_MAX: usize = 60;
 const SHRINK: f64 = 0.5;
 /// A spread below this share of the radius is rounding.
 const SPREAD_FLOOR: f64 = 1e-11;
+/// Sums do not depend on where a cylinder is looked at from.
+const ANY_DIRECTION: [f64; 2] = [0.0, 1.0];
 
 /// Settles from `start`, first looking at points within `window` mm of it.
 pub(super) fn settle(sample: &Sample, start: Cylinder, window: f64, hold: Hold) -> Option<Settled> {
@@ -47,21 +50,21 @@ pub(super) fn settle(sample: &Sample, start: Cylinder, window: f64, hold: Hold) 
 }
 
 fn total(sample: &Sample, cylinder: &Cylinder, window: f64) -> Sums {
-    let weighting = Weighting { cut_off_squared: window * window, curvature: Curvature::Weight };
+    let view = cylinder.facing(ANY_DIRECTION);
     let mut sums = Sums::zero();
     for station in &sample.stations {
-        let (y, z) = sample.points(station);
-        sums.add(&sum(cylinder, station.x, y, z, weighting));
+        sums.add(&sums::weighted(&view.at(station.x), sample.stretch(station), window * window));
     }
-    sums
+    view.unturned(&sums)
 }
 
 fn squared_distances_within(sample: &Sample, cylinder: &Cylinder, window: f64, squared: &mut Vec<f64>) {
     squared.clear();
+    let view = cylinder.facing(ANY_DIRECTION);
     for station in &sample.stations {
-        let slice = cylinder.slice(station.x);
         let (y, z) = sample.points(station);
-        let distances = y.iter().zip(z).map(|(&y, &z)| slice.distance(y, z).powi(2));
-        squared.extend(distances.filter(|d2| *d2 < window * window));
+        kernel::squared_distances(&view.at(station.x), y, z, |found| {
+            squared.extend(found.iter().filter(|d2| **d2 < window * window));
+        });
     }
 }
