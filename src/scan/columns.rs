@@ -46,14 +46,12 @@ impl Columns {
     #[must_use]
     pub fn stretch(&self, range: Range<usize>) -> Stretch<'_> {
         match self {
-            Self::F32 { y, z } => Stretch::F32 {
-                y: y.get(range.clone()).unwrap_or_default(),
-                z: z.get(range).unwrap_or_default(),
-            },
-            Self::F64 { y, z } => Stretch::F64 {
-                y: y.get(range.clone()).unwrap_or_default(),
-                z: z.get(range).unwrap_or_default(),
-            },
+            Self::F32 { y, z } => {
+                Stretch::F32 { y: y.get(range.clone()).unwrap_or_default(), z: z.get(range).unwrap_or_default() }
+            }
+            Self::F64 { y, z } => {
+                Stretch::F64 { y: y.get(range.clone()).unwrap_or_default(), z: z.get(range).unwrap_or_default() }
+            }
         }
     }
 

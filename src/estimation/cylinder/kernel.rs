@@ -1,18 +1,14 @@
-//! The hot loops of the method: sums over the points of one profile, read as they are stored, eight at a time.
-//! Must not know what the sums are for.
+//! The hot loops of the method: sums over the points of one profile, read as they are stored.
+//! Must not know what becomes of the sums.
 //!
-//! Which instructions run is decided when the program runs: AVX-512, AVX2 or what every processor has. The bits of the
-//! result are the same on all of them: eight partial sums in a fixed order, and no fused multiply-add. A block of points is
-//! projected into a few arrays that stay in the first-level cache; each sum then runs over those, so that no loop needs
-//! more running sums than a processor has registers.
+//! Which instructions run is decided when the program runs: AVX-512, AVX2 or what every processor has, with the same bits.
+//! A block of points is projected into a few arrays that stay in the first-level cache; each group of sums then runs over
+//! those, so that none needs more running sums than a processor has registers.
 
+use super::block::{BLOCK, Block, Fold, LANES, Points};
 use super::projection::Projection;
-use pulp::{Arch, NullaryFnOnce};
+use pulp::{Arch, Simd, WithSimd};
 
-const LANES: usize = 8;
-const BLOCK: usize = 128;
-/// Where a lane without a point lies, mm: beyond every cut-off.
-const FAR: f64 = 1e12;
 /// No angle on the scale of [`Inner::low`] and [`Inner::high`] lies beyond it.
 const BEYOND: f64 = 4.0;
 
@@ -27,7 +23,7 @@ pub(super) enum Curvature {
 
 /// Sums over points with the direction (C, S) from the axis, the distance d from the surface, the axial offset s, Tukey's
 /// weight w and the curvature k.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Moments {
     /// Σ w,
     pub(super) weight: f64,
@@ -56,81 +52,45 @@ impl Inner {
     }
 }
 
-/// The moments of the points (y, z); `per_cut2` is the inverse square of Tukey's cut-off, mm⁻².
-pub(super) fn moments<T: Copy + Into<f64>>(
-    projection: &Projection,
-    y: &[T],
-    z: &[T],
-    per_cut2: f64,
-    curvature: Curvature,
-) -> Moments {
-    let sweep = Sweep { projection, y, z };
-    match curvature {
-        Curvature::Weight => Arch::new().dispatch(Weigh { sweep, per_cut2 }),
-        Curvature::Slope => Arch::new().dispatch(Bend { sweep, per_cut2 }),
+/// The points of one profile, single or double precision, and how they are looked at.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sweep<'a, T> {
+    pub(super) projection: &'a Projection,
+    pub(super) y: &'a [T],
+    pub(super) z: &'a [T],
+}
+
+impl<T: Copy + Into<f64>> Sweep<'_, T> {
+    /// The moments; `per_cut2` is the inverse square of Tukey's cut-off, mm⁻².
+    pub(super) fn moments(self, per_cut2: f64, curvature: Curvature) -> Moments {
+        Arch::new().dispatch(Sum { sweep: self, per_cut2, curvature })
+    }
+
+    /// The same by the slope, with what lies within ε, whose square is `epsilon2`.
+    pub(super) fn moments_and_inner(self, per_cut2: f64, epsilon2: f64) -> (Moments, Inner) {
+        Arch::new().dispatch(SumAndCount { sweep: self, per_cut2, epsilon2 })
+    }
+
+    /// Calls `found` with the squared distances from the surface, mm², a block of points at a time.
+    pub(super) fn squared_distances(self, found: impl FnMut(&[f64])) {
+        Arch::new().dispatch(Measure { sweep: self, found });
+    }
+
+    /// Σ min(d²·`per_tolerance2`, 1).
+    pub(super) fn truncated_squares(self, per_tolerance2: f64) -> f64 {
+        Arch::new().dispatch(Truncate { sweep: self, per_tolerance2 })
     }
 }
 
-/// The same by the slope, with what lies within ε, whose square is `epsilon2`.
-pub(super) fn moments_and_inner<T: Copy + Into<f64>>(
-    projection: &Projection,
-    y: &[T],
-    z: &[T],
-    per_cut2: f64,
-    epsilon2: f64,
-) -> (Moments, Inner) {
-    Arch::new().dispatch(BendAndCount { bend: Bend { sweep: Sweep { projection, y, z }, per_cut2 }, epsilon2 })
-}
-
-/// Calls `found` with the squared distances from the surface, mm², a block of points at a time.
-pub(super) fn squared_distances<T: Copy + Into<f64>>(
-    projection: &Projection,
-    y: &[T],
-    z: &[T],
-    found: impl FnMut(&[f64]),
-) {
-    Arch::new().dispatch(Measure { sweep: Sweep { projection, y, z }, found });
-}
-
-/// Σ min(d²·`per_tolerance2`, 1).
-pub(super) fn truncated_squares<T: Copy + Into<f64>>(
-    projection: &Projection,
-    y: &[T],
-    z: &[T],
-    per_tolerance2: f64,
-) -> f64 {
-    Arch::new().dispatch(Truncate { sweep: Sweep { projection, y, z }, per_tolerance2 })
-}
-
-/// The points of one profile and how they are looked at.
-#[derive(Clone, Copy)]
-struct Sweep<'a, T> {
-    projection: &'a Projection,
-    y: &'a [T],
-    z: &'a [T],
-}
-
-/// A few projected points; lanes beyond the last lie far away.
-struct Block {
-    cos: [f64; BLOCK],
-    sin: [f64; BLOCK],
-    distance: [f64; BLOCK],
-    lever: [f64; BLOCK],
-    rows_count: usize,
-}
-
-struct Weigh<'a, T> {
+struct Sum<'a, T> {
     sweep: Sweep<'a, T>,
     per_cut2: f64,
+    curvature: Curvature,
 }
 
-struct Bend<'a, T> {
+struct SumAndCount<'a, T> {
     sweep: Sweep<'a, T>,
     per_cut2: f64,
-}
-
-struct BendAndCount<'a, T> {
-    bend: Bend<'a, T>,
     epsilon2: f64,
 }
 
@@ -144,165 +104,92 @@ struct Truncate<'a, T> {
     per_tolerance2: f64,
 }
 
-impl<T: Copy + Into<f64>> NullaryFnOnce for Weigh<'_, T> {
+impl<T: Copy + Into<f64>> WithSimd for Sum<'_, T> {
     type Output = Moments;
 
     #[inline(always)]
-    fn call(self) -> Moments {
-        let mut running = Running::new();
-        self.sweep.each(|block| {
-            running.pull(block, self.per_cut2);
-            running.bend(block, |d2| {
-                let rest = 1.0 - share(d2, self.per_cut2);
-                rest * rest
-            });
-        });
+    fn with_simd<S: Simd>(self, simd: S) -> Moments {
+        let (mut running, mut block) = (Running::new(), Block::empty());
+        for (y, z) in self.sweep.blocks() {
+            block.fill(self.sweep.projection, y, z);
+            running.add(simd, &block, self.per_cut2, self.curvature);
+        }
         running.moments()
     }
 }
 
-impl<T: Copy + Into<f64>> NullaryFnOnce for Bend<'_, T> {
-    type Output = Moments;
-
-    #[inline(always)]
-    fn call(self) -> Moments {
-        let mut running = Running::new();
-        self.sweep.each(|block| running.newton(block, self.per_cut2));
-        running.moments()
-    }
-}
-
-impl<T: Copy + Into<f64>> NullaryFnOnce for BendAndCount<'_, T> {
+impl<T: Copy + Into<f64>> WithSimd for SumAndCount<'_, T> {
     type Output = (Moments, Inner);
 
     #[inline(always)]
-    fn call(self) -> (Moments, Inner) {
-        let (mut running, mut extremes) = (Running::new(), Extremes::new());
-        let mut tallies = [[0.0; LANES]; 2];
-        self.bend.sweep.each(|block| {
-            running.newton(block, self.bend.per_cut2);
-            block.accumulate(&mut tallies, |d, _, _, _| {
-                let d2 = d * d;
-                let inner = d2 < self.epsilon2;
-                [if inner { 1.0 } else { 0.0 }, if inner { d2 } else { 0.0 }]
-            });
-            extremes.widen(block, self.epsilon2);
-        });
-        let [count, squared] = tallies.map(total);
-        let (low, high) = extremes.ends();
-        (running.moments(), Inner { count, squared, low, high })
+    fn with_simd<S: Simd>(self, simd: S) -> (Moments, Inner) {
+        let (mut running, mut block) = (Running::new(), Block::empty());
+        let mut inner = [[0.0; LANES], [0.0; LANES], [BEYOND; LANES], [-BEYOND; LANES]];
+        for (y, z) in self.sweep.blocks() {
+            block.fill(self.sweep.projection, y, z);
+            running.add(simd, &block, self.per_cut2, Curvature::Slope);
+            block.fold(simd, &mut inner, &Count { epsilon2: self.epsilon2 });
+        }
+        let [count, squared, low, high] = inner;
+        let inner = Inner {
+            count: total(count),
+            squared: total(squared),
+            low: low.into_iter().fold(BEYOND, f64::min),
+            high: high.into_iter().fold(-BEYOND, f64::max),
+        };
+        (running.moments(), inner)
     }
 }
 
-impl<T: Copy + Into<f64>, F: FnMut(&[f64])> NullaryFnOnce for Measure<'_, T, F> {
+impl<T: Copy + Into<f64>, F: FnMut(&[f64])> WithSimd for Measure<'_, T, F> {
     type Output = ();
 
     #[inline(always)]
-    fn call(mut self) {
+    fn with_simd<S: Simd>(mut self, _: S) {
         let mut squared = [0.0; BLOCK];
-        self.sweep.each_distance(|distances| {
-            for (squared, d) in squared.iter_mut().zip(distances) {
-                *squared = d * d;
-            }
-            (self.found)(squared.get(..distances.len()).unwrap_or_default());
-        });
+        for (y, z) in self.sweep.blocks() {
+            let count = self.sweep.squared(y, z, &mut squared);
+            (self.found)(squared.get(..count).unwrap_or_default());
+        }
     }
 }
 
-impl<T: Copy + Into<f64>> NullaryFnOnce for Truncate<'_, T> {
+impl<T: Copy + Into<f64>> WithSimd for Truncate<'_, T> {
     type Output = f64;
 
     #[inline(always)]
-    fn call(self) -> f64 {
-        let mut sums = [0.0; LANES];
-        self.sweep.each_distance(|distances| {
-            let (rows, rest) = distances.as_chunks::<LANES>();
-            for row in rows {
-                for (sum, d) in sums.iter_mut().zip(row) {
-                    *sum += share(d * d, self.per_tolerance2);
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        let (mut sums, mut squared) = ([0.0; LANES], [0.0; BLOCK]);
+        for (y, z) in self.sweep.blocks() {
+            let count = self.sweep.squared(y, z, &mut squared);
+            // What an earlier block left beyond the last point does not count.
+            squared.iter_mut().skip(count).for_each(|d2| *d2 = 0.0);
+            for row in squared.as_chunks::<LANES>().0.iter().take(count.div_ceil(LANES)) {
+                for (sum, d2) in sums.iter_mut().zip(row) {
+                    let share = d2 * self.per_tolerance2;
+                    *sum += if share < 1.0 { share } else { 1.0 };
                 }
             }
-            for (sum, d) in sums.iter_mut().zip(rest) {
-                *sum += share(d * d, self.per_tolerance2);
-            }
-        });
+        }
         total(sums)
     }
 }
 
-impl<T: Copy + Into<f64>> Sweep<'_, T> {
-    /// Projects the points block by block.
+impl<'a, T: Copy + Into<f64>> Sweep<'a, T> {
     #[inline(always)]
-    fn each(self, mut work: impl FnMut(&Block)) {
-        let mut block = Block {
-            cos: [0.0; BLOCK],
-            sin: [0.0; BLOCK],
-            distance: [FAR; BLOCK],
-            lever: [0.0; BLOCK],
-            rows_count: 0,
-        };
-        for (y, z) in self.y.chunks(BLOCK).zip(self.z.chunks(BLOCK)) {
-            block.fill(self.projection, y, z);
-            work(&block);
-        }
+    fn blocks(self) -> impl Iterator<Item = (&'a [T], &'a [T])> {
+        self.y.chunks(BLOCK).zip(self.z.chunks(BLOCK))
     }
 
-    /// Only the distances, block by block.
+    /// The squared distances of at most a block of points, mm², and how many they are.
     #[inline(always)]
-    fn each_distance(self, mut work: impl FnMut(&[f64])) {
-        let mut distances = [0.0; BLOCK];
-        for (y, z) in self.y.chunks(BLOCK).zip(self.z.chunks(BLOCK)) {
-            for (d, (&y, &z)) in distances.iter_mut().zip(y.iter().zip(z)) {
-                let [across, up] = self.projection.place(y.into(), z.into());
-                *d = (across * across + up * up).sqrt() - self.projection.radius;
-            }
-            work(distances.get(..y.len().min(z.len())).unwrap_or_default());
+    fn squared(self, y: &[T], z: &[T], squared: &mut [f64; BLOCK]) -> usize {
+        for (squared, (&y, &z)) in squared.iter_mut().zip(y.iter().zip(z)) {
+            let [across, up] = self.projection.place(y.into(), z.into());
+            let d = (across * across + up * up).sqrt() - self.projection.radius;
+            *squared = d * d;
         }
-    }
-}
-
-impl Block {
-    #[inline(always)]
-    fn fill<T: Copy + Into<f64>>(&mut self, projection: &Projection, y: &[T], z: &[T]) {
-        let count = y.len().min(z.len());
-        let directions = self.cos.iter_mut().zip(&mut self.sin);
-        let offsets = self.distance.iter_mut().zip(&mut self.lever);
-        for (((cos, sin), (d, lever)), (&y, &z)) in directions.zip(offsets).zip(y.iter().zip(z)) {
-            let [across, up] = projection.place(y.into(), z.into());
-            let rho2 = across * across + up * up;
-            let rho = if rho2 > f64::MIN_POSITIVE { rho2 } else { f64::MIN_POSITIVE }.sqrt();
-            let per_rho = 1.0 / rho;
-            (*cos, *sin, *d) = (across * per_rho, up * per_rho, rho - projection.radius);
-            *lever = projection.axial(across, up);
-        }
-        self.distance.iter_mut().skip(count).for_each(|d| *d = FAR);
-        self.rows_count = count.div_ceil(LANES);
-    }
-
-    /// Adds `terms` of every point (distance, cos, sin, lever) to its lane.
-    #[inline(always)]
-    fn accumulate<const N: usize>(
-        &self,
-        totals: &mut [[f64; LANES]; N],
-        terms: impl Fn(f64, f64, f64, f64) -> [f64; N],
-    ) {
-        // In a local, so that the compiler keeps the sums in registers.
-        let mut sums = *totals;
-        let directions = self.cos.as_chunks::<LANES>().0.iter().zip(self.sin.as_chunks::<LANES>().0);
-        let offsets = self.distance.as_chunks::<LANES>().0.iter().zip(self.lever.as_chunks::<LANES>().0);
-        for ((cos, sin), (d, lever)) in directions.zip(offsets).take(self.rows_count) {
-            for i in 0..LANES {
-                #[expect(clippy::indexing_slicing, reason = "i runs over the constant length of the arrays")]
-                let terms = terms(d[i], cos[i], sin[i], lever[i]);
-                for (sum, term) in sums.iter_mut().zip(terms) {
-                    #[expect(clippy::indexing_slicing, reason = "i runs over the constant length of the arrays")]
-                    {
-                        sum[i] += term;
-                    }
-                }
-            }
-        }
-        *totals = sums;
+        y.len().min(z.len())
     }
 }
 
@@ -319,34 +206,12 @@ impl Running {
     }
 
     #[inline(always)]
-    fn pull(&mut self, block: &Block, per_cut2: f64) {
-        block.accumulate(&mut self.pull, |d, cos, sin, lever| {
-            let rest = 1.0 - share(d * d, per_cut2);
-            let w = rest * rest;
-            let wd = w * d;
-            let (wdc, wds) = (wd * cos, wd * sin);
-            [w, wd, wdc, wds, wdc * lever, wds * lever]
-        });
-    }
-
-    #[inline(always)]
-    fn bend(&mut self, block: &Block, curvature: impl Fn(f64) -> f64) {
-        block.accumulate(&mut self.bend, |d, cos, sin, _| {
-            let k = curvature(d * d);
-            let (kc, ks) = (k * cos, k * sin);
-            let (kcc, kcs) = (kc * cos, ks * cos);
-            let (kccc, kccs) = (kcc * cos, kcs * cos);
-            [k, kc, ks, kcc, kcs, kccc, kccs, kccc * cos, kccs * cos]
-        });
-    }
-
-    #[inline(always)]
-    fn newton(&mut self, block: &Block, per_cut2: f64) {
-        self.pull(block, per_cut2);
-        self.bend(block, |d2| {
-            let share = share(d2, per_cut2);
-            (1.0 - share) * (1.0 - 5.0 * share)
-        });
+    fn add<S: Simd>(&mut self, simd: S, block: &Block, per_cut2: f64, curvature: Curvature) {
+        block.fold(simd, &mut self.pull, &Pull { per_cut2 });
+        match curvature {
+            Curvature::Weight => block.fold(simd, &mut self.bend, &Bend::<false> { per_cut2 }),
+            Curvature::Slope => block.fold(simd, &mut self.bend, &Bend::<true> { per_cut2 }),
+        }
     }
 
     #[inline(always)]
@@ -356,48 +221,96 @@ impl Running {
     }
 }
 
-/// The lanes of [`Inner::low`] and [`Inner::high`].
-struct Extremes {
-    low: [f64; LANES],
-    high: [f64; LANES],
+/// Adds to weight and pull.
+struct Pull {
+    per_cut2: f64,
 }
 
-impl Extremes {
-    #[inline(always)]
-    fn new() -> Self {
-        Self { low: [BEYOND; LANES], high: [-BEYOND; LANES] }
-    }
+/// Adds to bend: by the slope or by the weight.
+struct Bend<const SLOPE: bool> {
+    per_cut2: f64,
+}
 
-    #[inline(always)]
-    fn widen(&mut self, block: &Block, epsilon2: f64) {
-        let Self { mut low, mut high } = *self;
-        let directions = block.cos.as_chunks::<LANES>().0.iter().zip(block.sin.as_chunks::<LANES>().0);
-        let distances = block.distance.as_chunks::<LANES>().0;
-        for ((cos, sin), d) in directions.zip(distances).take(block.rows_count) {
-            let ends = low.iter_mut().zip(&mut high);
-            for (((&cos, &sin), &d), (low, high)) in cos.iter().zip(sin).zip(d).zip(ends) {
-                let behind = if sin < 0.0 { -2.0 } else { 2.0 } - sin;
-                let angle = if cos < 0.0 { behind } else { sin };
-                let inner = d * d < epsilon2;
-                let (lower, higher) = (if inner { angle } else { BEYOND }, if inner { angle } else { -BEYOND });
-                *low = if lower < *low { lower } else { *low };
-                *high = if higher > *high { higher } else { *high };
-            }
-        }
-        *self = Self { low, high };
-    }
+/// Adds to count and squared and widens low and high.
+struct Count {
+    epsilon2: f64,
+}
 
+impl Fold<6> for Pull {
     #[inline(always)]
-    fn ends(&self) -> (f64, f64) {
-        (self.low.into_iter().fold(BEYOND, f64::min), self.high.into_iter().fold(-BEYOND, f64::max))
+    fn fold<S: Simd>(&self, simd: S, values: [S::f64s; 6], points: Points<S::f64s>) -> [S::f64s; 6] {
+        let Points { cos, sin, distance, axial } = points;
+        let [w, wd, wdc, wds, wdcs, wdss] = values;
+        let (_, rest) = share(simd, distance, self.per_cut2);
+        let weight = simd.mul_f64s(rest, rest);
+        let pull = simd.mul_f64s(weight, distance);
+        let (across, up) = (simd.mul_f64s(pull, cos), simd.mul_f64s(pull, sin));
+        [
+            simd.add_f64s(w, weight),
+            simd.add_f64s(wd, pull),
+            simd.add_f64s(wdc, across),
+            simd.add_f64s(wds, up),
+            simd.add_f64s(wdcs, simd.mul_f64s(across, axial)),
+            simd.add_f64s(wdss, simd.mul_f64s(up, axial)),
+        ]
     }
 }
 
-/// The squared distance in units of the squared cut-off, at most 1.
+impl<const SLOPE: bool> Fold<9> for Bend<SLOPE> {
+    #[inline(always)]
+    fn fold<S: Simd>(&self, simd: S, values: [S::f64s; 9], points: Points<S::f64s>) -> [S::f64s; 9] {
+        let Points { cos, sin, distance, .. } = points;
+        let [k, kc, ks, kcc, kcs, kccc, kccs, kcccc, kcccs] = values;
+        let (share, rest) = share(simd, distance, self.per_cut2);
+        // ψ′ = (1 − v)(1 − 5v) and w = (1 − v)² with v = d²/c².
+        let factor =
+            if SLOPE { simd.sub_f64s(simd.splat_f64s(1.0), simd.mul_f64s(simd.splat_f64s(5.0), share)) } else { rest };
+        let bend = simd.mul_f64s(rest, factor);
+        let (c, s) = (simd.mul_f64s(bend, cos), simd.mul_f64s(bend, sin));
+        let (cc, cs) = (simd.mul_f64s(c, cos), simd.mul_f64s(s, cos));
+        let (ccc, ccs) = (simd.mul_f64s(cc, cos), simd.mul_f64s(cs, cos));
+        [
+            simd.add_f64s(k, bend),
+            simd.add_f64s(kc, c),
+            simd.add_f64s(ks, s),
+            simd.add_f64s(kcc, cc),
+            simd.add_f64s(kcs, cs),
+            simd.add_f64s(kccc, ccc),
+            simd.add_f64s(kccs, ccs),
+            simd.add_f64s(kcccc, simd.mul_f64s(ccc, cos)),
+            simd.add_f64s(kcccs, simd.mul_f64s(ccs, cos)),
+        ]
+    }
+}
+
+impl Fold<4> for Count {
+    #[inline(always)]
+    fn fold<S: Simd>(&self, simd: S, values: [S::f64s; 4], points: Points<S::f64s>) -> [S::f64s; 4] {
+        let Points { cos, sin, distance, .. } = points;
+        let [count, squared, low, high] = values;
+        let [zero, one, two, beyond] = [0.0, 1.0, 2.0, BEYOND].map(|value| simd.splat_f64s(value));
+        let d2 = simd.mul_f64s(distance, distance);
+        let inner = simd.less_than_f64s(d2, simd.splat_f64s(self.epsilon2));
+        let turned = simd.select_f64s(simd.less_than_f64s(sin, zero), simd.sub_f64s(zero, two), two);
+        let angle = simd.select_f64s(simd.less_than_f64s(cos, zero), simd.sub_f64s(turned, sin), sin);
+        let lower = simd.select_f64s(inner, angle, beyond);
+        let higher = simd.select_f64s(inner, angle, simd.sub_f64s(zero, beyond));
+        [
+            simd.add_f64s(count, simd.select_f64s(inner, one, zero)),
+            simd.add_f64s(squared, simd.select_f64s(inner, d2, zero)),
+            simd.select_f64s(simd.less_than_f64s(lower, low), lower, low),
+            simd.select_f64s(simd.less_than_f64s(high, higher), higher, high),
+        ]
+    }
+}
+
+/// v = d²/c², at most 1, and 1 − v.
 #[inline(always)]
-fn share(d2: f64, per_cut2: f64) -> f64 {
-    let share = d2 * per_cut2;
-    if share < 1.0 { share } else { 1.0 }
+fn share<S: Simd>(simd: S, distance: S::f64s, per_cut2: f64) -> (S::f64s, S::f64s) {
+    let one = simd.splat_f64s(1.0);
+    let share = simd.mul_f64s(simd.mul_f64s(distance, distance), simd.splat_f64s(per_cut2));
+    let share = simd.select_f64s(simd.less_than_f64s(share, one), share, one);
+    (share, simd.sub_f64s(one, share))
 }
 
 #[inline(always)]
@@ -409,6 +322,7 @@ fn total(lanes: [f64; LANES]) -> f64 {
 mod tests {
     use super::super::model::Cylinder;
     use super::*;
+    use pulp::Scalar;
 
     /// A noisy arc with a clamp on its end; 333 points leave a part of a block and of a row over.
     fn points() -> (Vec<f32>, Vec<f32>) {
@@ -421,48 +335,59 @@ mod tests {
     }
 
     fn projection() -> Projection {
-        let cylinder = Cylinder { x_ref: 10.0, p: 0.1, q: 0.05, y_ref: 3.0, z_ref: -5.0, radius: 50.0 };
-        cylinder.facing([0.2, 1.0]).at(12.0)
+        cylinder().facing([0.2, 1.0]).at(12.0)
+    }
+
+    fn cylinder() -> Cylinder {
+        Cylinder { x_ref: 10.0, p: 0.1, q: 0.05, y_ref: 3.0, z_ref: -5.0, radius: 50.0 }
     }
 
     #[test]
     fn every_set_of_instructions_gives_the_same_bits() {
         let ((y, z), projection) = (points(), projection());
         let sweep = Sweep { projection: &projection, y: &y, z: &z };
-        let per_cut2 = 1.0 / 0.04;
-        let plain = BendAndCount { bend: Bend { sweep, per_cut2 }, epsilon2: 0.002 }.call();
-        assert_eq!(moments_and_inner(&projection, &y, &z, per_cut2, 0.002), plain);
-        assert_eq!(moments(&projection, &y, &z, per_cut2, Curvature::Slope), plain.0);
-        let plain = Weigh { sweep, per_cut2 }.call();
-        assert_eq!(moments(&projection, &y, &z, per_cut2, Curvature::Weight), plain);
-        let plain = Truncate { sweep, per_tolerance2: 3.0 }.call();
-        assert_eq!(truncated_squares(&projection, &y, &z, 3.0).to_bits(), plain.to_bits());
+        let (per_cut2, epsilon2) = (1.0 / 0.04, 0.002);
+        // One point at a time, with what every processor has.
+        let plain = SumAndCount { sweep, per_cut2, epsilon2 }.with_simd(Scalar);
+        assert!(plain.0.weight > 100.0 && plain.1.count > 50.0);
+        assert_eq!(sweep.moments_and_inner(per_cut2, epsilon2), plain);
+        assert_eq!(sweep.moments(per_cut2, Curvature::Slope), plain.0);
+        let plain = Sum { sweep, per_cut2, curvature: Curvature::Weight }.with_simd(Scalar);
+        assert_eq!(sweep.moments(per_cut2, Curvature::Weight), plain);
+        let plain = Truncate { sweep, per_tolerance2: 3.0 }.with_simd(Scalar);
+        assert_eq!(sweep.truncated_squares(3.0).to_bits(), plain.to_bits());
+        // Half as wide as the widest, where the processor has both.
+        #[cfg(target_arch = "x86_64")]
+        if let Some(narrower) = pulp::x86::V3::try_new() {
+            let plain = SumAndCount { sweep, per_cut2, epsilon2 }.with_simd(Scalar);
+            assert_eq!(narrower.vectorize(SumAndCount { sweep, per_cut2, epsilon2 }), plain);
+        }
     }
 
     #[test]
     fn single_and_double_precision_columns_of_the_same_values_give_the_same_bits() {
         let ((y, z), projection) = (points(), projection());
         let wide = |values: &[f32]| values.iter().map(|&v| f64::from(v)).collect::<Vec<f64>>();
-        let double = moments_and_inner(&projection, &wide(&y), &wide(&z), 25.0, 0.002);
-        assert_eq!(moments_and_inner(&projection, &y, &z, 25.0, 0.002), double);
+        let double = Sweep { projection: &projection, y: &wide(&y), z: &wide(&z) }.moments_and_inner(25.0, 0.002);
+        assert_eq!(Sweep { projection: &projection, y: &y, z: &z }.moments_and_inner(25.0, 0.002), double);
     }
 
     #[test]
     fn squared_distances_and_inner_points_are_those_of_the_points_one_by_one() {
         let ((y, z), projection) = (points(), projection());
+        let sweep = Sweep { projection: &projection, y: &y, z: &z };
         let mut squared = Vec::new();
-        squared_distances(&projection, &y, &z, |found| squared.extend_from_slice(found));
-        let cylinder = Cylinder { x_ref: 10.0, p: 0.1, q: 0.05, y_ref: 3.0, z_ref: -5.0, radius: 50.0 };
-        let slice = cylinder.slice(12.0);
-        let expected: Vec<f64> =
-            y.iter().zip(&z).map(|(&y, &z)| slice.distance(y.into(), z.into()).powi(2)).collect();
+        sweep.squared_distances(|found| squared.extend_from_slice(found));
+        let slice = cylinder().slice(12.0);
+        let place = |(&y, &z): (&f32, &f32)| (f64::from(y), f64::from(z));
+        let expected: Vec<f64> = y.iter().zip(&z).map(place).map(|(y, z)| slice.distance(y, z).powi(2)).collect();
         assert_eq!(squared.len(), expected.len());
         assert!(squared.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-12 * (1.0 + b)));
-        let (_, inner) = moments_and_inner(&projection, &y, &z, 25.0, 0.002);
+        let (_, inner) = sweep.moments_and_inner(25.0, 0.002);
         let within: Vec<f64> = expected.iter().copied().filter(|d2| *d2 < 0.002).collect();
         assert_eq!(inner.count, within.len() as f64);
         assert!((inner.squared - within.iter().sum::<f64>()).abs() < 1e-9);
         let truncated: f64 = expected.iter().map(|d2| (3.0 * d2).min(1.0)).sum();
-        assert!((truncated_squares(&projection, &y, &z, 3.0) - truncated).abs() < 1e-9);
+        assert!((sweep.truncated_squares(3.0) - truncated).abs() < 1e-9);
     }
 }

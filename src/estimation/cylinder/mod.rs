@@ -6,6 +6,7 @@
 //!                         (five points)         (coarse to fine)      (coverage, nominal radius) (every point)
 //! ```
 
+mod block;
 mod candidates;
 mod consensus;
 mod covariance;

@@ -71,11 +71,7 @@ impl View {
             0.0, 0.0, az, bz, 0.0,
             0.0, 0.0, 0.0, 0.0, 1.0,
         );
-        Sums {
-            gradient: turn * sums.gradient,
-            normal: turn * sums.normal * turn.transpose(),
-            weight: sums.weight,
-        }
+        Sums { gradient: turn * sums.gradient, normal: turn * sums.normal * turn.transpose(), weight: sums.weight }
     }
 }
 

@@ -2,7 +2,7 @@
 //! from coarse to fine, so that the surface with most points near the start wins over what lies beside it.
 //! Must not know where the start came from.
 
-use super::kernel;
+use super::kernel::Sweep;
 use super::model::Cylinder;
 use super::sample::Sample;
 use super::step::{self, Hold};
@@ -63,7 +63,7 @@ fn squared_distances_within(sample: &Sample, cylinder: &Cylinder, window: f64, s
     let view = cylinder.facing(ANY_DIRECTION);
     for station in &sample.stations {
         let (y, z) = sample.points(station);
-        kernel::squared_distances(&view.at(station.x), y, z, |found| {
+        Sweep { projection: &view.at(station.x), y, z }.squared_distances(|found| {
             squared.extend(found.iter().filter(|d2| **d2 < window * window));
         });
     }

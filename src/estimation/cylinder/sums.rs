@@ -1,7 +1,7 @@
 //! The sums that one Gauss-Newton or Newton step needs, over the points of one profile. Must not know where the weights'
 //! scale comes from, what becomes of the step, or how a point is looked at.
 
-use super::kernel::{self, Curvature, Inner};
+use super::kernel::{Curvature, Inner, Sweep};
 use super::projection::Projection;
 use crate::scan::Stretch;
 use nalgebra::{Matrix5, Vector5};
@@ -31,8 +31,8 @@ impl Sums {
 pub(super) fn weighted(projection: &Projection, points: Stretch<'_>, cut_off_squared: f64) -> Sums {
     let (per_cut2, curvature) = (1.0 / cut_off_squared, Curvature::Weight);
     let moments = match points {
-        Stretch::F32 { y, z } => kernel::moments(projection, y, z, per_cut2, curvature),
-        Stretch::F64 { y, z } => kernel::moments(projection, y, z, per_cut2, curvature),
+        Stretch::F32 { y, z } => Sweep { projection, y, z }.moments(per_cut2, curvature),
+        Stretch::F64 { y, z } => Sweep { projection, y, z }.moments(per_cut2, curvature),
     };
     projection.sums(&moments)
 }
@@ -41,8 +41,8 @@ pub(super) fn weighted(projection: &Projection, points: Stretch<'_>, cut_off_squ
 pub(super) fn newton(projection: &Projection, points: Stretch<'_>, cut_off_squared: f64) -> Sums {
     let (per_cut2, curvature) = (1.0 / cut_off_squared, Curvature::Slope);
     let moments = match points {
-        Stretch::F32 { y, z } => kernel::moments(projection, y, z, per_cut2, curvature),
-        Stretch::F64 { y, z } => kernel::moments(projection, y, z, per_cut2, curvature),
+        Stretch::F32 { y, z } => Sweep { projection, y, z }.moments(per_cut2, curvature),
+        Stretch::F64 { y, z } => Sweep { projection, y, z }.moments(per_cut2, curvature),
     };
     projection.sums(&moments)
 }
@@ -56,8 +56,8 @@ pub(super) fn newton_and_inner(
 ) -> (Sums, Inner) {
     let (per_cut2, epsilon2) = (1.0 / cut_off_squared, epsilon * epsilon);
     let (moments, inner) = match points {
-        Stretch::F32 { y, z } => kernel::moments_and_inner(projection, y, z, per_cut2, epsilon2),
-        Stretch::F64 { y, z } => kernel::moments_and_inner(projection, y, z, per_cut2, epsilon2),
+        Stretch::F32 { y, z } => Sweep { projection, y, z }.moments_and_inner(per_cut2, epsilon2),
+        Stretch::F64 { y, z } => Sweep { projection, y, z }.moments_and_inner(per_cut2, epsilon2),
     };
     (projection.sums(&moments), inner)
 }
@@ -105,7 +105,8 @@ mod tests {
     fn on_the_surface_the_normal_matrix_is_exact() {
         let cylinder = Cylinder { x_ref: 10.0, p: 0.1, q: -0.17, y_ref: 3.0, z_ref: -5.0, radius: 50.0 };
         let section = cylinder.axis().section(50.0, 11.0);
-        let (y, z): (Vec<f64>, Vec<f64>) = (0..40).map(|i| section.point(f64::from(i) * 0.15)).map(|[y, z]| (y, z)).unzip();
+        let (y, z): (Vec<f64>, Vec<f64>) =
+            (0..40).map(|i| section.point(f64::from(i) * 0.15)).map(|[y, z]| (y, z)).unzip();
         let view = cylinder.facing([-0.3, 0.8]);
         let found = view.unturned(&newton(&view.at(11.0), Stretch::F64 { y: &y, z: &z }, 0.01));
         let mut expected = Matrix5::zeros();
