@@ -16,6 +16,7 @@ mod kernel;
 mod model;
 mod projection;
 mod sample;
+mod scatter;
 mod settle;
 mod solve;
 mod step;

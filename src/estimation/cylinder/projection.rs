@@ -19,6 +19,9 @@ pub(super) struct View {
     second: Vector3<f64>,
 }
 
+/// To look at a cylinder for what does not depend on where from.
+pub(super) const ANY_DIRECTION: [f64; 2] = [0.0, 1.0];
+
 /// How one plane x = const is projected.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Projection {
@@ -45,6 +48,15 @@ impl Cylinder {
 impl View {
     pub(super) fn cylinder(&self) -> &Cylinder {
         &self.cylinder
+    }
+
+    /// Signed distance of the point (x, y, z) from the surface, mm.
+    #[inline(always)]
+    pub(super) fn distance(&self, [x, y, z]: [f64; 3]) -> f64 {
+        let (dx, u, w) = (x - self.cylinder.x_ref, y - self.cylinder.y_ref, z - self.cylinder.z_ref);
+        let across = self.first.x * dx + self.first.y * u + self.first.z * w;
+        let up = self.second.x * dx + self.second.y * u + self.second.z * w;
+        (across * across + up * up).sqrt() - self.cylinder.radius
     }
 
     /// The profile at `x`.

@@ -4,6 +4,7 @@
 
 use super::kernel::Sweep;
 use super::model::Cylinder;
+use super::projection::ANY_DIRECTION;
 use super::sample::Sample;
 use super::step::{self, Hold};
 use super::sums::{self, Sums};
@@ -22,8 +23,6 @@ const ROUNDS_MAX: usize = 60;
 const SHRINK: f64 = 0.5;
 /// A spread below this share of the radius is rounding.
 const SPREAD_FLOOR: f64 = 1e-11;
-/// Sums do not depend on where a cylinder is looked at from.
-const ANY_DIRECTION: [f64; 2] = [0.0, 1.0];
 
 /// Settles from `start`, first looking at points within `window` mm of it.
 pub(super) fn settle(sample: &Sample, start: Cylinder, window: f64, hold: Hold) -> Option<Settled> {
