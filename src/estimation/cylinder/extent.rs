@@ -7,10 +7,11 @@ use crate::scan::Scan;
 
 /// Profiles that are looked at for the roughness.
 const PROFILES_MAX: usize = 64;
-/// Chords of a profile that are looked at.
-const CHORDS_MAX: usize = 64;
-/// Squared distance of a point from the chord of its neighbours, for points with unit noise across the chord: 1 + ¼ + ¼.
-const CHORD_VARIANCE: f64 = 1.5;
+/// Runs of four neighbouring points of a profile that are looked at.
+const RUNS_MAX: usize = 64;
+/// Variance of the difference of two neighbouring sagittas, b − ½(a + c), for points with unit noise across the chord:
+/// ¼ + 9/4 + 9/4 + ¼.
+const SAGITTA_VARIANCE: f64 = 5.0;
 
 /// Median over the profiles of the diagonal of their bounding boxes, mm.
 pub(super) fn size(sample: &Sample) -> f64 {
@@ -26,23 +27,28 @@ pub(super) fn size(sample: &Sample) -> f64 {
     median(sample.stations.iter().map(diagonal)).unwrap_or(0.0)
 }
 
-/// Robust spread of points about the chord of their neighbours in the file's order, mm.
+/// Robust spread of points about the curve through their neighbours in the file's order, mm.
 ///
-/// The noise where profiles are in order; too large where they are shuffled, too small where the noise is correlated: good
-/// enough to say what is near.
+/// How far a point lies from the chord of its neighbours is curvature as well as noise; how much that changes to the next
+/// point is noise alone. Too large where profiles are shuffled, too small where the noise is correlated: good enough to say
+/// what is near.
 pub(super) fn roughness(scan: &Scan) -> f64 {
     let columns = scan.columns();
-    let mut squared = Vec::with_capacity(PROFILES_MAX * CHORDS_MAX);
+    let mut squared = Vec::with_capacity(PROFILES_MAX * RUNS_MAX);
     for station in spread(scan.stations().len(), PROFILES_MAX).filter_map(|index| scan.stations().get(index)) {
-        let chords_count = (station.end - station.start).saturating_sub(2);
-        for first in spread(chords_count, CHORDS_MAX).map(|place| station.start + place) {
-            if let [Some([ay, az]), Some([by, bz]), Some([cy, cz])] = [0, 1, 2].map(|next| columns.get(first + next)) {
-                let (dy, dz) = (cy - ay, cz - az);
-                let area = (by - ay) * dz - (bz - az) * dy;
-                let across2 = area * area / (dy * dy + dz * dz);
-                squared.push(if across2.is_finite() { across2 / CHORD_VARIANCE } else { 0.0 });
+        let runs_count = (station.end - station.start).saturating_sub(3);
+        for first in spread(runs_count, RUNS_MAX).map(|place| station.start + place) {
+            if let [Some(a), Some(b), Some(c), Some(d)] = [0, 1, 2, 3].map(|next| columns.get(first + next)) {
+                let change = sagitta(b, c, d) - sagitta(a, b, c);
+                squared.push(if change.is_finite() { change * change / SAGITTA_VARIANCE } else { 0.0 });
             }
         }
     }
     robust::sigma(&squared, &mut Vec::new())
+}
+
+/// How far the middle of three points lies left of the chord of the outer ones, mm.
+fn sagitta([ay, az]: [f64; 2], [by, bz]: [f64; 2], [cy, cz]: [f64; 2]) -> f64 {
+    let (dy, dz) = (cy - ay, cz - az);
+    ((by - ay) * dz - (bz - az) * dy) / (dy * dy + dz * dz).sqrt()
 }

@@ -109,7 +109,7 @@ fn search(scan: &Scan, used: &[bool], settings: &Settings, progress: &Progress) 
     };
     let epsilon = judge::epsilon(settings, chosen.settled.sigma);
     let problem = Problem { scan, used, hold, epsilon, progress };
-    let solution = solve::solve(&problem, &sample, &chosen.settled).filter(resolved);
+    let solution = solve::solve(&problem, &chosen.settled).filter(resolved);
     solution.ok_or(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm })
 }
 

@@ -48,7 +48,8 @@ pub(super) fn settle(sample: &Sample, start: Cylinder, window: f64, hold: Hold) 
     Some(Settled { cylinder, sigma })
 }
 
-fn total(sample: &Sample, cylinder: &Cylinder, window: f64) -> Sums {
+/// Sums over the points of a sample within `window` mm of the cylinder.
+pub(super) fn total(sample: &Sample, cylinder: &Cylinder, window: f64) -> Sums {
     let view = cylinder.facing(ANY_DIRECTION);
     let mut sums = Sums::zero();
     for station in &sample.stations {

@@ -12,7 +12,7 @@ use super::covariance::sandwich;
 use super::kernel::Inner;
 use super::model::Cylinder;
 use super::projection::View;
-use super::sample::{Sample, spread};
+use super::sample::spread;
 use super::settle::Settled;
 use super::step::{self, Hold};
 use super::sums::{self, Sums};
@@ -53,6 +53,9 @@ const STEPS_MAX: u32 = 10;
 const SETTLED: f64 = 1e-2;
 /// ½ |ψ″| σ at most, where points have a weight that counts.
 const CURVED: f64 = 0.4;
+/// Of a scan at most so many profiles, and of those so many points, say where the part is.
+const SEEN_PROFILES: usize = 256;
+const SEEN_POINTS: usize = 32;
 /// Points of a first step that lets one pass over n points be the last, in units of √n: from 5 CURVED/SETTLED/√5, since a
 /// fit to m points is off by √(n/m) standard deviations of one to n.
 const FEW: f64 = 90.0;
@@ -61,12 +64,13 @@ const FEW_PROFILES_MIN: usize = 32;
 /// Stations in one piece of work: fixed, so that sums do not depend on threads.
 const CHUNK: usize = 16;
 
-/// Solves from what `sample` settled on.
-pub(super) fn solve(problem: &Problem<'_>, sample: &Sample, start: &Settled) -> Option<Solution> {
+/// Solves from what a sample settled on.
+pub(super) fn solve(problem: &Problem<'_>, start: &Settled) -> Option<Solution> {
     let sigma = start.sigma;
-    let (x_ref, facing) = whereabouts(sample, start);
+    let stations = serving(problem);
+    let (x_ref, facing) = whereabouts(problem.scan, &stations, start);
     let mut cylinder = start.cylinder.about(x_ref);
-    cylinder = nearer(problem, cylinder.facing(facing), sigma).unwrap_or(cylinder);
+    cylinder = nearer(problem, &stations, cylinder.facing(facing), sigma).unwrap_or(cylinder);
     for passes_count in 1..=STEPS_MAX {
         let progress = (passes_count == 1).then_some(problem.progress);
         let (mut profiles, inner) = pass(problem, &cylinder.facing(facing), sigma, progress);
@@ -89,26 +93,32 @@ fn left(moved2: f64, weight: f64) -> f64 {
     (CURVED * moved2 / weight.max(1.0).sqrt()).min(moved2.sqrt())
 }
 
-/// Mean x of the sampled points on the start, where position and slopes are nearly uncorrelated, and the direction in which
-/// the axis sees them.
-fn whereabouts(sample: &Sample, start: &Settled) -> (f64, [f64; 2]) {
+fn serving<'a>(problem: &Problem<'a>) -> Vec<&'a Station> {
+    let stations = problem.scan.stations().iter().zip(problem.used);
+    stations.filter(|(_, used)| **used).map(|(station, _)| station).collect()
+}
+
+/// Mean x of some points on the start, where position and slopes are nearly uncorrelated, and the direction in which the
+/// axis sees them.
+fn whereabouts(scan: &Scan, stations: &[&Station], start: &Settled) -> (f64, [f64; 2]) {
     let reach = robust::TUKEY_C * start.sigma;
     let (mut x, mut count, mut towards) = (0.0, 0.0, [0.0; 2]);
-    for station in &sample.stations {
+    for station in spread(stations.len(), SEEN_PROFILES).filter_map(|index| stations.get(index)) {
         let slice = start.cylinder.slice(station.x);
-        let (y, z) = sample.points(station);
-        for (&y, &z) in y.iter().zip(z).filter(|(y, z)| slice.distance(**y, **z).abs() < reach) {
-            (x, count) = (x + station.x, count + 1.0);
-            towards = [towards[0] + y - slice.y, towards[1] + z - slice.z];
+        let places = spread(station.end - station.start, SEEN_POINTS).map(|place| station.start + place);
+        for [y, z] in places.filter_map(|index| scan.columns().get(index)) {
+            if slice.distance(y, z).abs() < reach {
+                (x, count) = (x + station.x, count + 1.0);
+                towards = [towards[0] + y - slice.y, towards[1] + z - slice.z];
+            }
         }
     }
     (if count > 0.0 { x / count } else { start.cylinder.x_ref }, towards)
 }
 
 /// One step over some of the profiles, evenly spread; `None` where that would not pay or not help.
-fn nearer(problem: &Problem<'_>, view: View, sigma: f64) -> Option<Cylinder> {
-    let Problem { scan, used, hold, .. } = *problem;
-    let stations: Vec<&Station> = scan.stations().iter().zip(used).filter(|(_, used)| **used).map(|(s, _)| s).collect();
+fn nearer(problem: &Problem<'_>, stations: &[&Station], view: View, sigma: f64) -> Option<Cylinder> {
+    let Problem { scan, hold, .. } = *problem;
     let points_count: usize = stations.iter().map(|station| station.end - station.start).sum();
     let share = FEW / (points_count as f64).sqrt();
     let few = ((stations.len() as f64 * share).ceil() as usize).max(FEW_PROFILES_MIN);
