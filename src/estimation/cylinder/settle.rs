@@ -2,12 +2,12 @@
 //! from coarse to fine, so that the surface with most points near the start wins over what lies beside it.
 //! Must not know where the start came from.
 
-use super::kernel::Sweep;
+use super::kernel::{Curvature, Sweep};
 use super::model::Cylinder;
 use super::projection::ANY_DIRECTION;
 use super::sample::Sample;
 use super::step::{self, Hold};
-use super::sums::{self, Sums};
+use super::sums::{Sums, sum};
 use crate::estimation::robust;
 
 /// A cylinder that the points of a sample agree on.
@@ -53,7 +53,7 @@ pub(super) fn total(sample: &Sample, cylinder: &Cylinder, window: f64) -> Sums {
     let view = cylinder.facing(ANY_DIRECTION);
     let mut sums = Sums::zero();
     for station in &sample.stations {
-        sums.add(&sums::weighted(&view.at(station.x), sample.stretch(station), window * window));
+        sums.add(&sum(&view.at(station.x), sample.stretch(station), window * window, Curvature::Weight));
     }
     view.unturned(&sums)
 }

@@ -3,19 +3,20 @@
 //!
 //! A sample's start is off by many standard deviations of the final fit, so one step over some of the profiles brings it
 //! near first; from there one pass over all points is usually enough. What a Newton step leaves is the curvature of the
-//! gradient, ½ Σ ψ″ (J·step)² J: in standard deviations below ½ |ψ″| m²/√Σw for a step of m of them, where |ψ″| σ stays
-//! below 0.77 for Tukey's biweight. So a step is the last when that is below a hundredth, and the gradients and counts of its
+//! gradient, ½ Σ ψ″ (J·step)² J: in standard deviations at most ½ |ψ″|σ · m²/√Σw for a step of m of them. ½ |ψ″|σ is 0.38 at
+//! the worst distance from the surface and averages to nothing over both sides; 0.1 is as if a quarter of all points lay at
+//! the worst distance on one side. So a step is the last when that is below a hundredth, and the gradients and counts of its
 //! pass serve for the profiles: the gradients corrected to first order, the counts as they are, for such a step moves the
-//! surface by a thirtieth of σ at most.
+//! surface by a few hundredths of σ at most.
 
 use super::covariance::sandwich;
-use super::kernel::Inner;
+use super::kernel::{Curvature, Inner};
 use super::model::Cylinder;
 use super::projection::View;
 use super::sample::spread;
 use super::settle::Settled;
 use super::step::{self, Hold};
-use super::sums::{self, Sums};
+use super::sums::{Sums, sum, sum_and_count};
 use crate::estimation::{Progress, robust};
 use crate::scan::{Scan, Station};
 use nalgebra::{Matrix5, Vector5};
@@ -51,13 +52,13 @@ pub(super) struct Solution {
 const STEPS_MAX: u32 = 10;
 /// What is left of a step, in units of its own standard deviation, when nothing more could be told.
 const SETTLED: f64 = 1e-2;
-/// ½ |ψ″| σ at most, where points have a weight that counts.
-const CURVED: f64 = 0.4;
+/// ½ |ψ″| σ, averaged over the points.
+const CURVED: f64 = 0.1;
 /// Of a scan at most so many profiles, and of those so many points, say where the part is.
 const SEEN_PROFILES: usize = 256;
 const SEEN_POINTS: usize = 32;
-/// Points of a first step that lets one pass over n points be the last, in units of √n: from 5 CURVED/SETTLED/√5, since a
-/// fit to m points is off by √(n/m) standard deviations of one to n.
+/// Points of a first step, in units of √n: its five unknowns lie √(5n/m) standard deviations from where all n points put
+/// them, so the next step is the last from m = 5 CURVED/SETTLED·√n on, and not all points are on the part.
 const FEW: f64 = 90.0;
 /// Profiles of the first step at least.
 const FEW_PROFILES_MIN: usize = 32;
@@ -127,7 +128,8 @@ fn nearer(problem: &Problem<'_>, stations: &[&Station], view: View, sigma: f64) 
     }
     let cut_off_squared = robust::cut_off_squared(sigma);
     let profile = |station: &&Station| {
-        sums::newton(&view.at(station.x), scan.columns().stretch(station.start..station.end), cut_off_squared)
+        let points = scan.columns().stretch(station.start..station.end);
+        sum(&view.at(station.x), points, cut_off_squared, Curvature::Slope)
     };
     let chosen: Vec<&Station> = spread(stations.len(), few).filter_map(|index| stations.get(index).copied()).collect();
     let each: Vec<Sums> = chosen.par_iter().map(profile).collect();
@@ -144,7 +146,7 @@ fn pass(problem: &Problem<'_>, view: &View, sigma: f64, progress: Option<&Progre
     let cut_off_squared = robust::cut_off_squared(sigma);
     let profile = |station: &Station| {
         let points = columns.stretch(station.start..station.end);
-        let (sums, inner) = sums::newton_and_inner(&view.at(station.x), points, cut_off_squared, problem.epsilon);
+        let (sums, inner) = sum_and_count(&view.at(station.x), points, cut_off_squared, problem.epsilon);
         (view.unturned(&sums), inner)
     };
     let work = |(stations, used): (&[Station], &[bool])| {

@@ -27,19 +27,9 @@ impl Sums {
     }
 }
 
-/// Sums over the points of a profile in the parameters of its projection, for iteratively re-weighted least squares.
-pub(super) fn weighted(projection: &Projection, points: Stretch<'_>, cut_off_squared: f64) -> Sums {
-    let (per_cut2, curvature) = (1.0 / cut_off_squared, Curvature::Weight);
-    let moments = match points {
-        Stretch::F32 { y, z } => Sweep { projection, y, z }.moments(per_cut2, curvature),
-        Stretch::F64 { y, z } => Sweep { projection, y, z }.moments(per_cut2, curvature),
-    };
-    projection.sums(&moments)
-}
-
-/// The same for Newton's step.
-pub(super) fn newton(projection: &Projection, points: Stretch<'_>, cut_off_squared: f64) -> Sums {
-    let (per_cut2, curvature) = (1.0 / cut_off_squared, Curvature::Slope);
+/// Sums over the points of a profile, in the parameters of its projection.
+pub(super) fn sum(projection: &Projection, points: Stretch<'_>, cut_off_squared: f64, curvature: Curvature) -> Sums {
+    let per_cut2 = 1.0 / cut_off_squared;
     let moments = match points {
         Stretch::F32 { y, z } => Sweep { projection, y, z }.moments(per_cut2, curvature),
         Stretch::F64 { y, z } => Sweep { projection, y, z }.moments(per_cut2, curvature),
@@ -48,7 +38,7 @@ pub(super) fn newton(projection: &Projection, points: Stretch<'_>, cut_off_squar
 }
 
 /// The same for Newton's step, with what lies within `epsilon`, mm.
-pub(super) fn newton_and_inner(
+pub(super) fn sum_and_count(
     projection: &Projection,
     points: Stretch<'_>,
     cut_off_squared: f64,
@@ -78,11 +68,8 @@ mod tests {
             .unzip();
         let view = cylinder.facing([0.3, 0.8]);
         let points = Stretch::F64 { y: &y, z: &z };
-        for (curvature, found) in [
-            (Curvature::Weight, weighted(&view.at(70.0), points, 0.0004)),
-            (Curvature::Slope, newton(&view.at(70.0), points, 0.0004)),
-        ] {
-            let found = view.unturned(&found);
+        for curvature in [Curvature::Weight, Curvature::Slope] {
+            let found = view.unturned(&sum(&view.at(70.0), points, 0.0004, curvature));
             let mut expected = Sums::zero();
             for (y, z) in y.iter().zip(&z) {
                 let Response { d, a, b, t } = cylinder.slice(70.0).response(*y, *z);
@@ -108,7 +95,7 @@ mod tests {
         let (y, z): (Vec<f64>, Vec<f64>) =
             (0..40).map(|i| section.point(f64::from(i) * 0.15)).map(|[y, z]| (y, z)).unzip();
         let view = cylinder.facing([-0.3, 0.8]);
-        let found = view.unturned(&newton(&view.at(11.0), Stretch::F64 { y: &y, z: &z }, 0.01));
+        let found = view.unturned(&sum(&view.at(11.0), Stretch::F64 { y: &y, z: &z }, 0.01, Curvature::Slope));
         let mut expected = Matrix5::zeros();
         for (y, z) in y.iter().zip(&z) {
             let Response { a, b, t, .. } = cylinder.slice(11.0).response(*y, *z);

@@ -38,7 +38,7 @@ pub struct MeasurementDocument {
     pub conditioning: ConditioningDocument,
     /// What became of the profiles.
     pub profiles: TallyDocument,
-    /// How the points of the valid profiles lie about their sections; null where no profile is valid.
+    /// How the points of the valid profiles lie about their sections; null where no profile serves. Where a pose rests on profiles of which none is valid by itself, of all of them.
     pub residuals: Option<ResidualsDocument>,
     /// Where the result comes from.
     pub provenance: ProvenanceDocument,
