@@ -346,10 +346,10 @@ mod tests {
     fn every_set_of_instructions_gives_the_same_bits() {
         let ((y, z), projection) = (points(), projection());
         let sweep = Sweep { projection: &projection, y: &y, z: &z };
-        let (per_cut2, epsilon2) = (1.0 / 0.04, 0.002);
+        let (per_cut2, epsilon2) = (1.0, 0.04);
         // One point at a time, with what every processor has.
         let plain = SumAndCount { sweep, per_cut2, epsilon2 }.with_simd(Scalar);
-        assert!(plain.0.weight > 100.0 && plain.1.count > 50.0);
+        assert!(plain.0.weight > 50.0 && plain.1.count > 20.0, "{plain:?}");
         assert_eq!(sweep.moments_and_inner(per_cut2, epsilon2), plain);
         assert_eq!(sweep.moments(per_cut2, Curvature::Slope), plain.0);
         let plain = Sum { sweep, per_cut2, curvature: Curvature::Weight }.with_simd(Scalar);
@@ -360,7 +360,7 @@ mod tests {
         #[cfg(target_arch = "x86_64")]
         if let Some(narrower) = pulp::x86::V3::try_new() {
             let plain = SumAndCount { sweep, per_cut2, epsilon2 }.with_simd(Scalar);
-            assert_eq!(narrower.vectorize(SumAndCount { sweep, per_cut2, epsilon2 }), plain);
+            assert_eq!(Simd::vectorize(narrower, SumAndCount { sweep, per_cut2, epsilon2 }), plain);
         }
     }
 
