@@ -1,5 +1,6 @@
 //! What a user waits for: reading a scan in each format, and estimating with each method, beside the time of adding up
-//! the same coordinates once on one thread. Prints a table; `cargo bench` runs it.
+//! the same coordinates once on one thread. Prints a table; `cargo bench` runs it, `cargo bench --bench scan_to_pose -- cylinder` only
+//! the rows whose name holds the word.
 //!
 //! Everything is timed in turns in one run and quoted as the median ratio to the sum of the same round, since machines are
 //! shared and noisy.
@@ -13,11 +14,14 @@ use coaxis::scan::Scan;
 use coaxis::scan::decode::{Format, Limits, Request, decode};
 use coaxis::scan::encode::encode;
 use coaxis::scan::slice::{SliceRequest, slice};
+use coaxis::scan::synthetic::{Part, make};
 use std::error::Error;
 use std::hint::black_box;
 use yardstick::{POINTS_COUNT, PROFILES_COUNT, large_scan, median, narrowed, sum, timed};
 
 const ROUNDS_COUNT: usize = 7;
+/// The same of a scan that takes a twenty-fifth of the time.
+const SHORT_ROUNDS_COUNT: usize = 101;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let double = large_scan()?;
@@ -34,10 +38,13 @@ fn main() -> Result<(), Box<dyn Error>> {
         (Format::GocatorCsv, &single, "decode gocator_csv"),
         (Format::Json, &single, "decode json"),
     ] {
+        if !asked_for(name) {
+            continue;
+        }
         let mut bytes = Vec::new();
         encode(scan, format, &mut bytes)?;
         let limits = Limits::default();
-        report(name, bytes.len(), scan, || {
+        report(name, bytes.len(), scan, ROUNDS_COUNT, || {
             let request = Request { unit: None, profile_column: None, limits: &limits };
             let cloud = decode(format, &mut bytes.as_slice(), &request).ok();
             cloud
@@ -48,15 +55,30 @@ fn main() -> Result<(), Box<dyn Error>> {
     for method in Method::ALL {
         let settings = Settings { method, ..Settings::default() };
         let name = format!("estimate {}", method.name());
-        report(&name, 0, &single, || estimate(&single, &settings, &Progress::default()).profiles.len());
+        report(&name, 0, &single, ROUNDS_COUNT, || estimate(&single, &settings, &Progress::default()).profiles.len());
     }
+    // What does not grow with the scan shows on a short one.
+    let short = narrowed(&make(&Part { spike_ratio: 0.005, ..Part::with_interference(1) })?.0)?;
+    let settings = Settings { method: Method::Cylinder, ..Settings::default() };
+    report("estimate cylinder, 400 x 640", 0, &short, SHORT_ROUNDS_COUNT, || {
+        estimate(&short, &settings, &Progress::default()).profiles.len()
+    });
     Ok(())
 }
 
-fn report<T>(name: &str, bytes_count: usize, scan: &Scan, mut work: impl FnMut() -> T) {
+/// Whether the command line names the row, or none.
+fn asked_for(name: &str) -> bool {
+    let mut words = std::env::args().skip(1).filter(|word| !word.starts_with('-')).peekable();
+    words.peek().is_none() || words.any(|word| name.contains(&word))
+}
+
+fn report<T>(name: &str, bytes_count: usize, scan: &Scan, rounds_count: usize, mut work: impl FnMut() -> T) {
+    if !asked_for(name) {
+        return;
+    }
     let (mut works, mut sums, mut ratios) = (Vec::new(), Vec::new(), Vec::new());
     black_box(work());
-    for _ in 0..ROUNDS_COUNT {
+    for _ in 0..rounds_count {
         let work_ms = timed(&mut work);
         let sum_ms = timed(|| sum(scan));
         works.push(work_ms);

@@ -187,3 +187,31 @@ fn the_stated_uncertainty_holds_the_truth() {
     }
     assert!((284..=320).contains(&held_count), "{held_count} of 320");
 }
+
+#[test]
+fn neither_the_number_of_threads_nor_that_of_passes_shows_in_the_result() {
+    let (scan, _) = make(&Part { interference: PAPER, ..part(3) }).expect("a part");
+    let on = |threads| {
+        let progress = Progress::default();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        let estimate = pool.install(|| estimate(&scan, &cylinder(), &progress));
+        assert_eq!(progress.done_count(), scan.stations().len(), "every profile is done once");
+        estimate
+    };
+    let one = on(1);
+    assert!(matches!(one.outcome, Outcome::Accepted(_)));
+    assert_eq!(one, on(2));
+    assert_eq!(one, on(5));
+}
+
+#[test]
+fn a_pose_that_rests_on_profiles_of_which_none_is_valid_has_residuals() {
+    // More than half of every profile lies under a clamp, so none has its 85 % of inner points.
+    let part = Part { interference: clamped(1.0, 0.6, 25.0), ..part(1) };
+    let (estimate, _) = measure(&part, &Settings { nominal_radius_mm: Some(200.0), ..cylinder() });
+    assert!(matches!(estimate.outcome, Outcome::Accepted(_)));
+    assert!(estimate.profiles.iter().all(|profile| profile.rejected.is_some()));
+    let residuals = estimate.residuals.expect("of what served");
+    assert!((residuals.sigma - part.noise_sigma_mm).abs() < 0.1 * part.noise_sigma_mm, "{residuals:?}");
+    assert!((0.3..0.5).contains(&residuals.inlier_ratio), "{residuals:?}");
+}

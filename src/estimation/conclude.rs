@@ -11,22 +11,24 @@ const RADIUS_TOLERANCE: f64 = 0.02;
 /// Puts the estimate together.
 pub(super) fn conclude(settings: &Settings, found: Found) -> Estimate {
     let Found { outcome, profiles, warnings } = found;
-    let valid: Vec<(&Profile, &Section)> =
-        profiles.iter().filter(|p| p.rejected.is_none()).filter_map(|p| Some((p, p.section.as_ref()?))).collect();
+    let fitted: Vec<(&Profile, &Section)> = profiles.iter().filter_map(|p| Some((p, p.section.as_ref()?))).collect();
+    let valid: Vec<(&Profile, &Section)> = fitted.iter().copied().filter(|(p, _)| p.rejected.is_none()).collect();
     let seen: Vec<&Section> = if valid.is_empty() {
         profiles.iter().filter_map(|p| p.section.as_ref()).collect()
     } else {
         valid.iter().map(|(_, section)| *section).collect()
     };
     let arc = median(seen.iter().map(|section| section.arc.radians()));
-    let points_count: usize = valid.iter().map(|(profile, _)| profile.points_count).sum();
-    let inner: f64 = valid.iter().map(|(profile, section)| section.inlier_ratio * profile.points_count as f64).sum();
-    let residuals = median(valid.iter().map(|(_, section)| section.sigma))
+    // `cylinder` may rest on profiles of which none is valid by itself.
+    let accepted = matches!(outcome, Outcome::Accepted(_));
+    let served = if valid.is_empty() && accepted { &fitted } else { &valid };
+    let points_count: usize = served.iter().map(|(profile, _)| profile.points_count).sum();
+    let inner: f64 = served.iter().map(|(profile, section)| section.inlier_ratio * profile.points_count as f64).sum();
+    let residuals = median(served.iter().map(|(_, section)| section.sigma))
         .map(|sigma| Residuals { sigma, inlier_ratio: inner / points_count as f64 });
-    let fitted = profiles.iter().filter(|p| p.section.is_some());
     let conditioning = Conditioning {
         arc: arc.map(Angle::from_radians),
-        axial_length: if valid.is_empty() { span(fitted.map(|p| p.x)) } else { axial_length(&profiles) },
+        axial_length: if valid.is_empty() { span(fitted.iter().map(|(p, _)| p.x)) } else { axial_length(&profiles) },
         warnings: [warnings, general_warnings(settings, &outcome, arc.map(f64::to_degrees))].concat(),
     };
     Estimate { method: settings.method, outcome, profiles, conditioning, residuals }

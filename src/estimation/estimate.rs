@@ -16,7 +16,8 @@ pub struct Estimate {
     pub profiles: Vec<Profile>,
     /// How well the geometry of the scan determines a pose.
     pub conditioning: Conditioning,
-    /// How the points of the valid profiles lie about their sections; `None` where no profile is valid.
+    /// How the points of the valid profiles lie about their sections, of all fitted ones where a pose rests on profiles of
+    /// which none is valid; `None` where none serves.
     pub residuals: Option<Residuals>,
 }
 

@@ -22,7 +22,39 @@ pub enum Columns {
     },
 }
 
+/// Neighbouring points of [`Columns`] as they are stored, mm; y and z are of one length.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Stretch<'a> {
+    /// In single precision.
+    F32 {
+        /// Their y.
+        y: &'a [f32],
+        /// Their z.
+        z: &'a [f32],
+    },
+    /// In double precision.
+    F64 {
+        /// Their y.
+        y: &'a [f64],
+        /// Their z.
+        z: &'a [f64],
+    },
+}
+
 impl Columns {
+    /// The points of `range`; none where it reaches beyond the end.
+    #[must_use]
+    pub fn stretch(&self, range: Range<usize>) -> Stretch<'_> {
+        match self {
+            Self::F32 { y, z } => {
+                Stretch::F32 { y: y.get(range.clone()).unwrap_or_default(), z: z.get(range).unwrap_or_default() }
+            }
+            Self::F64 { y, z } => {
+                Stretch::F64 { y: y.get(range.clone()).unwrap_or_default(), z: z.get(range).unwrap_or_default() }
+            }
+        }
+    }
+
     /// Number of points.
     #[must_use]
     pub fn len(&self) -> usize {

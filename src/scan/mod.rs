@@ -18,7 +18,7 @@ pub mod slice;
 pub mod synthetic;
 
 pub use cloud::{Cloud, Labels, Stripe};
-pub use columns::Columns;
+pub use columns::{Columns, Stretch};
 pub use rule::{ProfileRule, RuleError};
 
 use std::ops::Range;

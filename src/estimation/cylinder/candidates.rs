@@ -9,6 +9,7 @@ use super::sample::Sample;
 use super::settle::{Settled, settle};
 use super::step::Hold;
 use crate::estimation::robust;
+use rayon::prelude::*;
 
 /// A cylinder that the scan could be.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -77,7 +78,7 @@ fn best(sample: &Sample, bounds: &Bounds, hold: Hold) -> Option<Settled> {
     let starts = consensus::hypotheses(sample, bounds, STARTS_MAX);
     let window = 2.0 * bounds.tolerance;
     let settled: Vec<Settled> =
-        starts.iter().filter_map(|start| settle(sample, start.cylinder, window, hold)).collect();
+        starts.par_iter().filter_map(|start| settle(sample, start.cylinder, window, hold)).collect();
     let finest = settled.iter().map(|s| s.sigma).fold(f64::INFINITY, f64::min);
     let reach = (robust::TUKEY_C * finest).max(0.25 * bounds.tolerance);
     let score = |s: &Settled| consensus::score_whole(sample, &s.cylinder, reach);

@@ -5,8 +5,11 @@
 //! exact cylinder through the five follows by Newton's method. Scores are truncated squares (MSAC). The draws come from a
 //! fixed seed: the same scan always gives the same start. Must not know verdicts or uncertainty.
 
+use super::kernel::Sweep;
 use super::model::{Cylinder, Response};
+use super::projection::ANY_DIRECTION;
 use super::sample::Sample;
+use super::scatter::Scatter;
 use crate::scan::Station;
 use nalgebra::{Matrix5, RowVector5, Vector5};
 use rand::{RngExt, SeedableRng};
@@ -56,7 +59,10 @@ pub(super) fn hypotheses(sample: &Sample, bounds: &Bounds, most: usize) -> Vec<H
             .map(|draw| {
                 let mut chance = ChaCha8Rng::seed_from_u64((round * ROUND + draw) as u64);
                 let cylinder = draw_cylinder(sample, bounds, &mut chance)?;
-                Some(Hypothesis { cylinder, score: score(&sieve, &cylinder, bounds.tolerance) })
+                Some(Hypothesis {
+                    cylinder,
+                    score: sieve.truncated_squares(&cylinder.facing(ANY_DIRECTION), bounds.tolerance),
+                })
             })
             .collect();
         let mut drawn: Vec<Hypothesis> = drawn.into_iter().flatten().collect();
@@ -77,8 +83,8 @@ pub(super) fn hypotheses(sample: &Sample, bounds: &Bounds, most: usize) -> Vec<H
     best
 }
 
-/// A few points of the whole sample as (x, y, z), for the first look.
-fn sieve(sample: &Sample) -> Vec<[f64; 3]> {
+/// A few points of the whole sample, for the first look.
+fn sieve(sample: &Sample) -> Scatter {
     let stride = (sample.y.len() / SIEVE_POINTS).max(1);
     let all = sample.stations.iter().flat_map(|station| {
         let (y, z) = sample.points(station);
@@ -87,20 +93,13 @@ fn sieve(sample: &Sample) -> Vec<[f64; 3]> {
     all.step_by(stride).collect()
 }
 
-fn score(points: &[[f64; 3]], cylinder: &Cylinder, tolerance: f64) -> f64 {
-    let per_tolerance2 = 1.0 / (tolerance * tolerance);
-    let sum: f64 =
-        points.iter().map(|&[x, y, z]| (cylinder.slice(x).distance(y, z).powi(2) * per_tolerance2).min(1.0)).sum();
-    sum / points.len().max(1) as f64
-}
-
 /// The score over all of the sample.
 pub(super) fn score_whole(sample: &Sample, cylinder: &Cylinder, tolerance: f64) -> f64 {
     let per_tolerance2 = 1.0 / (tolerance * tolerance);
+    let view = cylinder.facing(ANY_DIRECTION);
     let profile = |station: &Station| -> f64 {
-        let slice = cylinder.slice(station.x);
         let (y, z) = sample.points(station);
-        y.iter().zip(z).map(|(&y, &z)| (slice.distance(y, z).powi(2) * per_tolerance2).min(1.0)).sum()
+        Sweep { projection: &view.at(station.x), y, z }.truncated_squares(per_tolerance2)
     };
     sample.stations.iter().map(profile).sum::<f64>() / sample.y.len().max(1) as f64
 }

@@ -1,6 +1,7 @@
 //! Each profile against the joint model: how many of its points lie on it, over which arc, and where its own centre would
-//! be with the section's shape held. Must not change the model.
+//! be with the section's shape held. Must not change the model, nor look at a point: the pass that found the model counted.
 
+use super::kernel::Inner;
 use super::model::Cylinder;
 use super::sums::Sums;
 use crate::estimation::conclude::median;
@@ -8,8 +9,7 @@ use crate::estimation::{Profile, Reason, Section, Settings};
 use crate::geometry::{Angle, SectionEllipse};
 use crate::scan::{Scan, Station};
 use nalgebra::{Matrix2, Vector2};
-use rayon::prelude::*;
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 /// ε in units of the joint spread, where the noise is larger than ε was made for: 97.4 % of normal noise.
 const EPSILON_SIGMAS: f64 = 2.22;
@@ -26,22 +26,35 @@ const ARC_MIN_DEG: f64 = 15.0;
 pub(super) struct Model<'a> {
     pub(super) cylinder: &'a Cylinder,
     pub(super) sigma: f64,
-    /// One a station.
+    /// One a station,
     pub(super) sums: &'a [Sums],
+    /// and what lies within [`epsilon`] of the model.
+    pub(super) inner: &'a [Inner],
     pub(super) passes_count: u32,
+}
+
+/// Distance below which a point is an inner point, mm, where the points on the part scatter by `sigma`.
+pub(super) fn epsilon(settings: &Settings, sigma: f64) -> f64 {
+    settings.epsilon_mm.max(EPSILON_SIGMAS * sigma)
 }
 
 /// Judges every profile.
 pub(super) fn judge(scan: &Scan, used: &[bool], model: Model<'_>, settings: &Settings) -> Vec<Profile> {
-    let epsilon = settings.epsilon_mm.max(EPSILON_SIGMAS * model.sigma);
-    let work = |((station, used), sums): ((&Station, &bool), &Sums)| {
+    let axis = model.cylinder.axis();
+    let section = axis.section(model.cylinder.radius, model.cylinder.x_ref);
+    let work = |(((station, used), sums), inner): (((&Station, &bool), &Sums), &Inner)| {
         if !*used {
             return rejected(station, Reason::TooFewPoints);
         }
-        let counts = count(scan, station, model.cylinder, epsilon);
-        profile(station, &counts, sums, &model, settings)
+        let [centre_y, centre_z] = axis.at(station.x);
+        let here = SectionEllipse { centre_y, centre_z, ..section };
+        match moved(here, sums) {
+            Some(own) => profile(station, inner, own, &model, settings),
+            None => rejected(station, Reason::NotConverged),
+        }
     };
-    let mut profiles: Vec<Profile> = scan.stations().par_iter().zip(used).zip(model.sums).map(work).collect();
+    let stations = scan.stations().iter().zip(used).zip(model.sums).zip(model.inner);
+    let mut profiles: Vec<Profile> = stations.map(work).collect();
     mark_off_axis(&mut profiles, model.sigma);
     profiles
 }
@@ -51,49 +64,11 @@ fn rejected(station: &Station, reason: Reason) -> Profile {
     Profile { x: station.x, points_count, rejected: Some(reason), section: None, offset: None }
 }
 
-/// What lies within ε of the model.
-#[derive(Debug, Clone, Copy, Default)]
-struct Counts {
-    points_count: usize,
-    inner_count: usize,
-    squared_sum: f64,
-    /// Tangents of half the outermost angles, from the mean direction.
-    low: f64,
-    high: f64,
-}
-
-fn count(scan: &Scan, station: &Station, cylinder: &Cylinder, epsilon: f64) -> Counts {
-    let slice = cylinder.slice(station.x);
-    let (mut y, mut z) = (Vec::new(), Vec::new());
-    scan.load(*station, &mut y, &mut z);
-    let (mut mean_u, mut mean_w) = (0.0, 0.0);
-    for (y, z) in y.iter().zip(&z) {
-        (mean_u, mean_w) = (mean_u + y - slice.y, mean_w + z - slice.z);
-    }
-    let length = mean_u.hypot(mean_w).max(f64::MIN_POSITIVE);
-    let (mean_u, mean_w) = (mean_u / length, mean_w / length);
-    let mut counts = Counts { points_count: y.len(), low: f64::INFINITY, high: f64::NEG_INFINITY, ..Counts::default() };
-    for (&y, &z) in y.iter().zip(&z) {
-        let d = slice.distance(y, z);
-        let inner = d.abs() < epsilon;
-        let (u, w) = (y - slice.y, z - slice.z);
-        let (along, across) = (u * mean_u + w * mean_w, w * mean_u - u * mean_w);
-        // tan(θ/2) = sin/(1 + cos) orders angles over the whole turn.
-        let half = across / (along.hypot(across) + along).max(f64::MIN_POSITIVE);
-        counts.inner_count += usize::from(inner);
-        counts.squared_sum += if inner { d * d } else { 0.0 };
-        counts.low = if inner { counts.low.min(half) } else { counts.low };
-        counts.high = if inner { counts.high.max(half) } else { counts.high };
-    }
-    counts
-}
-
-fn profile(station: &Station, counts: &Counts, sums: &Sums, model: &Model<'_>, settings: &Settings) -> Profile {
-    let inlier_ratio = counts.inner_count as f64 / counts.points_count.max(1) as f64;
-    let arc = if counts.inner_count == 0 { 0.0 } else { 2.0 * (counts.high.atan() - counts.low.atan()) };
-    let Some(ellipse) = own_section(station, sums, model.cylinder) else {
-        return rejected(station, Reason::NotConverged);
-    };
+/// The verdict on a profile whose own points put the model's section at `own`.
+fn profile(station: &Station, inner: &Inner, own: SectionEllipse, model: &Model<'_>, settings: &Settings) -> Profile {
+    let points_count = station.end - station.start;
+    let inlier_ratio = inner.count / points_count as f64;
+    let arc = if inner.count > 0.0 { angle(inner.high) - angle(inner.low) } else { 0.0 };
     let rejected = if inlier_ratio < settings.inlier_ratio_min {
         Some(Reason::LowInlierRatio)
     } else if arc.to_degrees() < settings.arc_min_deg.min(ARC_MIN_DEG) {
@@ -101,25 +76,34 @@ fn profile(station: &Station, counts: &Counts, sums: &Sums, model: &Model<'_>, s
     } else {
         None
     };
-    let rms = (counts.squared_sum / counts.inner_count.max(1) as f64).sqrt();
     let section = Section {
-        ellipse,
+        ellipse: own,
         sigma: model.sigma,
         inlier_ratio,
-        rms,
+        rms: (inner.squared / inner.count.max(1.0)).sqrt(),
         arc: Angle::from_radians(arc.clamp(0.0, TAU)),
         iterations_count: model.passes_count,
     };
-    let offset = model.cylinder.axis().distance([station.x, ellipse.centre_y, ellipse.centre_z]);
-    Profile { x: station.x, points_count: counts.points_count, rejected, section: Some(section), offset: Some(offset) }
+    let offset = model.cylinder.axis().distance([station.x, own.centre_y, own.centre_z]);
+    Profile { x: station.x, points_count, rejected, section: Some(section), offset: Some(offset) }
+}
+
+/// The angle at a place of the scale of [`Inner`], −π to π.
+fn angle(place: f64) -> f64 {
+    if place > 1.0 {
+        PI - (2.0 - place).asin()
+    } else if place < -1.0 {
+        -PI - (-2.0 - place).asin()
+    } else {
+        place.asin()
+    }
 }
 
 /// The model's section, moved to where the profile's own points put it: one step with radius and slopes held.
-fn own_section(station: &Station, sums: &Sums, cylinder: &Cylinder) -> Option<SectionEllipse> {
+fn moved(section: SectionEllipse, sums: &Sums) -> Option<SectionEllipse> {
     let normal: Matrix2<f64> = sums.normal.fixed_view::<2, 2>(2, 2).into_owned();
     let gradient: Vector2<f64> = sums.gradient.fixed_rows::<2>(2).into_owned();
-    let step = normal.lu().solve(&-gradient)?;
-    let section = cylinder.axis().section(cylinder.radius, station.x);
+    let step = normal.try_inverse()? * -gradient;
     let moved = SectionEllipse { centre_y: section.centre_y + step.x, centre_z: section.centre_z + step.y, ..section };
     (moved.centre_y.is_finite() && moved.centre_z.is_finite()).then_some(moved)
 }

@@ -6,14 +6,19 @@
 //!                         (five points)         (coarse to fine)      (coverage, nominal radius) (every point)
 //! ```
 
+mod block;
 mod candidates;
 mod consensus;
+mod covariance;
 pub(super) mod extent;
 mod form;
 mod judge;
+mod kernel;
 mod known;
 mod model;
+mod projection;
 mod sample;
+mod scatter;
 mod settle;
 mod solve;
 mod step;
@@ -30,7 +35,7 @@ use candidates::{Candidate, Choice};
 use consensus::Bounds;
 use judge::Model;
 use sample::Sample;
-use solve::Solution;
+use solve::{Problem, Solution};
 use step::Hold;
 
 /// Sampled for the start: enough that the finest surface is told from its neighbours.
@@ -49,7 +54,7 @@ const TOLERANCE_SIZES: [f64; 2] = [0.002, 0.02];
 /// The pose or why there is none, and what became of every profile.
 pub(super) fn find(scan: &Scan, settings: &Settings, progress: &Progress) -> Found {
     let used: Vec<bool> = scan.stations().iter().map(|s| s.end - s.start >= settings.points_min as usize).collect();
-    match search(scan, &used, settings) {
+    match search(scan, &used, settings, progress) {
         Err(refusal) => {
             Found { outcome: Outcome::Refused(refusal), profiles: unjudged(scan, &used), warnings: Vec::new() }
         }
@@ -58,10 +63,10 @@ pub(super) fn find(scan: &Scan, settings: &Settings, progress: &Progress) -> Fou
                 cylinder: &solution.cylinder,
                 sigma: solution.sigma,
                 sums: &solution.profiles,
+                inner: &solution.inner,
                 passes_count: solution.passes_count,
             };
             let profiles = judge::judge(scan, &used, model, settings);
-            profiles.iter().for_each(|_| progress.advance());
             let (outcome, warnings) = match weigh(scan, &solution, settings) {
                 Ok((pose, warnings)) => (Outcome::Accepted(Box::new(pose)), warnings),
                 Err(refusal) => (Outcome::Refused(refusal), Vec::new()),
@@ -71,7 +76,7 @@ pub(super) fn find(scan: &Scan, settings: &Settings, progress: &Progress) -> Fou
     }
 }
 
-fn search(scan: &Scan, used: &[bool], settings: &Settings) -> Result<Solution, Refusal> {
+fn search(scan: &Scan, used: &[bool], settings: &Settings, progress: &Progress) -> Result<Solution, Refusal> {
     if let Some(refusal) = unusable(scan, settings) {
         return Err(refusal);
     }
@@ -106,7 +111,9 @@ fn search(scan: &Scan, used: &[bool], settings: &Settings) -> Result<Solution, R
         // At the end of what was looked for lies a plane or a line, not a part.
         radius >= least && radius <= most && radius >= settings.radius_resolved_mm()
     };
-    let solution = solve::solve(scan, used, &chosen.settled, hold).filter(resolved);
+    let epsilon = judge::epsilon(settings, chosen.settled.sigma);
+    let problem = Problem { scan, used, hold, epsilon, progress };
+    let solution = solve::solve(&problem, &chosen.settled).filter(resolved);
     solution.ok_or(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm })
 }
 

@@ -1,7 +1,7 @@
 //! A thinned copy of a scan that still stands for the whole of it: every so many profiles, every so many points of each.
 //! A regular stride keeps the share of every feature; a grid of equal areas would multiply the outliers.
 
-use crate::scan::{Scan, Station};
+use crate::scan::{Scan, Station, Stretch};
 
 /// At most `profiles_max` profiles of at most `points_max` points, evenly spread.
 pub(super) struct Sample {
@@ -33,6 +33,12 @@ impl Sample {
         (self.y.get(range.clone()).unwrap_or_default(), self.z.get(range).unwrap_or_default())
     }
 
+    /// The same, for the sums.
+    pub(super) fn stretch(&self, station: &Station) -> Stretch<'_> {
+        let (y, z) = self.points(station);
+        Stretch::F64 { y, z }
+    }
+
     /// The sample without the points that `taken` says are spoken for; profiles that are left empty go.
     pub(super) fn without(&self, taken: impl Fn(f64, f64, f64) -> bool) -> Self {
         let mut rest = Self { stations: Vec::new(), y: Vec::new(), z: Vec::new() };
@@ -52,7 +58,7 @@ impl Sample {
 }
 
 /// `most` indices spread evenly over `count`, or all of them.
-fn spread(count: usize, most: usize) -> impl Iterator<Item = usize> {
+pub(super) fn spread(count: usize, most: usize) -> impl Iterator<Item = usize> {
     let taken = count.min(most);
     (0..taken).map(move |i| (2 * i + 1) * count / (2 * taken))
 }

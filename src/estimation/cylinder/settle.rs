@@ -2,10 +2,12 @@
 //! from coarse to fine, so that the surface with most points near the start wins over what lies beside it.
 //! Must not know where the start came from.
 
+use super::kernel::{Curvature, Sweep};
 use super::model::Cylinder;
+use super::projection::ANY_DIRECTION;
 use super::sample::Sample;
 use super::step::{self, Hold};
-use super::sums::{Curvature, Sums, Weighting, sum};
+use super::sums::{Sums, sum};
 use crate::estimation::robust;
 
 /// A cylinder that the points of a sample agree on.
@@ -46,22 +48,23 @@ pub(super) fn settle(sample: &Sample, start: Cylinder, window: f64, hold: Hold) 
     Some(Settled { cylinder, sigma })
 }
 
-fn total(sample: &Sample, cylinder: &Cylinder, window: f64) -> Sums {
-    let weighting = Weighting { cut_off_squared: window * window, curvature: Curvature::Weight };
+/// Sums over the points of a sample within `window` mm of the cylinder.
+pub(super) fn total(sample: &Sample, cylinder: &Cylinder, window: f64) -> Sums {
+    let view = cylinder.facing(ANY_DIRECTION);
     let mut sums = Sums::zero();
     for station in &sample.stations {
-        let (y, z) = sample.points(station);
-        sums.add(&sum(cylinder, station.x, y, z, weighting));
+        sums.add(&sum(&view.at(station.x), sample.stretch(station), window * window, Curvature::Weight));
     }
-    sums
+    view.unturned(&sums)
 }
 
 fn squared_distances_within(sample: &Sample, cylinder: &Cylinder, window: f64, squared: &mut Vec<f64>) {
     squared.clear();
+    let view = cylinder.facing(ANY_DIRECTION);
     for station in &sample.stations {
-        let slice = cylinder.slice(station.x);
         let (y, z) = sample.points(station);
-        let distances = y.iter().zip(z).map(|(&y, &z)| slice.distance(y, z).powi(2));
-        squared.extend(distances.filter(|d2| *d2 < window * window));
+        Sweep { projection: &view.at(station.x), y, z }.squared_distances(|found| {
+            squared.extend(found.iter().filter(|d2| **d2 < window * window));
+        });
     }
 }

@@ -1,18 +1,38 @@
-//! The joint fit over every point of every profile by Newton's method, and its covariance with the profile as the cluster.
+//! The joint fit over every point of every profile by Newton's method.
 //! Must not know how the start was found or what becomes of the profiles.
 //!
-//! Points of one profile share errors (speckle, vibration), so a covariance that takes them as independent is wrong. The
-//! sandwich B (Σ_i G_i G_iᵀ) Bᵀ, with G_i the sum of w·d·J over profile i and B the inverse of Σ ψ′ J Jᵀ, assumes nothing
-//! about points of the same profile.
+//! A sample's start is off by many standard deviations of the final fit, so one step over some of the profiles brings it
+//! near first; from there one pass over all points is usually enough. What a Newton step leaves is the curvature of the
+//! gradient, ½ Σ ψ″ (J·step)² J: in standard deviations at most ½ |ψ″|σ · m²/√Σw for a step of m of them. ½ |ψ″|σ is 0.38 at
+//! the worst distance from the surface and averages to nothing over both sides; 0.1 is as if a quarter of all points lay at
+//! the worst distance on one side. So a step is the last when that is below a hundredth, and the gradients and counts of its
+//! pass serve for the profiles: the gradients corrected to first order, the counts as they are, for such a step moves the
+//! surface by a few hundredths of σ at most.
 
+use super::covariance::sandwich;
+use super::kernel::{Curvature, Inner};
 use super::model::Cylinder;
+use super::projection::View;
+use super::sample::spread;
 use super::settle::Settled;
 use super::step::{self, Hold};
-use super::sums::{Curvature, Sums, Weighting, sum};
-use crate::estimation::robust;
+use super::sums::{Sums, sum, sum_and_count};
+use crate::estimation::{Progress, robust};
 use crate::scan::{Scan, Station};
-use nalgebra::Matrix5;
+use nalgebra::{Matrix5, Vector5};
 use rayon::prelude::*;
+
+/// What is to be fitted to what.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Problem<'a> {
+    pub(super) scan: &'a Scan,
+    /// The stations that serve.
+    pub(super) used: &'a [bool],
+    pub(super) hold: Hold,
+    /// Distance of an inner point, mm.
+    pub(super) epsilon: f64,
+    pub(super) progress: &'a Progress,
+}
 
 /// The fit, and each profile's share in it.
 #[derive(Debug, Clone)]
@@ -21,76 +41,123 @@ pub(super) struct Solution {
     pub(super) sigma: f64,
     /// Of (p, q, y_ref, z_ref, R).
     pub(super) covariance: Matrix5<f64>,
-    /// One a station, at the last step but one.
+    /// One a station, at the solution.
     pub(super) profiles: Vec<Sums>,
+    /// What lies within ε of it, one a station.
+    pub(super) inner: Vec<Inner>,
     /// Passes over all points.
     pub(super) passes_count: u32,
 }
 
 const STEPS_MAX: u32 = 10;
-/// A step below this share of its own standard deviation changes nothing that could be told.
+/// What is left of a step, in units of its own standard deviation, when nothing more could be told.
 const SETTLED: f64 = 1e-2;
-/// Points of a profile that decide how much it counts in the middle.
-const MIDDLE_POINTS: usize = 32;
+/// ½ |ψ″| σ, averaged over the points.
+const CURVED: f64 = 0.1;
+/// Of a scan at most so many profiles, and of those so many points, say where the part is.
+const SEEN_PROFILES: usize = 256;
+const SEEN_POINTS: usize = 32;
+/// Points of a first step, in units of √n: its five unknowns lie √(5n/m) standard deviations from where all n points put
+/// them, so the next step is the last from m = 5 CURVED/SETTLED·√n on, and not all points are on the part.
+const FEW: f64 = 90.0;
+/// Profiles of the first step at least.
+const FEW_PROFILES_MIN: usize = 32;
 /// Stations in one piece of work: fixed, so that sums do not depend on threads.
 const CHUNK: usize = 16;
 
-/// Solves from what a sample settled on, with the stations that `used` marks.
-pub(super) fn solve(scan: &Scan, used: &[bool], start: &Settled, hold: Hold) -> Option<Solution> {
-    let (mut cylinder, sigma) = (start.cylinder.about(middle(scan, used, start)), start.sigma);
+/// Solves from what a sample settled on.
+pub(super) fn solve(problem: &Problem<'_>, start: &Settled) -> Option<Solution> {
+    let sigma = start.sigma;
+    let stations = serving(problem);
+    let (x_ref, facing) = whereabouts(problem.scan, &stations, start);
+    let mut cylinder = start.cylinder.about(x_ref);
+    cylinder = nearer(problem, &stations, cylinder.facing(facing), sigma).unwrap_or(cylinder);
     for passes_count in 1..=STEPS_MAX {
-        let profiles = pass(scan, used, &cylinder, sigma);
+        let progress = (passes_count == 1).then_some(problem.progress);
+        let (mut profiles, inner) = pass(problem, &cylinder.facing(facing), sigma, progress);
         let mut sums = Sums::zero();
         profiles.iter().for_each(|profile| sums.add(profile));
-        let (normal, gradient) = step::system(&sums, hold, sigma, cylinder.radius);
+        let (normal, gradient) = step::system(&sums, problem.hold, sigma, cylinder.radius);
         let step = step::solve(&normal, &gradient)?;
         cylinder = cylinder.moved(&step)?;
-        if (normal * step).dot(&step).abs().sqrt() < SETTLED * sigma {
-            let covariance = sandwich(&normal, &profiles, hold)?;
-            return Some(Solution { cylinder, sigma, covariance, profiles, passes_count });
+        if left((normal * step).dot(&step).abs() / (sigma * sigma), sums.weight) < SETTLED {
+            profiles.iter_mut().for_each(|profile| profile.gradient += profile.normal * step);
+            let covariance = sandwich(&normal, &profiles, problem.hold)?;
+            return Some(Solution { cylinder, sigma, covariance, profiles, inner, passes_count });
         }
     }
     None
 }
 
-/// Mean x of the points on the start, by a few of each profile: where position and slopes are nearly uncorrelated.
-fn middle(scan: &Scan, used: &[bool], start: &Settled) -> f64 {
+/// What a step of the squared length `moved2` leaves, both in standard deviations, with the weight Σw.
+fn left(moved2: f64, weight: f64) -> f64 {
+    (CURVED * moved2 / weight.max(1.0).sqrt()).min(moved2.sqrt())
+}
+
+fn serving<'a>(problem: &Problem<'a>) -> Vec<&'a Station> {
+    let stations = problem.scan.stations().iter().zip(problem.used);
+    stations.filter(|(_, used)| **used).map(|(station, _)| station).collect()
+}
+
+/// Mean x of some points on the start, where position and slopes are nearly uncorrelated, and the direction in which the
+/// axis sees them.
+fn whereabouts(scan: &Scan, stations: &[&Station], start: &Settled) -> (f64, [f64; 2]) {
     let reach = robust::TUKEY_C * start.sigma;
-    let (mut sum, mut count) = (0.0, 0.0);
-    for (station, _) in scan.stations().iter().zip(used).filter(|(_, used)| **used) {
+    let (mut x, mut count, mut towards) = (0.0, 0.0, [0.0; 2]);
+    for station in spread(stations.len(), SEEN_PROFILES).filter_map(|index| stations.get(index)) {
         let slice = start.cylinder.slice(station.x);
-        let stride = ((station.end - station.start) / MIDDLE_POINTS).max(1);
-        let points = (station.start..station.end).step_by(stride).filter_map(|index| scan.columns().get(index));
-        let on = points.filter(|[y, z]| slice.distance(*y, *z).abs() < reach).count() as f64;
-        (sum, count) = (sum + on * station.x, count + on);
+        let places = spread(station.end - station.start, SEEN_POINTS).map(|place| station.start + place);
+        for [y, z] in places.filter_map(|index| scan.columns().get(index)) {
+            if slice.distance(y, z).abs() < reach {
+                (x, count) = (x + station.x, count + 1.0);
+                towards = [towards[0] + y - slice.y, towards[1] + z - slice.z];
+            }
+        }
     }
-    if count > 0.0 { sum / count } else { start.cylinder.x_ref }
+    (if count > 0.0 { x / count } else { start.cylinder.x_ref }, towards)
 }
 
-fn pass(scan: &Scan, used: &[bool], cylinder: &Cylinder, sigma: f64) -> Vec<Sums> {
-    let weighting = Weighting { cut_off_squared: robust::cut_off_squared(sigma), curvature: Curvature::Slope };
-    let work = |(stations, used): (&[Station], &[bool])| {
-        let (mut y, mut z) = (Vec::new(), Vec::new());
-        let mut profile = |station: &Station| {
-            scan.load(*station, &mut y, &mut z);
-            sum(cylinder, station.x, &y, &z, weighting)
-        };
-        let sums = stations.iter().zip(used).map(|(s, used)| if *used { profile(s) } else { Sums::zero() });
-        sums.collect::<Vec<_>>()
+/// One step over some of the profiles, evenly spread; `None` where that would not pay or not help.
+fn nearer(problem: &Problem<'_>, stations: &[&Station], view: View, sigma: f64) -> Option<Cylinder> {
+    let Problem { scan, hold, .. } = *problem;
+    let points_count: usize = stations.iter().map(|station| station.end - station.start).sum();
+    let share = FEW / (points_count as f64).sqrt();
+    let few = ((stations.len() as f64 * share).ceil() as usize).max(FEW_PROFILES_MIN);
+    if 2 * few > stations.len() {
+        return None;
+    }
+    let cut_off_squared = robust::cut_off_squared(sigma);
+    let profile = |station: &&Station| {
+        let points = scan.columns().stretch(station.start..station.end);
+        sum(&view.at(station.x), points, cut_off_squared, Curvature::Slope)
     };
-    scan.stations().par_chunks(CHUNK).zip(used.par_chunks(CHUNK)).flat_map_iter(work).collect()
+    let chosen: Vec<&Station> = spread(stations.len(), few).filter_map(|index| stations.get(index).copied()).collect();
+    let each: Vec<Sums> = chosen.par_iter().map(profile).collect();
+    let mut sums = Sums::zero();
+    each.iter().for_each(|profile| sums.add(profile));
+    let (normal, gradient) = step::system(&view.unturned(&sums), hold, sigma, view.cylinder().radius);
+    let step: Vector5<f64> = step::solve(&normal, &gradient)?;
+    view.cylinder().moved(&step)
 }
 
-fn sandwich(normal: &Matrix5<f64>, profiles: &[Sums], hold: Hold) -> Option<Matrix5<f64>> {
-    let bread = step::invert(normal)?;
-    let (mut meat, mut clusters_count) = (Matrix5::zeros(), 0.0_f64);
-    for profile in profiles.iter().filter(|profile| profile.weight > 0.0) {
-        // A fixed radius has no say and learns nothing.
-        let fixed = matches!(hold, Hold::Fixed { .. });
-        let gradient = if fixed { profile.gradient.component_mul(&step::OTHERS) } else { profile.gradient };
-        meat += gradient * gradient.transpose();
-        clusters_count += 1.0;
-    }
-    let freedom = clusters_count / (clusters_count - 5.0).max(1.0);
-    Some(bread * meat * bread.transpose() * freedom)
+/// One pass over all points.
+fn pass(problem: &Problem<'_>, view: &View, sigma: f64, progress: Option<&Progress>) -> (Vec<Sums>, Vec<Inner>) {
+    let columns = problem.scan.columns();
+    let cut_off_squared = robust::cut_off_squared(sigma);
+    let profile = |station: &Station| {
+        let points = columns.stretch(station.start..station.end);
+        let (sums, inner) = sum_and_count(&view.at(station.x), points, cut_off_squared, problem.epsilon);
+        (view.unturned(&sums), inner)
+    };
+    let work = |(stations, used): (&[Station], &[bool])| {
+        let one = |(station, used): (&Station, &bool)| {
+            if let Some(progress) = progress {
+                progress.advance();
+            }
+            if *used { profile(station) } else { (Sums::zero(), Inner::none()) }
+        };
+        stations.iter().zip(used).map(one).collect::<Vec<_>>()
+    };
+    let stations = problem.scan.stations().par_chunks(CHUNK).zip(problem.used.par_chunks(CHUNK));
+    stations.flat_map_iter(work).unzip()
 }

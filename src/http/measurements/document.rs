@@ -39,8 +39,8 @@ pub struct MeasurementDocument {
     pub conditioning: Option<ConditioningDocument>,
     /// What became of all profiles of the scan.
     pub profiles: TallyDocument,
-    /// How the points of the valid profiles lie about their sections; null where no profile is valid, or there is not exactly
-    /// one part.
+    /// How the points of the valid profiles lie about their sections; where a pose rests on profiles of which none is valid by
+    /// itself, of all of them. Null where no profile serves, or there is not exactly one part.
     pub residuals: Option<ResidualsDocument>,
     /// How many parts there are; null where the recipe does not ask for parts.
     pub parts_count: Option<u64>,
