@@ -69,7 +69,7 @@ fn part(seed: u64) -> Part {
 }
 
 const PAPER: Interference =
-    Interference { screw_holes: 0.2, straight_holes: 0.16, clamps: 0.24, clamp_arc: 0.5, clamp_height_mm: 25.0 };
+    Interference { screw_holes: 0.2, straight_holes: 0.16, clamps: 0.24, clamp_arc: 0.5, clamp_height_mm: 25.0, ..Interference::NONE };
 
 fn clamped(clamps: f64, clamp_arc: f64, clamp_height_mm: f64) -> Interference {
     Interference { clamps, clamp_arc, clamp_height_mm, ..Interference::default() }

@@ -143,10 +143,12 @@ impl ScanArguments {
                 clamps: self.clamps,
                 clamp_arc: self.clamp_arc,
                 clamp_height_mm: self.clamp_height_mm,
+                ..Interference::default()
             },
             drop_out_ratio: self.drop_outs,
             spike_ratio: self.spikes,
             seed: self.seed,
+            ..Part::smooth(self.seed)
         })
     }
 
