@@ -8,6 +8,7 @@
 
 mod candidates;
 mod consensus;
+mod covariance;
 mod extent;
 mod judge;
 mod model;

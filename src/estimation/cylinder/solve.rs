@@ -1,10 +1,7 @@
-//! The joint fit over every point of every profile by Newton's method, and its covariance with the profile as the cluster.
+//! The joint fit over every point of every profile by Newton's method.
 //! Must not know how the start was found or what becomes of the profiles.
-//!
-//! Points of one profile share errors (speckle, vibration), so a covariance that takes them as independent is wrong. The
-//! sandwich B (Σ_i G_i G_iᵀ) Bᵀ, with G_i the sum of w·d·J over profile i and B the inverse of Σ ψ′ J Jᵀ, assumes nothing
-//! about points of the same profile.
 
+use super::covariance::sandwich;
 use super::model::Cylinder;
 use super::settle::Settled;
 use super::step::{self, Hold};
@@ -79,18 +76,4 @@ fn pass(scan: &Scan, used: &[bool], cylinder: &Cylinder, sigma: f64) -> Vec<Sums
         sums.collect::<Vec<_>>()
     };
     scan.stations().par_chunks(CHUNK).zip(used.par_chunks(CHUNK)).flat_map_iter(work).collect()
-}
-
-fn sandwich(normal: &Matrix5<f64>, profiles: &[Sums], hold: Hold) -> Option<Matrix5<f64>> {
-    let bread = step::invert(normal)?;
-    let (mut meat, mut clusters_count) = (Matrix5::zeros(), 0.0_f64);
-    for profile in profiles.iter().filter(|profile| profile.weight > 0.0) {
-        // A fixed radius has no say and learns nothing.
-        let fixed = matches!(hold, Hold::Fixed { .. });
-        let gradient = if fixed { profile.gradient.component_mul(&step::OTHERS) } else { profile.gradient };
-        meat += gradient * gradient.transpose();
-        clusters_count += 1.0;
-    }
-    let freedom = clusters_count / (clusters_count - 5.0).max(1.0);
-    Some(bread * meat * bread.transpose() * freedom)
 }
