@@ -11,7 +11,9 @@ mod consensus;
 mod covariance;
 mod extent;
 mod judge;
+mod layers;
 mod model;
+mod patches;
 mod sample;
 mod settle;
 mod solve;
@@ -26,6 +28,7 @@ use crate::scan::{Scan, Station};
 use candidates::{Candidate, Choice};
 use consensus::Bounds;
 use judge::Model;
+use layers::Verdict;
 use model::Cylinder;
 use nalgebra::{Matrix5, Vector5};
 use sample::Sample;
@@ -44,6 +47,13 @@ const NOMINAL_REACH: f64 = 0.02;
 /// What is near a start: this many times the roughness, but within these shares of the size of a profile.
 const TOLERANCE_ROUGHNESS: f64 = 4.0;
 const TOLERANCE_SIZES: [f64; 2] = [0.002, 0.02];
+
+/// A surface so much rougher than neighbouring points is looked at again,
+const SUSPICIOUS: f64 = 2.0;
+/// unless they are so smooth, relative to its radius, that this is rounding.
+const ROUGHNESS_MIN: f64 = 1e-7;
+/// A closer look has found another surface where the scatter is below this share of the first.
+const FINER: f64 = 0.7;
 
 /// The pose or why there is none, and what became of every profile.
 pub(super) fn find(scan: &Scan, settings: &Settings, progress: &Progress) -> (Outcome, Vec<Profile>) {
@@ -92,8 +102,8 @@ fn search(scan: &Scan, used: &[bool], settings: &Settings) -> Result<Solution, R
     let hold = hold(settings);
     let bounds = bounds(scan, &sample, settings);
     let found = candidates::candidates(&sample, &bounds, hold);
-    let chosen = match candidates::choose(&found, settings.nominal_radius_mm) {
-        Choice::One(candidate) => candidate,
+    let chosen = match candidates::choose(&found, settings.nominal_radius_mm, &sample) {
+        Choice::One(candidate) => finer(scan, &sample, &bounds, hold, candidate, settings)?,
         Choice::Two(a, b) => return Err(two_cylinders(&a, &b)),
         Choice::None => return Err(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm }),
     };
@@ -103,8 +113,36 @@ fn search(scan: &Scan, used: &[bool], settings: &Settings) -> Result<Solution, R
         // At the end of what was looked for lies a plane or a line, not a part.
         radius >= least && radius <= most && radius >= settings.radius_resolved_mm()
     };
-    let solution = solve::solve(scan, used, &chosen.settled, hold).filter(resolved);
-    solution.ok_or(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm })
+    let no_cylinder = Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm };
+    let solution = solve::solve(scan, used, &chosen.settled, hold).filter(resolved).ok_or(no_cylinder)?;
+    match layers::mend(scan, used, &solution, &bounds, hold, settings.nominal_radius_mm) {
+        Verdict::Clean => Ok(solution),
+        Verdict::Mended(mended) => Some(mended).filter(resolved).ok_or(no_cylinder),
+        Verdict::Two(a, b) => Err(two_cylinders(&a, &b)),
+    }
+}
+
+/// The candidate looked at as closely as the points' own roughness allows: where a coarse look took a low layer and the part
+/// for one rough surface, a fine one tells them apart.
+fn finer(
+    scan: &Scan,
+    sample: &Sample,
+    bounds: &Bounds,
+    hold: Hold,
+    coarse: Candidate,
+    settings: &Settings,
+) -> Result<Candidate, Refusal> {
+    let roughness = extent::roughness(scan);
+    if coarse.settled.sigma < SUSPICIOUS * roughness || roughness < ROUGHNESS_MIN * coarse.settled.cylinder.radius {
+        return Ok(coarse);
+    }
+    let bounds = Bounds { tolerance: TOLERANCE_ROUGHNESS * roughness, ..*bounds };
+    let found = candidates::candidates(sample, &bounds, hold);
+    match candidates::choose(&found, settings.nominal_radius_mm, sample) {
+        Choice::Two(a, b) => Err(two_cylinders(&a, &b)),
+        Choice::One(fine) if fine.settled.sigma < FINER * coarse.settled.sigma => Ok(fine),
+        _ => Ok(coarse),
+    }
 }
 
 fn bounds(scan: &Scan, sample: &Sample, settings: &Settings) -> Bounds {

@@ -1,0 +1,178 @@
+//! Layers close to the surface: tape, a weld bead, a thin jaw, nearly as high as the noise. No single point tells them from
+//! the part, averages over patches do. In: the fit. Out: the fit without what lies in layers, or why nobody can tell.
+//! Must not know how a fit is made.
+//!
+//! Averages that scatter no more than their neighbours make likely, and none far off, leave the fit as it is. Otherwise the
+//! surfaces are looked for again, among the averages, by the same consensus and with the same choice; patches off the part
+//! are taken out, those beside them with half of the patience, and the points that are left are fitted once more.
+
+use super::candidates::{self, Candidate, Choice};
+use super::consensus::Bounds;
+use super::model::Cylinder;
+use super::patches::{self, Averages};
+use super::settle::Settled;
+use super::solve::{self, Solution};
+use super::step::Hold;
+use super::sums::Sums;
+use crate::estimation::robust;
+use crate::scan::{Columns, Scan, Station};
+
+/// Points within so many cut-offs of the fit are averaged.
+const REACH: f64 = 1.5;
+/// Averages may scatter by this much more than neighbours differ before a layer is suspected,
+const SUSPICIOUS: f64 = 1.5;
+/// and this share of them may be far off by chance.
+const OFF_SHARE: f64 = 0.005;
+/// Far off is an average beyond so many of their standard deviations,
+const OFF: f64 = 3.5;
+/// or half of that beside one that is.
+const OFF_BESIDE: f64 = 1.75;
+/// What is near a start among the averages, in what they scatter by for themselves.
+const TOLERANCE: f64 = 3.0;
+/// Points that make a patch: few show where a layer ends, many show a thin one.
+const POINTS_WANTED: [usize; 2] = [12, 60];
+const ROUNDS: usize = 3;
+
+/// What became of the fit.
+pub(super) enum Verdict {
+    /// No layer.
+    Clean,
+    /// Fitted again without the layers.
+    Mended(Solution),
+    /// Two surfaces could be the part.
+    Two(Candidate, Candidate),
+}
+
+/// Looks for layers about the fit, and takes them out.
+pub(super) fn mend(
+    scan: &Scan,
+    used: &[bool],
+    fit: &Solution,
+    bounds: &Bounds,
+    hold: Hold,
+    nominal_radius: Option<f64>,
+) -> Verdict {
+    let mut verdict = Verdict::Clean;
+    for points_wanted in POINTS_WANTED {
+        let base = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
+        match mend_at(scan, used, base, bounds, hold, nominal_radius, points_wanted) {
+            Verdict::Clean => {}
+            Verdict::Mended(mended) => verdict = Verdict::Mended(mended),
+            two @ Verdict::Two(..) => return two,
+        }
+    }
+    verdict
+}
+
+fn mend_at(
+    scan: &Scan,
+    used: &[bool],
+    fit: &Solution,
+    bounds: &Bounds,
+    hold: Hold,
+    nominal_radius: Option<f64>,
+    points_wanted: usize,
+) -> Verdict {
+    let reach = REACH * robust::TUKEY_C * fit.sigma;
+    let Some(averages) = patches::average(scan, used, &fit.cylinder, reach, points_wanted) else {
+        return Verdict::Clean;
+    };
+    let own = robust::sigma(&averages.squared_differences(), &mut Vec::new()).max(1e-9 * fit.cylinder.radius);
+    if !suspicious(&averages, own) {
+        return Verdict::Clean;
+    }
+    let sample = averages.sample();
+    let finer = Bounds { tolerance: TOLERANCE * own, ..*bounds };
+    let found = candidates::candidates(&sample, &finer, hold);
+    let part = match candidates::choose(&found, nominal_radius, &sample) {
+        Choice::One(candidate) => candidate.settled,
+        Choice::Two(a, b) => return Verdict::Two(a, b),
+        Choice::None => return Verdict::Clean,
+    };
+    let off = off(&averages, &part);
+    refit(scan, used, fit, &part, &averages, &off, hold).map_or(Verdict::Clean, Verdict::Mended)
+}
+
+fn suspicious(averages: &Averages, own: f64) -> bool {
+    let squared: Vec<f64> = averages.patches.iter().flatten().map(|patch| patch.d * patch.d).collect();
+    let scatter = robust::sigma(&squared, &mut Vec::new());
+    let limit = OFF * scatter.min(SUSPICIOUS * own);
+    let far = squared.iter().filter(|d2| **d2 > limit * limit).count() as f64;
+    scatter > SUSPICIOUS * own || far > OFF_SHARE * squared.len() as f64
+}
+
+/// Which patches lie off the part.
+fn off(averages: &Averages, part: &Settled) -> Vec<bool> {
+    let distance = |patch: &patches::Patch| {
+        let [y, z] = averages.grid.point(patch.x, patch);
+        part.cylinder.slice(patch.x).distance(y, z).abs() / part.sigma
+    };
+    let distances: Vec<Option<f64>> = averages.patches.iter().map(|patch| patch.as_ref().map(distance)).collect();
+    let far = |index: usize| distances.get(index).is_some_and(|d| d.is_some_and(|d| d > OFF));
+    let sectors = averages.grid.sectors();
+    let beside = |index: usize| {
+        let column = index % sectors;
+        (column > 0 && far(index - 1))
+            || (column + 1 < sectors && far(index + 1))
+            || index.checked_sub(sectors).is_some_and(far)
+            || far(index + sectors)
+    };
+    let off = |(index, d): (usize, &Option<f64>)| d.is_some_and(|d| d > OFF || (d > OFF_BESIDE && beside(index)));
+    distances.iter().enumerate().map(off).collect()
+}
+
+/// Fits what is left without the patches that are off.
+fn refit(
+    scan: &Scan,
+    used: &[bool],
+    fit: &Solution,
+    part: &Settled,
+    averages: &Averages,
+    off: &[bool],
+    hold: Hold,
+) -> Option<Solution> {
+    let (mut y, mut z, mut stations, mut kept) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut ys, mut zs) = (Vec::new(), Vec::new());
+    for (index, (station, _)) in scan.stations().iter().zip(used).enumerate().filter(|(_, (_, used))| **used) {
+        let (slice, start) = (fit.cylinder.slice(station.x), y.len());
+        scan.load(*station, &mut ys, &mut zs);
+        for (&py, &pz) in ys.iter().zip(&zs) {
+            if !off.get(averages.grid.place(index, &slice, py, pz)).copied().unwrap_or(true) {
+                y.push(py);
+                z.push(pz);
+            }
+        }
+        if y.len() > start {
+            stations.push(Station { x: station.x, start, end: y.len() });
+            kept.push(index);
+        }
+    }
+    let rest = Scan::new(stations, Columns::F64 { y, z }, scan.rule().to_owned()).ok()?;
+    let all = vec![true; rest.stations().len()];
+    let sigma = scatter(&rest, &part.cylinder, fit.sigma);
+    let mut solution = solve::solve(&rest, &all, &Settled { cylinder: part.cylinder, sigma }, hold)?;
+    let mut profiles = vec![Sums::zero(); scan.stations().len()];
+    for (index, sums) in kept.into_iter().zip(&solution.profiles) {
+        if let Some(place) = profiles.get_mut(index) {
+            *place = *sums;
+        }
+    }
+    solution.profiles = profiles;
+    Some(solution)
+}
+
+/// Robust spread of the points that are left about the part.
+fn scatter(rest: &Scan, part: &Cylinder, widest: f64) -> f64 {
+    let (mut ys, mut zs, mut squared, mut scratch) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for station in rest.stations() {
+        let slice = part.slice(station.x);
+        rest.load(*station, &mut ys, &mut zs);
+        squared.extend(ys.iter().zip(&zs).map(|(y, z)| slice.distance(*y, *z).powi(2)));
+    }
+    let mut sigma = widest;
+    for _ in 0..ROUNDS {
+        squared.retain(|d2| *d2 < robust::cut_off_squared(sigma));
+        sigma = robust::sigma(&squared, &mut scratch).min(widest);
+    }
+    sigma
+}
