@@ -6,10 +6,10 @@
 
 use super::consensus::{self, Bounds};
 use super::model::Cylinder;
+use super::narrow;
 use super::sample::Sample;
 use super::settle::{Settled, settle};
 use super::step::{self, Hold};
-use super::sums::{Curvature, Sums, Weighting, sum};
 use crate::estimation::robust;
 
 /// A cylinder that the scan could be.
@@ -20,6 +20,15 @@ pub(super) struct Candidate {
     pub(super) coverage: f64,
     /// Share of the points that lie on it.
     pub(super) support: f64,
+}
+
+/// What is known of the points' noise beforehand.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Noise {
+    /// Nothing: each surface says for itself.
+    Unknown,
+    /// Its standard deviation, mm.
+    Known(f64),
 }
 
 /// What became of the choice.
@@ -57,11 +66,11 @@ const REST_MIN: f64 = 0.1;
 const ROUGHER: f64 = 3.0;
 
 /// The surfaces of a sample, the best supported first.
-pub(super) fn candidates(sample: &Sample, bounds: &Bounds, hold: Hold) -> Vec<Candidate> {
+pub(super) fn candidates(sample: &Sample, bounds: &Bounds, noise: Noise, hold: Hold) -> Vec<Candidate> {
     let mut found: Vec<Settled> = Vec::new();
     let mut rest = sample.without(|_, _, _| false);
     while found.len() < SURFACES_MAX && rest.y.len() as f64 >= REST_MIN * sample.y.len() as f64 {
-        let Some(settled) = best(&rest, bounds, hold) else { break };
+        let Some(settled) = best(&rest, bounds, noise, hold) else { break };
         if found.first().is_some_and(|first| settled.sigma > ROUGHER * first.sigma) {
             break;
         }
@@ -78,19 +87,25 @@ pub(super) fn candidates(sample: &Sample, bounds: &Bounds, hold: Hold) -> Vec<Ca
 }
 
 /// The start that most points agree with once it has settled.
-fn best(sample: &Sample, bounds: &Bounds, hold: Hold) -> Option<Settled> {
+fn best(sample: &Sample, bounds: &Bounds, noise: Noise, hold: Hold) -> Option<Settled> {
     let starts = consensus::hypotheses(sample, bounds, STARTS_MAX);
     let window = 2.0 * bounds.tolerance;
-    let settled: Vec<Settled> =
-        starts.iter().filter_map(|start| grown(sample, start.cylinder, window, hold)).collect();
+    let settle_one = |start: Cylinder| match noise {
+        Noise::Unknown => grown(sample, start, window, hold),
+        Noise::Known(sigma) => narrow::narrow(sample, start, window, sigma, hold),
+    };
+    let settled: Vec<Settled> = starts.iter().filter_map(|start| settle_one(start.cylinder)).collect();
     let finest = settled.iter().map(|s| s.sigma).fold(f64::INFINITY, f64::min);
-    let reach = (robust::TUKEY_C * finest).max(0.25 * bounds.tolerance);
+    let reach = match noise {
+        Noise::Unknown => (robust::TUKEY_C * finest).max(0.25 * bounds.tolerance),
+        Noise::Known(sigma) => narrow::WINDOW * sigma,
+    };
     let score = |s: &Settled| consensus::score_whole(sample, &s.cylinder, reach);
     settled.into_iter().min_by(|a, b| score(a).total_cmp(&score(b)))
 }
 
 /// Settles, and opens a window that turns out to be narrower than the noise.
-fn grown(sample: &Sample, start: Cylinder, window: f64, hold: Hold) -> Option<Settled> {
+pub(super) fn grown(sample: &Sample, start: Cylinder, window: f64, hold: Hold) -> Option<Settled> {
     let (mut settled, mut window) = (settle(sample, start, window, hold)?, window);
     for _ in 0..GROWTHS_MAX {
         let wanted = robust::TUKEY_C * settled.sigma;
@@ -158,12 +173,7 @@ pub(super) fn choose(candidates: &[Candidate], nominal_radius: Option<f64>, samp
 /// Standard uncertainty of a candidate's radius, for independent points of the sample.
 fn radius_uncertainty(candidate: &Candidate, sample: &Sample) -> f64 {
     let Settled { cylinder, sigma } = candidate.settled;
-    let weighting = Weighting { cut_off_squared: robust::cut_off_squared(sigma), curvature: Curvature::Weight };
-    let mut sums = Sums::zero();
-    for station in &sample.stations {
-        let (y, z) = sample.points(station);
-        sums.add(&sum(&cylinder, station.x, y, z, weighting));
-    }
+    let sums = narrow::total(sample, &cylinder, robust::TUKEY_C * sigma);
     step::invert(&sums.normal).map_or(f64::INFINITY, |inverse| {
         let [.., variance]: [f64; 5] = inverse.diagonal().into();
         sigma * f64::max(variance, 0.0).sqrt()

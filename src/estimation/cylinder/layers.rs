@@ -6,10 +6,10 @@
 //! surfaces are looked for again, among the averages, by the same consensus and with the same choice; patches off the part
 //! are taken out, those beside them with half of the patience, and the points that are left are fitted once more.
 
-use super::candidates::{self, Candidate, Choice};
+use super::candidates::{self, Candidate, Choice, Noise};
 use super::consensus::Bounds;
 use super::model::Cylinder;
-use super::patches::{self, Averages};
+use super::patches::{self, Averages, Cut};
 use super::settle::Settled;
 use super::solve::{self, Solution};
 use super::step::Hold;
@@ -23,6 +23,8 @@ const REACH: f64 = 1.5;
 const SUSPICIOUS: f64 = 1.5;
 /// and this share of them may be far off by chance.
 const OFF_SHARE: f64 = 0.005;
+/// Scatter below this share of the radius is rounding.
+const SCATTER_MIN: f64 = 1e-9;
 /// Far off is an average beyond so many of their standard deviations,
 const OFF: f64 = 3.5;
 /// or half of that beside one that is.
@@ -74,16 +76,17 @@ fn mend_at(
     points_wanted: usize,
 ) -> Verdict {
     let reach = REACH * robust::TUKEY_C * fit.sigma;
-    let Some(averages) = patches::average(scan, used, &fit.cylinder, reach, points_wanted) else {
+    let Some(averages) = patches::average(scan, used, &fit.cylinder, reach, Cut::Points(points_wanted)) else {
         return Verdict::Clean;
     };
-    let own = robust::sigma(&averages.squared_differences(), &mut Vec::new()).max(1e-9 * fit.cylinder.radius);
+    let own = own_scatter(&averages).max(SCATTER_MIN * fit.cylinder.radius);
     if !suspicious(&averages, own) {
         return Verdict::Clean;
     }
     let sample = averages.sample();
     let finer = Bounds { tolerance: TOLERANCE * own, ..*bounds };
-    let found = candidates::candidates(&sample, &finer, hold);
+    let found = candidates::candidates(&sample, &finer, Noise::Known(own), hold);
+    if std::env::var("DBG").is_ok() { eprintln!("own {own:.4} arc {:.4} x {:.4} fit {:?} found {:#?}", robust::sigma(&averages.squared_differences_along_arc(), &mut Vec::new()), robust::sigma(&averages.squared_differences_along_x(), &mut Vec::new()), fit.cylinder, found); }
     let part = match candidates::choose(&found, nominal_radius, &sample) {
         Choice::One(candidate) => candidate.settled,
         Choice::Two(a, b) => return Verdict::Two(a, b),
@@ -91,6 +94,14 @@ fn mend_at(
     };
     let off = off(&averages, &part);
     refit(scan, used, fit, &part, &averages, &off, hold).map_or(Verdict::Clean, Verdict::Mended)
+}
+
+/// What averages scatter by for themselves: the larger of what neighbours along the arc and along x differ by. Along x
+/// whole profiles may be off (vibration), which is no layer.
+pub(super) fn own_scatter(averages: &Averages) -> f64 {
+    let mut scratch = Vec::new();
+    let along_arc = robust::sigma(&averages.squared_differences_along_arc(), &mut scratch);
+    along_arc.max(robust::sigma(&averages.squared_differences_along_x(), &mut scratch))
 }
 
 fn suspicious(averages: &Averages, own: f64) -> bool {

@@ -13,6 +13,7 @@ mod extent;
 mod judge;
 mod layers;
 mod model;
+mod narrow;
 mod patches;
 mod sample;
 mod settle;
@@ -20,17 +21,19 @@ mod solve;
 mod step;
 mod sums;
 
+use super::robust;
 use super::unusable::unusable;
 use super::{
     Component, Outcome, Pose, Profile, Progress, RadiusRule, RadiusSource, Reason, Refusal, Settings, Uncertainty,
 };
 use crate::scan::{Scan, Station};
-use candidates::{Candidate, Choice};
+use candidates::{Candidate, Choice, Noise};
 use consensus::Bounds;
 use judge::Model;
 use layers::Verdict;
 use model::Cylinder;
 use nalgebra::{Matrix5, Vector5};
+use patches::Cut;
 use sample::Sample;
 use solve::Solution;
 use step::Hold;
@@ -101,9 +104,9 @@ fn search(scan: &Scan, used: &[bool], settings: &Settings) -> Result<Solution, R
     let sample = Sample::take(scan, used, SAMPLE_PROFILES_MAX, SAMPLE_POINTS_MAX);
     let hold = hold(settings);
     let bounds = bounds(scan, &sample, settings);
-    let found = candidates::candidates(&sample, &bounds, hold);
+    let found = candidates::candidates(&sample, &bounds, Noise::Unknown, hold);
     let chosen = match candidates::choose(&found, settings.nominal_radius_mm, &sample) {
-        Choice::One(candidate) => finer(scan, &sample, &bounds, hold, candidate, settings)?,
+        Choice::One(candidate) => finer(scan, used, &sample, &bounds, hold, candidate, settings)?,
         Choice::Two(a, b) => return Err(two_cylinders(&a, &b)),
         Choice::None => return Err(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm }),
     };
@@ -126,22 +129,33 @@ fn search(scan: &Scan, used: &[bool], settings: &Settings) -> Result<Solution, R
 /// for one rough surface, a fine one tells them apart.
 fn finer(
     scan: &Scan,
+    used: &[bool],
     sample: &Sample,
     bounds: &Bounds,
     hold: Hold,
     coarse: Candidate,
     settings: &Settings,
 ) -> Result<Candidate, Refusal> {
-    let roughness = extent::roughness(scan);
+    let reach = robust::TUKEY_C * coarse.settled.sigma;
+    let averages = patches::average(scan, used, &coarse.settled.cylinder, reach, Cut::Profiles);
+    // Whole profiles may be off, which is no layer.
+    let roughness = averages.as_ref().map_or(0.0, layers::own_scatter).max(extent::roughness(scan));
+    if std::env::var("DBG").is_ok() { eprintln!("rough {roughness:.4} {:.4} coarse {coarse:?}", extent::roughness(scan)); }
     if coarse.settled.sigma < SUSPICIOUS * roughness || roughness < ROUGHNESS_MIN * coarse.settled.cylinder.radius {
         return Ok(coarse);
     }
     let bounds = Bounds { tolerance: TOLERANCE_ROUGHNESS * roughness, ..*bounds };
-    let found = candidates::candidates(sample, &bounds, hold);
+    let found = candidates::candidates(sample, &bounds, Noise::Known(roughness), hold);
+    if std::env::var("DBG").is_ok() { eprintln!("fine {found:#?}"); }
     match candidates::choose(&found, settings.nominal_radius_mm, sample) {
         Choice::Two(a, b) => Err(two_cylinders(&a, &b)),
-        Choice::One(fine) if fine.settled.sigma < FINER * coarse.settled.sigma => Ok(fine),
-        _ => Ok(coarse),
+        Choice::One(fine) => {
+            // Neighbours may share their noise: what one point scatters by is seen only now.
+            let settled = candidates::grown(sample, fine.settled.cylinder, robust::TUKEY_C * roughness, hold);
+            let finer = settled.filter(|settled| settled.sigma < FINER * coarse.settled.sigma);
+            Ok(finer.map_or(coarse, |settled| Candidate { settled, ..fine }))
+        }
+        Choice::None => Ok(coarse),
     }
 }
 

@@ -16,6 +16,15 @@ const POINTS_SHARE: f64 = 0.25;
 /// Points that are looked at, at most.
 const POINTS_MAX: usize = 250_000;
 
+/// How fine the patches are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Cut {
+    /// Each profile in few sectors.
+    Profiles,
+    /// So many points a patch.
+    Points(usize),
+}
+
 /// How the surface is cut into patches.
 #[derive(Debug, Clone)]
 pub(super) struct Grid {
@@ -65,10 +74,10 @@ impl Grid {
 }
 
 /// Averages the points within `reach` of the cylinder; `None` where there are too few of them.
-pub(super) fn average(scan: &Scan, used: &[bool], cylinder: &Cylinder, reach: f64, points_wanted: usize) -> Option<Averages> {
+pub(super) fn average(scan: &Scan, used: &[bool], cylinder: &Cylinder, reach: f64, cut: Cut) -> Option<Averages> {
     let stride = scan.columns().len().div_ceil(POINTS_MAX).max(1);
     let near = near(scan, used, cylinder, reach, stride);
-    let grid = grid(scan, cylinder, &near, near.len() * stride / points_wanted)?;
+    let grid = grid(scan, cylinder, &near, stride, cut)?;
     let mut patches = vec![Patch::default(); scan.stations().len().div_ceil(grid.block) * grid.sectors];
     for point in &near {
         let slice = cylinder.slice(point.x);
@@ -110,13 +119,19 @@ fn near(scan: &Scan, used: &[bool], cylinder: &Cylinder, reach: f64, stride: usi
     near
 }
 
-fn grid(scan: &Scan, cylinder: &Cylinder, near: &[Near], wanted: usize) -> Option<Grid> {
-    let sectors = ((wanted as f64).sqrt() as usize).min(SECTORS_MAX);
-    if sectors < SECTORS_MIN {
+fn grid(scan: &Scan, cylinder: &Cylinder, near: &[Near], stride: usize, cut: Cut) -> Option<Grid> {
+    let stations_count = scan.stations().len();
+    let (sectors, blocks) = match cut {
+        Cut::Profiles => (SECTORS_MIN, stations_count),
+        Cut::Points(points) => {
+            let wanted = near.len() * stride / points;
+            let sectors = ((wanted as f64).sqrt() as usize).min(SECTORS_MAX);
+            (sectors, (wanted / sectors.max(1)).clamp(1, BLOCKS_MAX.min(stations_count)))
+        }
+    };
+    if sectors < SECTORS_MIN || near.is_empty() {
         return None;
     }
-    let stations_count = scan.stations().len();
-    let blocks = (wanted / sectors).clamp(1, BLOCKS_MAX.min(stations_count));
     let mut mean = [0.0; 2];
     for point in near {
         let slice = cylinder.slice(point.x);
@@ -154,12 +169,19 @@ impl Averages {
     }
 
     /// Squared second differences of neighbours along the arc: what an average scatters by for itself.
-    pub(super) fn squared_differences(&self) -> Vec<f64> {
+    pub(super) fn squared_differences_along_arc(&self) -> Vec<f64> {
         let difference = |three: &[Option<Patch>]| match three {
             [Some(a), Some(b), Some(c)] => Some((b.d - 0.5 * (a.d + c.d)).powi(2) / 1.5),
             _ => None,
         };
         self.patches.chunks(self.grid.sectors).flat_map(|block| block.windows(3).filter_map(difference)).collect()
+    }
+
+    /// Squared differences of neighbours along x: the same, and how far whole profiles are off.
+    pub(super) fn squared_differences_along_x(&self) -> Vec<f64> {
+        let next = self.patches.iter().skip(self.grid.sectors);
+        let both = self.patches.iter().zip(next).filter_map(|(a, b)| a.as_ref().zip(b.as_ref()));
+        both.map(|(a, b)| (b.d - a.d).powi(2) / 2.0).collect()
     }
 }
 
