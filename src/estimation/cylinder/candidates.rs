@@ -53,7 +53,7 @@ const SHOWN_FEW: f64 = 0.15;
 /// and at least this share of them.
 const SHOWN_SHARE: f64 = 0.08;
 /// A surface on fewer profiles than this cannot be the part where another is on more.
-const COVERAGE_MIN: f64 = 0.75;
+pub(super) const COVERAGE_MIN: f64 = 0.75;
 /// Coverages that differ by more than this decide.
 const COVERAGE_LEAD: f64 = 0.08;
 /// Radii that differ by more standard uncertainties are told apart.

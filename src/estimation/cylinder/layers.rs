@@ -6,8 +6,9 @@
 //! surfaces are looked for again, among the averages, by the same consensus and with the same choice; patches off the part
 //! are taken out, those beside them with half of the patience, and the points that are left are fitted once more.
 
-use super::candidates::{self, Candidate, Choice, Noise};
+use super::candidates::{self, COVERAGE_MIN, Candidate, Choice, Noise};
 use super::consensus::Bounds;
+use super::form;
 use super::model::Cylinder;
 use super::patches::{self, Averages, Cut};
 use super::settle::Settled;
@@ -23,6 +24,10 @@ const REACH: f64 = 1.5;
 const SUSPICIOUS: f64 = 1.5;
 /// and this share of them may be far off by chance.
 const OFF_SHARE: f64 = 0.005;
+/// A rival is on this share of the profiles
+const RIVAL_COVERAGE: f64 = 0.5;
+/// and holds this share of what the chosen surface holds.
+const RIVAL_SUPPORT: f64 = 0.6;
 /// Scatter below this share of the radius is rounding.
 const SCATTER_MIN: f64 = 1e-9;
 /// Far off is an average beyond so many of their standard deviations,
@@ -86,14 +91,25 @@ fn mend_at(
     let sample = averages.sample();
     let finer = Bounds { tolerance: TOLERANCE * own, ..*bounds };
     let found = candidates::candidates(&sample, &finer, Noise::Known(own), hold);
-    if std::env::var("DBG").is_ok() { eprintln!("own {own:.4} arc {:.4} x {:.4} fit {:?} found {:#?}", robust::sigma(&averages.squared_differences_along_arc(), &mut Vec::new()), robust::sigma(&averages.squared_differences_along_x(), &mut Vec::new()), fit.cylinder, found); }
     let part = match candidates::choose(&found, nominal_radius, &sample) {
-        Choice::One(candidate) => candidate.settled,
+        // What is not on most profiles is not the part; whole profiles that are off are no layers.
+        Choice::One(candidate) if candidate.coverage < COVERAGE_MIN => return Verdict::Clean,
+        Choice::One(candidate) => match rival(&candidate, &found, nominal_radius) {
+            Some(rival) => return Verdict::Two(candidate, rival),
+            None => candidate.settled,
+        },
         Choice::Two(a, b) => return Verdict::Two(a, b),
         Choice::None => return Verdict::Clean,
     };
     let off = off(&averages, &part);
     refit(scan, used, fit, &part, &averages, &off, hold).map_or(Verdict::Clean, Verdict::Mended)
+}
+
+/// A layer that holds nearly as much as what was chosen. So close together, each takes points of the other, and coverage is
+/// not to be trusted; a nominal radius has decided.
+fn rival(chosen: &Candidate, found: &[Candidate], nominal_radius: Option<f64>) -> Option<Candidate> {
+    let others = found.iter().filter(|other| other.settled != chosen.settled && nominal_radius.is_none());
+    others.copied().find(|other| other.coverage >= RIVAL_COVERAGE && other.support >= RIVAL_SUPPORT * chosen.support)
 }
 
 /// What averages scatter by for themselves: the larger of what neighbours along the arc and along x differ by. Along x
@@ -162,6 +178,7 @@ fn refit(
     let all = vec![true; rest.stations().len()];
     let sigma = scatter(&rest, &part.cylinder, fit.sigma);
     let mut solution = solve::solve(&rest, &all, &Settled { cylinder: part.cylinder, sigma }, hold)?;
+    form::widen(&rest, &all, &mut solution, hold);
     let mut profiles = vec![Sums::zero(); scan.stations().len()];
     for (index, sums) in kept.into_iter().zip(&solution.profiles) {
         if let Some(place) = profiles.get_mut(index) {

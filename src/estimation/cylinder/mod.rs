@@ -10,6 +10,7 @@ mod candidates;
 mod consensus;
 mod covariance;
 mod extent;
+mod form;
 mod judge;
 mod layers;
 mod model;
@@ -117,9 +118,12 @@ fn search(scan: &Scan, used: &[bool], settings: &Settings) -> Result<Solution, R
         radius >= least && radius <= most && radius >= settings.radius_resolved_mm()
     };
     let no_cylinder = Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm };
-    let solution = solve::solve(scan, used, &chosen.settled, hold).filter(resolved).ok_or(no_cylinder)?;
+    let mut solution = solve::solve(scan, used, &chosen.settled, hold).filter(resolved).ok_or(no_cylinder)?;
     match layers::mend(scan, used, &solution, &bounds, hold, settings.nominal_radius_mm) {
-        Verdict::Clean => Ok(solution),
+        Verdict::Clean => {
+            form::widen(scan, used, &mut solution, hold);
+            Ok(solution)
+        }
         Verdict::Mended(mended) => Some(mended).filter(resolved).ok_or(no_cylinder),
         Verdict::Two(a, b) => Err(two_cylinders(&a, &b)),
     }
@@ -140,22 +144,20 @@ fn finer(
     let averages = patches::average(scan, used, &coarse.settled.cylinder, reach, Cut::Profiles);
     // Whole profiles may be off, which is no layer.
     let roughness = averages.as_ref().map_or(0.0, layers::own_scatter).max(extent::roughness(scan));
-    if std::env::var("DBG").is_ok() { eprintln!("rough {roughness:.4} {:.4} coarse {coarse:?}", extent::roughness(scan)); }
     if coarse.settled.sigma < SUSPICIOUS * roughness || roughness < ROUGHNESS_MIN * coarse.settled.cylinder.radius {
         return Ok(coarse);
     }
     let bounds = Bounds { tolerance: TOLERANCE_ROUGHNESS * roughness, ..*bounds };
     let found = candidates::candidates(sample, &bounds, Noise::Known(roughness), hold);
-    if std::env::var("DBG").is_ok() { eprintln!("fine {found:#?}"); }
     match candidates::choose(&found, settings.nominal_radius_mm, sample) {
         Choice::Two(a, b) => Err(two_cylinders(&a, &b)),
-        Choice::One(fine) => {
+        Choice::One(fine) if fine.coverage >= candidates::COVERAGE_MIN => {
             // Neighbours may share their noise: what one point scatters by is seen only now.
             let settled = candidates::grown(sample, fine.settled.cylinder, robust::TUKEY_C * roughness, hold);
             let finer = settled.filter(|settled| settled.sigma < FINER * coarse.settled.sigma);
             Ok(finer.map_or(coarse, |settled| Candidate { settled, ..fine }))
         }
-        Choice::None => Ok(coarse),
+        Choice::One(_) | Choice::None => Ok(coarse),
     }
 }
 

@@ -23,6 +23,8 @@ pub(super) enum Cut {
     Profiles,
     /// So many points a patch.
     Points(usize),
+    /// As many of both, or as there are profiles.
+    Cells { sectors: usize, blocks: usize },
 }
 
 /// How the surface is cut into patches.
@@ -75,9 +77,7 @@ impl Grid {
 
 /// Averages the points within `reach` of the cylinder; `None` where there are too few of them.
 pub(super) fn average(scan: &Scan, used: &[bool], cylinder: &Cylinder, reach: f64, cut: Cut) -> Option<Averages> {
-    let stride = scan.columns().len().div_ceil(POINTS_MAX).max(1);
-    let near = near(scan, used, cylinder, reach, stride);
-    let grid = grid(scan, cylinder, &near, stride, cut)?;
+    let (grid, near) = self::cut(scan, used, cylinder, reach, cut)?;
     let mut patches = vec![Patch::default(); scan.stations().len().div_ceil(grid.block) * grid.sectors];
     for point in &near {
         let slice = cylinder.slice(point.x);
@@ -96,12 +96,20 @@ pub(super) fn average(scan: &Scan, used: &[bool], cylinder: &Cylinder, reach: f6
     Some(Averages { grid, patches: patches.into_iter().map(mean).collect() })
 }
 
-/// A point near the cylinder.
-struct Near {
-    index: usize,
-    x: f64,
-    y: f64,
-    z: f64,
+/// A point near the cylinder, and the index of its station.
+pub(super) struct Near {
+    pub(super) index: usize,
+    pub(super) x: f64,
+    pub(super) y: f64,
+    pub(super) z: f64,
+}
+
+/// The points within `reach` of the cylinder, thinned out where there are many, and how they are cut into patches.
+pub(super) fn cut(scan: &Scan, used: &[bool], cylinder: &Cylinder, reach: f64, cut: Cut) -> Option<(Grid, Vec<Near>)> {
+    let stride = scan.columns().len().div_ceil(POINTS_MAX).max(1);
+    let near = near(scan, used, cylinder, reach, stride);
+    let grid = grid(scan, cylinder, &near, stride, cut)?;
+    Some((grid, near))
 }
 
 fn near(scan: &Scan, used: &[bool], cylinder: &Cylinder, reach: f64, stride: usize) -> Vec<Near> {
@@ -123,6 +131,7 @@ fn grid(scan: &Scan, cylinder: &Cylinder, near: &[Near], stride: usize, cut: Cut
     let stations_count = scan.stations().len();
     let (sectors, blocks) = match cut {
         Cut::Profiles => (SECTORS_MIN, stations_count),
+        Cut::Cells { sectors, blocks } => (sectors, blocks),
         Cut::Points(points) => {
             let wanted = near.len() * stride / points;
             let sectors = ((wanted as f64).sqrt() as usize).min(SECTORS_MAX);
