@@ -102,8 +102,7 @@ fn two_standard_uncertainties_of_cylinder_hold_the_truth() {
     let mut right = true;
     let mut scene = |name: &str, change: &(dyn Fn(Part) -> Part + Sync)| {
         for (noise, correlation, jitter) in NOISES {
-            let (shares, answered) =
-                coverage(&settings, seeds_count, |seed| change(part(seed, (correlation, jitter))));
+            let (shares, answered) = coverage(&settings, seeds_count, |seed| change(part(seed, (correlation, jitter))));
             right &= line(name, noise, &shares, answered, seeds_count, HELD);
         }
     };

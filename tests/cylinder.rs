@@ -186,8 +186,11 @@ fn where_the_sensor_stands_and_what_else_it_sees_does_not_matter() {
     let with = |s| Part { interference: PAPER, ..part(s) };
     let across = Sampling::EvenAcross;
     reaches_the_bound("sampled evenly across", &settings, |s| Part { sampling: across, ..with(s) });
-    reaches_the_bound("half of the part hidden", &settings, |s| {
-        Part { sampling: across, view_deg: 35.0, arc_deg: 70.0, ..with(s) }
+    reaches_the_bound("half of the part hidden", &settings, |s| Part {
+        sampling: across,
+        view_deg: 35.0,
+        arc_deg: 70.0,
+        ..with(s)
     });
     reaches_the_bound("uneven spacing", &settings, |s| Part { spacing_spread: 1.0, ..with(s) });
     let floor = Surroundings { floor: 0.4, floor_depth_mm: 150.0, ..Surroundings::default() };

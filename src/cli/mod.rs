@@ -7,6 +7,7 @@ mod demo;
 mod health;
 mod measure;
 mod openapi;
+mod scene;
 mod serve;
 mod simulate;
 mod table;

@@ -1,6 +1,7 @@
 //! `coaxis simulate`: made data with their truth beside them, to try a client or a method against.
 
 use super::measure::format;
+use super::scene::SceneArguments;
 use super::{Outcome, print};
 use crate::geometry::AxisLine;
 use crate::scan::decode::Format;
@@ -81,6 +82,8 @@ pub(super) struct ScanArguments {
     /// Share of the points that are thrown off by up to 10 mm
     #[arg(long, value_name = "SHARE", default_value_t = 0.0, allow_hyphen_values = true)]
     spikes: f64,
+    #[command(flatten)]
+    scene: SceneArguments,
     /// The same seed makes the same scan
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -123,7 +126,7 @@ impl ScanArguments {
     fn part(&self) -> Result<Part, Box<dyn Error>> {
         self.check()?;
         let slope = |degrees: f64| degrees.to_radians().tan();
-        Ok(Part {
+        Ok(self.scene.around(&Part {
             radius_mm: self.radius_mm,
             axis: AxisLine {
                 p: slope(self.deflection_deg),
@@ -149,7 +152,7 @@ impl ScanArguments {
             spike_ratio: self.spikes,
             seed: self.seed,
             ..Part::smooth(self.seed)
-        })
+        }))
     }
 
     fn check(&self) -> Result<(), String> {
@@ -180,7 +183,11 @@ impl ScanArguments {
             ("noise-mm", self.noise_mm, 0.0, 1e4),
             ("clamp-height-mm", self.clamp_height_mm, -1e4, 1e4),
         ];
-        match ranges.into_iter().find(|(_, value, least, most)| !(least..=most).contains(&value)) {
+        match ranges
+            .into_iter()
+            .chain(self.scene.ranges())
+            .find(|(_, value, least, most)| !(least..=most).contains(&value))
+        {
             Some((name, value, least, most)) => Err(format!("{name} must be between {least} and {most}, got {value}")),
             None => Ok(()),
         }

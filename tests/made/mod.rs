@@ -5,12 +5,12 @@ use coaxis::estimation::Pose;
 use coaxis::scan::synthetic::Truth;
 
 /// A count from the environment, or what continuous integration has time for.
-pub fn count(variable: &str, default: u64) -> u64 {
+pub(crate) fn count(variable: &str, default: u64) -> u64 {
     std::env::var(variable).ok().and_then(|text| text.parse().ok()).unwrap_or(default)
 }
 
 /// Errors of (deflection, pitch, y, z, radius) at the plane `x`, radians and mm.
-pub fn errors(pose: &Pose, truth: &Truth, x: f64) -> [f64; 5] {
+pub(crate) fn errors(pose: &Pose, truth: &Truth, x: f64) -> [f64; 5] {
     let [y, z] = pose.axis.at(x);
     let slope = |degrees: f64| degrees.to_radians().tan();
     [
@@ -23,7 +23,7 @@ pub fn errors(pose: &Pose, truth: &Truth, x: f64) -> [f64; 5] {
 }
 
 /// Standard uncertainties of (deflection, pitch, y_ref, z_ref, radius), radians and mm.
-pub fn standard(pose: &Pose) -> [f64; 5] {
+pub(crate) fn standard(pose: &Pose) -> [f64; 5] {
     let covariance = pose.uncertainty.covariance;
     std::array::from_fn(|i| covariance[i][i].max(0.0).sqrt())
 }

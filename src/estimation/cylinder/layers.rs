@@ -24,6 +24,10 @@ const REACH: f64 = 1.5;
 const SUSPICIOUS: f64 = 1.5;
 /// and this share of them may be far off by chance.
 const OFF_SHARE: f64 = 0.005;
+/// A quarter of normal noise lies within this many standard deviations.
+const QUARTER_TO_SIGMA: f64 = 0.3186;
+/// Where more than this share of the surface lies in layers, what is left is not certain to be the part.
+const LAYER_RATIO_MAX: f64 = 0.3;
 /// A rival is on this share of the profiles
 const RIVAL_COVERAGE: f64 = 0.5;
 /// and holds this share of what the chosen surface holds.
@@ -48,6 +52,8 @@ pub(super) enum Verdict {
     Mended(Solution),
     /// Two surfaces could be the part.
     Two(Candidate, Candidate),
+    /// So much lies in layers that what is left may be one, too, or a mixture of both.
+    Undecided { layer_ratio: f64, reach_mm: f64 },
 }
 
 /// Looks for layers about the fit, and takes them out.
@@ -65,7 +71,7 @@ pub(super) fn mend(
         match mend_at(scan, used, base, bounds, hold, nominal_radius, points_wanted) {
             Verdict::Clean => {}
             Verdict::Mended(mended) => verdict = Verdict::Mended(mended),
-            two @ Verdict::Two(..) => return two,
+            refused @ (Verdict::Two(..) | Verdict::Undecided { .. }) => return refused,
         }
     }
     verdict
@@ -102,6 +108,10 @@ fn mend_at(
         Choice::None => return Verdict::Clean,
     };
     let off = off(&averages, &part);
+    let layer_ratio = off.iter().filter(|off| **off).count() as f64 / averages.patches.iter().flatten().count() as f64;
+    if layer_ratio > LAYER_RATIO_MAX || rough(&averages, &part, own) {
+        return Verdict::Undecided { layer_ratio, reach_mm: reach };
+    }
     refit(scan, used, fit, &part, &averages, &off, hold).map_or(Verdict::Clean, Verdict::Mended)
 }
 
@@ -117,7 +127,27 @@ fn rival(chosen: &Candidate, found: &[Candidate], nominal_radius: Option<f64>) -
 pub(super) fn own_scatter(averages: &Averages) -> f64 {
     let mut scratch = Vec::new();
     let along_arc = robust::sigma(&averages.squared_differences_along_arc(), &mut scratch);
-    along_arc.max(robust::sigma(&averages.squared_differences_along_x(), &mut scratch))
+    along_arc.max(lower_sigma(averages.squared_differences_along_x()))
+}
+
+/// Robust standard deviation by the lower quarter: clamps that come and go along x leave it alone.
+fn lower_sigma(mut squared: Vec<f64>) -> f64 {
+    let quarter = squared.len() / 4;
+    if squared.is_empty() {
+        return 0.0;
+    }
+    let (_, lower, _) = squared.select_nth_unstable_by(quarter, f64::total_cmp);
+    lower.sqrt() / QUARTER_TO_SIGMA
+}
+
+/// Whether the averages on the part scatter more than they do for themselves: a mixture of two surfaces.
+fn rough(averages: &Averages, part: &Settled, own: f64) -> bool {
+    let squared = averages.patches.iter().flatten().map(|patch| {
+        let [y, z] = averages.grid.point(patch.x, patch);
+        part.cylinder.slice(patch.x).distance(y, z).powi(2)
+    });
+    let on: Vec<f64> = squared.filter(|d2| *d2 < (OFF * own).powi(2)).collect();
+    robust::sigma(&on, &mut Vec::new()) > SUSPICIOUS * own
 }
 
 fn suspicious(averages: &Averages, own: f64) -> bool {

@@ -126,6 +126,7 @@ fn search(scan: &Scan, used: &[bool], settings: &Settings) -> Result<Solution, R
         }
         Verdict::Mended(mended) => Some(mended).filter(resolved).ok_or(no_cylinder),
         Verdict::Two(a, b) => Err(two_cylinders(&a, &b)),
+        Verdict::Undecided { layer_ratio, reach_mm } => Err(Refusal::LayersUndecided { layer_ratio, reach_mm }),
     }
 }
 

@@ -14,7 +14,7 @@ const SECTORS_MIN: usize = 8;
 /// A patch with fewer points than this share of the middle one, or than three, is left out.
 const POINTS_SHARE: f64 = 0.25;
 /// Points that are looked at, at most.
-const POINTS_MAX: usize = 250_000;
+const POINTS_MAX: usize = 60_000;
 
 /// How fine the patches are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

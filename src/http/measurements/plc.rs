@@ -18,8 +18,8 @@ pub(in super::super) struct PlcDocument {
     verdict_code: u8,
     /// 0 none, 1 too_few_profiles, 2 points_identical, 3 points_collinear, 4 too_few_valid_profiles,
     /// 5 axial_length_too_short, 6 sections_disagree, 7 no_cylinder, 8 two_cylinders, 9 pose_undetermined,
-    /// 10 sections_not_round.
-    #[schema(minimum = 0, maximum = 10)]
+    /// 10 sections_not_round, 11 layers_undecided.
+    #[schema(minimum = 0, maximum = 11)]
     refusal_code: u8,
     /// Warnings; read the whole document where there are any.
     warnings_count: u64,
@@ -98,6 +98,7 @@ const fn number_of(refusal: &Refusal) -> u8 {
         Refusal::SectionsDisagree { .. } => 6,
         Refusal::NoCylinder { .. } => 7,
         Refusal::TwoCylinders { .. } => 8,
+        Refusal::LayersUndecided { .. } => 11,
         Refusal::PoseUndetermined { .. } => 9,
         Refusal::SectionsNotRound { .. } => 10,
     }

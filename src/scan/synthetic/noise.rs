@@ -34,9 +34,9 @@ impl Noise {
         let fresh = [normal(chance) * self.sigma_mm, normal(chance) * self.sigma_mm];
         let rest = (1.0 - self.correlation * self.correlation).max(0.0).sqrt();
         let [fresh_y, fresh_z] = fresh;
-        let now = self.last.map_or(fresh, |[y, z]| {
-            [self.correlation * y + rest * fresh_y, self.correlation * z + rest * fresh_z]
-        });
+        let now = self
+            .last
+            .map_or(fresh, |[y, z]| [self.correlation * y + rest * fresh_y, self.correlation * z + rest * fresh_z]);
         self.last = Some(now);
         let ([y, z], [shared_y, shared_z]) = (now, self.shared);
         [y + shared_y, z + shared_z]
@@ -58,9 +58,8 @@ mod tests {
         let mut chance = ChaCha8Rng::seed_from_u64(5);
         let mut noise = Noise::begin(&part, &mut chance);
         let drawn: Vec<f64> = (0..200_000).map(|_| noise.next(&mut chance)[1]).collect();
-        let moment = |lag: usize| {
-            drawn.iter().zip(&drawn[lag..]).map(|(a, b)| a * b).sum::<f64>() / (drawn.len() - lag) as f64
-        };
+        let moment =
+            |lag: usize| drawn.iter().zip(&drawn[lag..]).map(|(a, b)| a * b).sum::<f64>() / (drawn.len() - lag) as f64;
         // 19 points of it say as much as one independent point: 200 000 of them determine a moment to 1.4 %.
         assert!((moment(0).sqrt() - 0.05).abs() < 0.05 * 0.03, "{}", moment(0).sqrt());
         assert!((moment(1) / moment(0) - 0.9).abs() < 0.01, "{}", moment(1) / moment(0));
