@@ -275,7 +275,7 @@ pub enum Refusal {
     /// Layers close to the surface hide which of them it is.
     #[error(
         "{:.0} % of what lies within {reach_mm:.3} mm of the surface belongs to layers on it, so that nobody can tell the part \
-         from them; take tape, clamp or dirt off, or choose a region without it", 100.0 * .layer_ratio
+         from them; take tape, clamp or dirt off, choose a region without it, or give nominal_radius_mm", 100.0 * .layer_ratio
     )]
     LayersUndecided {
         /// Share of the surface seen that lies in layers.

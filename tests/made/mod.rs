@@ -24,6 +24,6 @@ pub(crate) fn errors(pose: &Pose, truth: &Truth, x: f64) -> [f64; 5] {
 
 /// Standard uncertainties of (deflection, pitch, y_ref, z_ref, radius), radians and mm.
 pub(crate) fn standard(pose: &Pose) -> [f64; 5] {
-    let covariance = pose.uncertainty.covariance;
-    std::array::from_fn(|i| covariance[i][i].max(0.0).sqrt())
+    let [[p, ..], [_, q, ..], [_, _, y, ..], [_, _, _, z, _], [.., radius]] = pose.uncertainty.covariance;
+    [p, q, y, z, radius].map(|variance| variance.max(0.0).sqrt())
 }

@@ -22,17 +22,23 @@ pub(super) fn sandwich(normal: &Matrix5<f64>, profiles: &[Sums], hold: Hold) -> 
     // A fixed radius has no say and learns nothing.
     let free = if matches!(hold, Hold::Fixed { .. }) { step::OTHERS } else { Vector5::repeat(1.0) };
     let mask = Matrix5::from_diagonal(&free);
-    let (mut scatter, mut clusters_count) = (Matrix5::zeros(), 0.0_f64);
+    let clusters = || profiles.iter().filter(|profile| profile.weight > 0.0);
+    let clusters_count = clusters().count() as f64;
+    // Two profiles make a line whatever they are off by: what is left of their sums is all that can be told.
+    let repeated = clusters_count > LINE;
+    let mut scatter = Matrix5::zeros();
     let (mut shares, mut squared_shares) = (Vector5::zeros(), Vector5::zeros());
-    for profile in profiles.iter().filter(|profile| profile.weight > 0.0) {
+    for profile in clusters() {
         let (gradient, own) = (profile.gradient.component_mul(&free), mask * profile.normal * mask);
         let pull = bread * own;
-        let shift = without(normal, &bread, &own, &pull, &gradient);
+        let shift = if repeated { without(normal, &bread, &own, &pull, &gradient) } else { bread * gradient };
         scatter += shift * shift.transpose();
-        clusters_count += 1.0;
         let share = (pull * bread).diagonal().map(|v| v.max(0.0));
         shares += share;
         squared_shares += share.component_mul(&share);
+    }
+    if !repeated {
+        return Some(scatter * clusters_count);
     }
     let freedom = shares.zip_map(&squared_shares, |sum, squares| {
         let effective = if squares > 0.0 { sum * sum / squares } else { clusters_count };

@@ -32,8 +32,8 @@ const LAYER_RATIO_MAX: f64 = 0.3;
 const RIVAL_COVERAGE: f64 = 0.5;
 /// and holds this share of what the chosen surface holds.
 const RIVAL_SUPPORT: f64 = 0.6;
-/// Scatter below this share of the radius is rounding.
-const SCATTER_MIN: f64 = 1e-9;
+/// Averages of many points show every deviation of a real part's form; below this share of the points' noise it is no layer.
+const SCATTER_MIN: f64 = 0.3;
 /// Far off is an average beyond so many of their standard deviations,
 const OFF: f64 = 3.5;
 /// or half of that beside one that is.
@@ -90,7 +90,7 @@ fn mend_at(
     let Some(averages) = patches::average(scan, used, &fit.cylinder, reach, Cut::Points(points_wanted)) else {
         return Verdict::Clean;
     };
-    let own = own_scatter(&averages).max(SCATTER_MIN * fit.cylinder.radius);
+    let own = own_scatter(&averages).max(SCATTER_MIN * fit.sigma);
     if !suspicious(&averages, own) {
         return Verdict::Clean;
     }
@@ -110,7 +110,9 @@ fn mend_at(
     let off = off(&averages, &part);
     let layer_ratio = off.iter().filter(|off| **off).count() as f64 / averages.patches.iter().flatten().count() as f64;
     if layer_ratio > LAYER_RATIO_MAX || rough(&averages, &part, own) {
-        return Verdict::Undecided { layer_ratio, reach_mm: reach };
+        // A part that is known to be there is answered as it is fitted, with what its areas share in the uncertainty.
+        let known = nominal_radius.is_some();
+        return if known { Verdict::Clean } else { Verdict::Undecided { layer_ratio, reach_mm: reach } };
     }
     refit(scan, used, fit, &part, &averages, &off, hold).map_or(Verdict::Clean, Verdict::Mended)
 }
