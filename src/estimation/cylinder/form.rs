@@ -13,7 +13,7 @@ use crate::estimation::robust;
 use crate::scan::Scan;
 use nalgebra::{Matrix5, Vector5};
 
-/// The surface in cells: blocks of profiles and sectors of the arc.
+/// The surface in cells: blocks of profiles and sectors of the arc; fewer profiles are left as they are.
 const CELLS: usize = 24;
 /// Areas as cells along x by cells along the arc.
 const AREAS: [[usize; 2]; 5] = [[2, 6], [4, 12], [6, 3], [CELLS, 2], [2, CELLS]];
@@ -29,45 +29,49 @@ pub(super) fn widen(scan: &Scan, used: &[bool], solution: &mut Solution, hold: H
     solution.profiles.iter().for_each(|profile| sums.add(profile));
     let (normal, _) = step::system(&sums, hold, solution.sigma, solution.cylinder.radius);
     let Some(bread) = step::invert(&normal) else { return };
-    let (by_profile, cells) = gradients(scan, &grid, &near, solution);
-    let usual = variances(&bread, &by_profile);
+    if used.iter().filter(|used| **used).count() < CELLS {
+        return;
+    }
+    let strips = gradients(scan, &grid, &near, solution);
+    let usual = variances(&bread, &gathered(&strips, [1, CELLS]));
     let mut factor = Vector5::repeat(1.0_f64);
     for area in AREAS {
-        let shared = variances(&bread, &gathered(&cells, area));
-        let ratio = shared.zip_map(&usual, |shared, usual| if usual > 0.0 { shared / usual } else { 1.0 });
+        let [blocks, sectors] = area;
+        // What a profile shares within the area is in the usual variance already (Cameron, Gelbach and Miller).
+        let own = variances(&bread, &gathered(&strips, [1, sectors]));
+        let shared = variances(&bread, &gathered(&strips, [blocks * grid.block(), sectors])) - own;
+        let ratio = shared.zip_map(&usual, |shared, usual| if usual > 0.0 { 1.0 + shared / usual } else { 1.0 });
         factor = factor.zip_map(&ratio, |factor, ratio| if ratio > CHANCE { factor.max(ratio) } else { factor });
     }
     let widen = Matrix5::from_diagonal(&factor.map(f64::sqrt));
     solution.covariance = widen * solution.covariance * widen;
 }
 
-/// Σ w·d·J by profile and by cell.
-fn gradients(scan: &Scan, grid: &Grid, near: &[Near], solution: &Solution) -> (Vec<Vector5<f64>>, Vec<Vector5<f64>>) {
-    let mut by_profile = vec![Vector5::zeros(); scan.stations().len()];
-    let mut cells = vec![Vector5::zeros(); CELLS * CELLS];
+/// Σ w·d·J by profile and sector, profile after profile.
+fn gradients(scan: &Scan, grid: &Grid, near: &[Near], solution: &Solution) -> Vec<Vector5<f64>> {
+    let mut strips = vec![Vector5::zeros(); scan.stations().len() * CELLS];
     let cut_off = robust::cut_off_squared(solution.sigma);
     for point in near {
         let slice = solution.cylinder.slice(point.x);
         let response = slice.response(point.y, point.z);
         let (a, b, t) = (response.a, response.b, response.t);
         let pull = robust::weight(response.d * response.d, cut_off) * response.d;
-        let gradient = Vector5::new(a * t, b * t, a, b, -1.0) * pull;
-        let cell = grid.place(point.index, &slice, point.y, point.z);
-        for place in [by_profile.get_mut(point.index), cells.get_mut(cell)].into_iter().flatten() {
-            *place += gradient;
+        let sector = grid.place(point.index, &slice, point.y, point.z) % CELLS;
+        if let Some(strip) = strips.get_mut(point.index * CELLS + sector) {
+            *strip += Vector5::new(a * t, b * t, a, b, -1.0) * pull;
         }
     }
-    (by_profile, cells)
+    strips
 }
 
-/// Cells put together to areas.
-fn gathered(cells: &[Vector5<f64>], [along_x, along_arc]: [usize; 2]) -> Vec<Vector5<f64>> {
-    let columns = CELLS / along_arc;
-    let mut areas = vec![Vector5::zeros(); CELLS / along_x * columns];
-    for (index, cell) in cells.iter().enumerate() {
-        let (row, column) = (index / CELLS / along_x, index % CELLS / along_arc);
+/// Strips put together to areas of so many profiles and sectors.
+fn gathered(strips: &[Vector5<f64>], [profiles, sectors]: [usize; 2]) -> Vec<Vector5<f64>> {
+    let columns = CELLS / sectors;
+    let mut areas = vec![Vector5::zeros(); (strips.len() / CELLS).div_ceil(profiles) * columns];
+    for (index, strip) in strips.iter().enumerate() {
+        let (row, column) = (index / CELLS / profiles, index % CELLS / sectors);
         if let Some(area) = areas.get_mut(row * columns + column) {
-            *area += cell;
+            *area += strip;
         }
     }
     areas

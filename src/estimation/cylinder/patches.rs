@@ -70,6 +70,11 @@ impl Grid {
         index / self.block * self.sectors + sector
     }
 
+    /// Profiles in a block.
+    pub(super) fn block(&self) -> usize {
+        self.block
+    }
+
     pub(super) fn sectors(&self) -> usize {
         self.sectors
     }
