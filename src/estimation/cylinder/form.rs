@@ -13,7 +13,9 @@ use crate::estimation::robust;
 use crate::scan::Scan;
 use nalgebra::{Matrix5, Vector5};
 
-/// The surface in cells: blocks of profiles and sectors of the arc; fewer profiles are left as they are.
+/// Fewer profiles say too little about what areas share.
+const PROFILES_MIN: usize = 12;
+/// The surface in cells: blocks of profiles and sectors of the arc.
 const CELLS: usize = 24;
 /// Areas as cells along x by cells along the arc.
 const AREAS: [[usize; 2]; 5] = [[2, 6], [4, 12], [6, 3], [CELLS, 2], [2, CELLS]];
@@ -29,7 +31,7 @@ pub(super) fn widen(scan: &Scan, used: &[bool], solution: &mut Solution, hold: H
     solution.profiles.iter().for_each(|profile| sums.add(profile));
     let (normal, _) = step::system(&sums, hold, solution.sigma, solution.cylinder.radius);
     let Some(bread) = step::invert(&normal) else { return };
-    if used.iter().filter(|used| **used).count() < CELLS {
+    if used.iter().filter(|used| **used).count() < PROFILES_MIN {
         return;
     }
     let strips = gradients(scan, &grid, &near, solution);
