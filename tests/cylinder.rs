@@ -4,15 +4,22 @@
 
 #![expect(clippy::panic, clippy::expect_used, clippy::print_stdout, reason = "a test may fail, and says what it saw")]
 
+mod made;
+
 use coaxis::estimation::{Estimate, Method, Outcome, Pose, Progress, RadiusRule, Refusal, Settings, estimate};
 use coaxis::geometry::AxisLine;
-use coaxis::scan::synthetic::{Interference, Part, Truth, make};
+use coaxis::scan::synthetic::{Bead, ClampShape, Interference, Part, Sampling, Surroundings, Truth, make};
+use made::{count, errors, standard};
+use rayon::prelude::*;
 
-/// Seeds a scene; the variable COAXIS_SEEDS asks for more, e.g.
-/// `COAXIS_SEEDS=200 cargo test --release --test cylinder -- --nocapture`.
-const SEEDS: u64 = 16;
+/// Seeds a scene that continuous integration has time for. All of them, with the table of docs/benchmarks.md:
+/// `COAXIS_SEEDS=200 cargo test --release --test cylinder -- --nocapture --test-threads 1`.
+const SEEDS: u64 = 6;
 const RMS_MAX: f64 = 1.15;
 const WORST_MAX: f64 = 5.0;
+/// Layers close to the surface may pull a single answer by so much.
+const LAYER_MAX_DEG: f64 = 0.0005;
+const LAYER_MAX_MM: f64 = 0.005;
 
 fn measure(part: &Part, settings: &Settings) -> (Estimate, Truth) {
     let (scan, truth) = make(part).expect("a part");
@@ -31,35 +38,39 @@ fn pose(estimate: Estimate) -> Pose {
 }
 
 /// Errors of (deflection, pitch, y, z, radius) at the truth's x_ref in units of their bounds.
-fn errors(pose: &Pose, truth: &Truth) -> [f64; 5] {
+fn in_bounds(pose: &Pose, truth: &Truth) -> [f64; 5] {
     let bound = truth.bound.expect("noise has a bound");
-    let [y, z] = pose.axis.at(truth.x_ref_mm);
-    [
-        (pose.axis.deflection().degrees() - truth.deflection_deg) / bound.deflection_deg,
-        (pose.axis.pitch().degrees() - truth.pitch_deg) / bound.pitch_deg,
-        (y - truth.y_ref_mm) / bound.y_ref_mm,
-        (z - truth.z_ref_mm) / bound.z_ref_mm,
-        (pose.radius - truth.radius_mm) / bound.radius_mm,
-    ]
+    let [p, q, y, z, radius] = errors(pose, truth, truth.x_ref_mm);
+    let angles = [p / bound.deflection_deg.to_radians(), q / bound.pitch_deg.to_radians()];
+    let [p, q] = angles;
+    [p, q, y / bound.y_ref_mm, z / bound.z_ref_mm, radius / bound.radius_mm]
 }
 
-/// Holds a scene to the bound.
-fn reaches_the_bound(name: &str, settings: &Settings, part: impl Fn(u64) -> Part) {
-    let seeds_count = std::env::var("COAXIS_SEEDS").ok().and_then(|text| text.parse().ok()).unwrap_or(SEEDS);
-    let (mut squares, mut worst) = ([0.0; 5], 0.0_f64);
-    for seed in 0..seeds_count {
+/// Holds a scene to the bound, and prints its line of the table.
+fn reaches_the_bound(name: &str, settings: &Settings, part: impl Fn(u64) -> Part + Sync) {
+    let seeds_count = count("COAXIS_SEEDS", SEEDS);
+    let answer = |seed| {
         let (estimate, truth) = measure(&part(seed), settings);
-        let errors = errors(&pose(estimate), &truth);
+        let pose = pose(estimate);
+        let (errors, standard) = (errors(&pose, &truth, pose.x_ref), standard(&pose));
+        let held_count = errors.iter().zip(standard).filter(|(error, u)| error.abs() <= 2.0 * u).count();
+        (in_bounds(&pose, &truth), held_count)
+    };
+    let answers: Vec<([f64; 5], usize)> = (0..seeds_count).into_par_iter().map(answer).collect();
+    let mut squares = [0.0; 5];
+    for (seed, (errors, _)) in answers.iter().enumerate() {
         assert!(errors.iter().all(|e| e.abs() <= WORST_MAX), "{name}, seed {seed}: {errors:.2?} bounds");
         for (square, error) in squares.iter_mut().zip(errors) {
             *square += error * error / seeds_count as f64;
-            worst = worst.max(error.abs());
         }
     }
     let rms = squares.map(f64::sqrt);
-    println!("{name}: {rms:.2?} bounds over {seeds_count} seeds, at worst {worst:.1}");
-    // The root mean square of n draws scatters by 1/√(2n); three of them are granted.
-    let granted = RMS_MAX * (1.0 + 3.0 / (2.0 * seeds_count as f64).sqrt());
+    let worst = answers.iter().flat_map(|(errors, _)| errors).fold(0.0_f64, |worst, e| worst.max(e.abs()));
+    let held = answers.iter().map(|(_, held)| held).sum::<usize>() as f64 / (5 * answers.len()) as f64;
+    let [p, q, y, z, r] = rms;
+    println!("| {name} | {p:.2} | {q:.2} | {y:.2} | {z:.2} | {r:.2} | {worst:.1} | {:.1} |", 100.0 * held);
+    // The root mean square of n draws scatters by 1/√(2n); three of them are granted to few seeds.
+    let granted = RMS_MAX.max(1.03 * (1.0 + 3.0 / (2.0 * seeds_count as f64).sqrt()));
     assert!(rms.iter().all(|rms| *rms <= granted), "{name}: {rms:.2?} bounds");
 }
 
@@ -68,37 +79,85 @@ fn part(seed: u64) -> Part {
     Part { arc_deg: 120.0, profiles_count: 200, points_count: 320, ..Part::smooth(seed) }
 }
 
-const PAPER: Interference =
-    Interference { screw_holes: 0.2, straight_holes: 0.16, clamps: 0.24, clamp_arc: 0.5, clamp_height_mm: 25.0 };
+const PAPER: Interference = Interference {
+    screw_holes: 0.2,
+    straight_holes: 0.16,
+    clamps: 0.24,
+    clamp_arc: 0.5,
+    clamp_height_mm: 25.0,
+    ..Interference::NONE
+};
 
 fn clamped(clamps: f64, clamp_arc: f64, clamp_height_mm: f64) -> Interference {
-    Interference { clamps, clamp_arc, clamp_height_mm, ..Interference::default() }
+    Interference { clamps, clamp_arc, clamp_height_mm, ..Interference::NONE }
 }
 
 #[test]
 fn interference_does_not_cost_accuracy() {
     let settings = cylinder();
     reaches_the_bound("clean", &settings, part);
-    reaches_the_bound("paper", &settings, |s| Part { interference: PAPER, ..part(s) });
+    reaches_the_bound("holes", &settings, |s| {
+        let holes = Interference { screw_holes: 0.5, straight_holes: 0.3, ..Interference::NONE };
+        Part { interference: holes, ..part(s) }
+    });
+    reaches_the_bound("holes and clamps of the publication", &settings, |s| Part { interference: PAPER, ..part(s) });
     let hard = Interference { screw_holes: 0.2, straight_holes: 0.15, clamps: 0.5, ..PAPER };
     reaches_the_bound("15 % smooth profiles", &settings, |s| Part { interference: hard, ..part(s) });
     let none = Interference { screw_holes: 0.3, straight_holes: 0.2, clamps: 0.5, ..PAPER };
     reaches_the_bound("no smooth profile", &settings, |s| Part { interference: none, ..part(s) });
-    reaches_the_bound("drop-outs", &settings, |s| Part { drop_out_ratio: 0.3, ..part(s) });
-    reaches_the_bound("spikes", &settings, |s| Part { spike_ratio: 0.05, ..part(s) });
+    reaches_the_bound("30 % drop-outs", &settings, |s| Part { drop_out_ratio: 0.3, ..part(s) });
+    reaches_the_bound("5 % spikes", &settings, |s| Part { spike_ratio: 0.05, ..part(s) });
+}
+
+/// A part seen from aside and sampled evenly across, with clamps and holes away from the middle of the arc.
+#[test]
+fn clamps_need_not_be_concentric_nor_in_the_middle() {
+    let settings = cylinder();
+    for shift in [-0.3, 0.2] {
+        let shifted = Interference { shift, ..PAPER };
+        reaches_the_bound("shifted", &settings, |s| Part { interference: shifted, ..part(s) });
+    }
+    let shapes = [
+        ("flat jaws", ClampShape::Flat),
+        ("round jaws of 120 mm", ClampShape::Round { radius_mm: 120.0 }),
+        ("round jaws of 400 mm", ClampShape::Round { radius_mm: 400.0 }),
+    ];
+    for (name, clamp_shape) in shapes {
+        for (clamps, clamp_arc, shift) in [(0.6, 0.5, 0.0), (0.8, 0.6, 0.15)] {
+            let jaw = Interference { clamp_shape, shift, ..clamped(clamps, clamp_arc, 25.0) };
+            reaches_the_bound(name, &settings, |s| Part { interference: jaw, ..part(s) });
+        }
+    }
 }
 
 #[test]
 fn a_concentric_clamp_over_most_of_most_profiles_is_not_taken_for_the_part() {
-    for (clamps, arc) in [(0.9, 0.5), (0.857, 0.7), (0.847, 0.85)] {
-        reaches_the_bound("clamp", &cylinder(), |s| Part { interference: clamped(clamps, arc, 25.0), ..part(s) });
+    for (name, clamps, arc) in [("50 % clamps", 0.9, 0.5), ("70 % clamps", 0.857, 0.7), ("85 % clamps", 0.847, 0.85)] {
+        reaches_the_bound(name, &cylinder(), |s| Part { interference: clamped(clamps, arc, 25.0), ..part(s) });
     }
 }
 
 #[test]
 fn layers_close_to_the_surface_do_not_pull() {
-    for (arc, height_mm) in [(0.1, 0.3), (0.3, 0.4), (0.3, 1.5)] {
-        reaches_the_bound("layer", &cylinder(), |s| Part { interference: clamped(0.6, arc, height_mm), ..part(s) });
+    let bead = |arc, place| Interference { bead: Bead { height_mm: 0.3, arc, place }, ..Interference::NONE };
+    let scenes = [
+        ("weld bead of 0.3 mm", bead(0.05, 0.4)),
+        ("weld bead of 0.3 mm, wide", bead(0.1, 0.7)),
+        ("tape of 0.4 mm", clamped(0.6, 0.1, 0.4)),
+        ("tape of 0.4 mm, wide", clamped(0.6, 0.3, 0.4)),
+        ("tape of 1.5 mm", clamped(0.6, 0.3, 1.5)),
+    ];
+    let seeds_count = count("COAXIS_SEEDS", SEEDS) / 3;
+    for (name, interference) in scenes {
+        let worst = (0..seeds_count).map(|seed| {
+            let made = Part { profiles_count: 400, points_count: 640, interference, ..part(seed) };
+            let (estimate, truth) = measure(&made, &cylinder());
+            let [p, q, y, z, _] = errors(&pose(estimate), &truth, truth.x_ref_mm).map(f64::abs);
+            [p.max(q).to_degrees(), y.max(z)]
+        });
+        let [deg, mm] = worst.fold([0.0_f64; 2], |[a, b], [c, d]| [a.max(c), b.max(d)]);
+        println!("| {name} | at worst {deg:.5}° | {mm:.4} mm |");
+        assert!(deg <= LAYER_MAX_DEG && mm <= LAYER_MAX_MM, "{name}: {deg}° and {mm} mm");
     }
 }
 
@@ -109,16 +168,37 @@ fn size_noise_arc_and_tilt_do_not_matter() {
     reaches_the_bound("noise of 0.2 mm", &settings, |s| Part { noise_sigma_mm: 0.2, ..with(s) });
     reaches_the_bound("40 sparse profiles", &settings, |s| Part { profiles_count: 40, points_count: 160, ..with(s) });
     reaches_the_bound("50 mm long", &settings, |s| Part { length_mm: 50.0, ..with(s) });
-    for arc_deg in [50.0, 70.0, 90.0] {
-        reaches_the_bound("arc", &settings, |s| Part { arc_deg, ..with(s) });
+    for (name, arc_deg) in [("arc of 50°", 50.0), ("arc of 70°", 70.0), ("arc of 90°", 90.0)] {
+        reaches_the_bound(name, &settings, |s| Part { arc_deg, ..with(s) });
     }
-    for radius_mm in [50.0, 1000.0] {
-        reaches_the_bound("radius", &settings, |s| Part { radius_mm, ..with(s) });
+    for (name, radius_mm) in [("radius 50", 50.0), ("radius 1000", 1000.0)] {
+        reaches_the_bound(name, &settings, |s| Part { radius_mm, ..with(s) });
     }
     let low = Interference { clamp_height_mm: 5.0, ..PAPER };
     reaches_the_bound("radius 20", &settings, |s| Part { radius_mm: 20.0, interference: low, ..part(s) });
     let axis = AxisLine { p: 0.176, q: -0.176, y0: 5.0, z0: 100.0 };
     reaches_the_bound("tilted by 10°", &settings, |s| Part { axis, ..with(s) });
+}
+
+#[test]
+fn where_the_sensor_stands_and_what_else_it_sees_does_not_matter() {
+    let settings = cylinder();
+    let with = |s| Part { interference: PAPER, ..part(s) };
+    let across = Sampling::EvenAcross;
+    reaches_the_bound("sampled evenly across", &settings, |s| Part { sampling: across, ..with(s) });
+    reaches_the_bound("half of the part hidden", &settings, |s| Part {
+        sampling: across,
+        view_deg: 35.0,
+        arc_deg: 70.0,
+        ..with(s)
+    });
+    reaches_the_bound("uneven spacing", &settings, |s| Part { spacing_spread: 1.0, ..with(s) });
+    let floor = Surroundings { floor: 0.4, floor_depth_mm: 150.0, ..Surroundings::default() };
+    reaches_the_bound("floor", &settings, |s| Part { surroundings: floor, ..with(s) });
+    let level = Surroundings { support: 0.2, supports: 0.8, ..floor };
+    reaches_the_bound("floor and level support", &settings, |s| Part { surroundings: level, ..with(s) });
+    let roller = Surroundings { support_radius_mm: 60.0, ..level };
+    reaches_the_bound("floor and roller", &settings, |s| Part { surroundings: roller, ..with(s) });
 }
 
 #[test]

@@ -28,8 +28,6 @@ struct Scene {
     rms_max_mm: f64,
 }
 
-const NO_INTERFERENCE: Interference =
-    Interference { screw_holes: 0.0, straight_holes: 0.0, clamps: 0.0, clamp_arc: 0.0, clamp_height_mm: 0.0 };
 const SHARP: Edge = Edge { x_mm: 0.0, chamfer_mm: 0.0, ragged_ratio: 0.0, ragged_mm: 0.0, beyond: None };
 const PLAIN: Scene = Scene {
     name: "",
@@ -39,7 +37,7 @@ const PLAIN: Scene = Scene {
     spacing_mm: 1.0,
     edge: SHARP,
     drop_out_ratio: 0.0,
-    interference: NO_INTERFERENCE,
+    interference: Interference::NONE,
     method: Method::Cylinder,
     rms_max_mm: 0.1,
 };
@@ -169,7 +167,7 @@ fn a_clean_edge_is_known_far_better_than_the_spacing() {
 fn chamfers_ragged_edges_and_drop_outs_cost_little() {
     title();
     let hurt = Edge { ragged_ratio: 0.3, ragged_mm: 2.0, ..SHARP };
-    let paper = Interference { screw_holes: 0.2, straight_holes: 0.16, ..NO_INTERFERENCE };
+    let paper = Interference { screw_holes: 0.2, straight_holes: 0.16, ..Interference::NONE };
     let hard = Scene { rms_max_mm: 0.2, ..PLAIN };
     for scene in [
         Scene { name: "chamfer 0.5", edge: Edge { chamfer_mm: 0.5, ..SHARP }, ..hard },
@@ -212,7 +210,7 @@ fn chamfers_ragged_edges_and_drop_outs_cost_little() {
 fn what_lies_beyond_the_end_does_not_extend_the_part() {
     title();
     let beyond = |gap_mm: f64, height_mm: f64| Edge { beyond: Some(Neighbour { gap_mm, height_mm }), ..SHARP };
-    let clamp = Interference { clamps: 0.3, clamp_arc: 0.6, clamp_height_mm: 25.0, ..NO_INTERFERENCE };
+    let clamp = Interference { clamps: 0.3, clamp_arc: 0.6, clamp_height_mm: 25.0, ..Interference::NONE };
     for scene in [
         Scene { name: "another part beyond 3 mm", edge: beyond(3.0, 0.0), ..PLAIN },
         Scene {

@@ -7,6 +7,7 @@ mod demo;
 mod health;
 mod measure;
 mod openapi;
+mod scene;
 mod serve;
 mod simulate;
 mod table;
@@ -30,7 +31,7 @@ enum Command {
     Serve(serve::Arguments),
     Measure(measure::Arguments),
     #[command(subcommand)]
-    Simulate(simulate::Subject),
+    Simulate(Box<simulate::Subject>),
     Openapi(openapi::Arguments),
     Config(config::Arguments),
     Health(health::Arguments),

@@ -1,6 +1,7 @@
 //! `coaxis simulate`: made data with their truth beside them, to try a client or a method against.
 
 use super::measure::format;
+use super::scene::SceneArguments;
 use super::{Outcome, print};
 use crate::geometry::AxisLine;
 use crate::scan::decode::Format;
@@ -92,6 +93,8 @@ pub(super) struct ScanArguments {
     /// Chamfer of 45° at these ends
     #[arg(long, value_name = "MM", default_value_t = 0.0, allow_hyphen_values = true)]
     chamfer_mm: f64,
+    #[command(flatten)]
+    scene: SceneArguments,
     /// The same seed makes the same scan
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -165,7 +168,7 @@ impl ScanArguments {
 
     fn part(&self) -> Part {
         let slope = |degrees: f64| degrees.to_radians().tan();
-        Part {
+        self.scene.around(&Part {
             radius_mm: self.radius_mm,
             axis: AxisLine {
                 p: slope(self.deflection_deg),
@@ -185,12 +188,14 @@ impl ScanArguments {
                 clamps: self.clamps,
                 clamp_arc: self.clamp_arc,
                 clamp_height_mm: self.clamp_height_mm,
+                ..Interference::default()
             },
             drop_out_ratio: self.drop_outs,
             spike_ratio: self.spikes,
             edges: Edges { near: self.edge(self.near_end_mm), far: self.edge(self.far_end_mm) },
             seed: self.seed,
-        }
+            ..Part::smooth(self.seed)
+        })
     }
 
     fn edge(&self, x_mm: Option<f64>) -> Option<Edge> {
@@ -232,7 +237,11 @@ impl ScanArguments {
             ("second-deflection-deg", self.second_deflection_deg.unwrap_or(0.0), -80.0, 80.0),
             ("second-pitch-deg", self.second_pitch_deg.unwrap_or(0.0), -80.0, 80.0),
         ];
-        match ranges.into_iter().find(|(_, value, least, most)| !(least..=most).contains(&value)) {
+        match ranges
+            .into_iter()
+            .chain(self.scene.ranges())
+            .find(|(_, value, least, most)| !(least..=most).contains(&value))
+        {
             Some((name, value, least, most)) => Err(format!("{name} must be between {least} and {most}, got {value}")),
             None => Ok(()),
         }

@@ -324,6 +324,17 @@ pub enum Refusal {
         /// Share of the profiles that show it.
         coverage_b: f64,
     },
+    /// Layers close to the surface hide which of them it is.
+    #[error(
+        "{:.0} % of what lies within {reach_mm:.3} mm of the surface belongs to layers on it, so that nobody can tell the part \
+         from them; take tape, clamp or dirt off, choose a region without it, or give nominal_radius_mm", 100.0 * .layer_ratio
+    )]
+    LayersUndecided {
+        /// Share of the surface seen that lies in layers.
+        layer_ratio: f64,
+        /// How far from the surface was looked for layers.
+        reach_mm: f64,
+    },
     /// The data leave the pose open.
     #[error(
         "the data leave the pose open: standard uncertainties of {angle_deg:.4}° and {position_mm:.3} mm where {angle_max_deg}° \
@@ -386,6 +397,7 @@ impl Refusal {
             Self::SectionsNotRound { .. } => "sections_not_round",
             Self::NoCylinder { .. } => "no_cylinder",
             Self::TwoCylinders { .. } => "two_cylinders",
+            Self::LayersUndecided { .. } => "layers_undecided",
             Self::PoseUndetermined { .. } => "pose_undetermined",
             Self::PartsCountDiffers { .. } => "parts_count_differs",
             Self::WindowEmpty { .. } => "window_empty",

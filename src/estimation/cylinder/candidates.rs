@@ -5,9 +5,11 @@
 //! nominal radius decides; without one nobody can. Must not know how a candidate was found, nor refine one.
 
 use super::consensus::{self, Bounds};
+use super::model::Cylinder;
+use super::narrow;
 use super::sample::Sample;
-use super::settle::{Settled, settle};
-use super::step::Hold;
+use super::settle::{Settled, settle, total};
+use super::step::{self, Hold};
 use crate::estimation::robust;
 use rayon::prelude::*;
 
@@ -21,6 +23,15 @@ pub(super) struct Candidate {
     pub(super) support: f64,
 }
 
+/// What is known of the points' noise beforehand.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Noise {
+    /// Nothing: each surface says for itself.
+    Unknown,
+    /// Its standard deviation, mm.
+    Known(f64),
+}
+
 /// What became of the choice.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Choice {
@@ -32,16 +43,22 @@ pub(super) enum Choice {
 
 /// Starts that are settled before the best is taken.
 const STARTS_MAX: usize = 12;
+/// How often a window may double.
+const GROWTHS_MAX: usize = 8;
 /// Surfaces that are looked for.
 const SURFACES_MAX: usize = 3;
 /// A profile shows a surface when at least this many of its sampled points lie on it,
 const SHOWN_POINTS: usize = 5;
+/// or this share of them, where there are few,
+const SHOWN_FEW: f64 = 0.15;
 /// and at least this share of them.
 const SHOWN_SHARE: f64 = 0.08;
 /// A surface on fewer profiles than this cannot be the part where another is on more.
-const COVERAGE_MIN: f64 = 0.75;
+pub(super) const COVERAGE_MIN: f64 = 0.75;
 /// Coverages that differ by more than this decide.
 const COVERAGE_LEAD: f64 = 0.08;
+/// Radii that differ by more standard uncertainties are told apart.
+const RADIUS_SIGMAS: f64 = 3.0;
 /// Less of a scan than this on a surface is chance.
 const SUPPORT_MIN: f64 = 0.1;
 /// What is left of a sample after a surface was taken out is worth another search above this share.
@@ -50,18 +67,15 @@ const REST_MIN: f64 = 0.1;
 const ROUGHER: f64 = 3.0;
 
 /// The surfaces of a sample, the best supported first.
-pub(super) fn candidates(sample: &Sample, bounds: &Bounds, hold: Hold) -> Vec<Candidate> {
-    let mut found: Vec<Candidate> = Vec::new();
+pub(super) fn candidates(sample: &Sample, bounds: &Bounds, noise: Noise, hold: Hold) -> Vec<Candidate> {
+    let mut found: Vec<Settled> = Vec::new();
     let mut rest = sample.without(|_, _, _| false);
     while found.len() < SURFACES_MAX && rest.y.len() as f64 >= REST_MIN * sample.y.len() as f64 {
-        let Some(settled) = best(&rest, bounds, hold) else { break };
-        let candidate = Candidate::of(settled, sample);
-        if found.first().is_some_and(|first| settled.sigma > ROUGHER * first.settled.sigma) {
+        let Some(settled) = best(&rest, bounds, noise, hold) else { break };
+        if found.first().is_some_and(|first| settled.sigma > ROUGHER * first.sigma) {
             break;
         }
-        if candidate.support >= SUPPORT_MIN {
-            found.push(candidate);
-        }
+        found.push(settled);
         // Generously, so that the rim of the noise is not taken for a surface of its own.
         let reach = 2.0 * robust::TUKEY_C * settled.sigma;
         let before = rest.y.len();
@@ -70,55 +84,99 @@ pub(super) fn candidates(sample: &Sample, bounds: &Bounds, hold: Hold) -> Vec<Ca
             break;
         }
     }
-    found
+    counted(&found, sample)
 }
 
 /// The start that most points agree with once it has settled.
-fn best(sample: &Sample, bounds: &Bounds, hold: Hold) -> Option<Settled> {
+fn best(sample: &Sample, bounds: &Bounds, noise: Noise, hold: Hold) -> Option<Settled> {
     let starts = consensus::hypotheses(sample, bounds, STARTS_MAX);
     let window = 2.0 * bounds.tolerance;
-    let settled: Vec<Settled> =
-        starts.par_iter().filter_map(|start| settle(sample, start.cylinder, window, hold)).collect();
+    let settle_one = |start: Cylinder| match noise {
+        Noise::Unknown => grown(sample, start, window, hold),
+        Noise::Known(sigma) => narrow::narrow(sample, start, window, sigma, hold),
+    };
+    let settled: Vec<Settled> = starts.par_iter().filter_map(|start| settle_one(start.cylinder)).collect();
     let finest = settled.iter().map(|s| s.sigma).fold(f64::INFINITY, f64::min);
-    let reach = (robust::TUKEY_C * finest).max(0.25 * bounds.tolerance);
+    let reach = match noise {
+        Noise::Unknown => (robust::TUKEY_C * finest).max(0.25 * bounds.tolerance),
+        Noise::Known(sigma) => narrow::WINDOW * sigma,
+    };
     let score = |s: &Settled| consensus::score_whole(sample, &s.cylinder, reach);
     settled.into_iter().min_by(|a, b| score(a).total_cmp(&score(b)))
 }
 
-impl Candidate {
-    fn of(settled: Settled, sample: &Sample) -> Self {
-        let reach = robust::TUKEY_C * settled.sigma;
-        let (mut shown_count, mut on_count) = (0_usize, 0_usize);
-        for station in &sample.stations {
-            let slice = settled.cylinder.slice(station.x);
-            let (y, z) = sample.points(station);
-            let on = y.iter().zip(z).filter(|(y, z)| slice.distance(**y, **z).abs() < reach).count();
-            on_count += on;
-            shown_count += usize::from(on >= SHOWN_POINTS && on as f64 >= SHOWN_SHARE * y.len() as f64);
+/// Settles, and opens a window that turns out to be narrower than the noise.
+pub(super) fn grown(sample: &Sample, start: Cylinder, window: f64, hold: Hold) -> Option<Settled> {
+    let (mut settled, mut window) = (settle(sample, start, window, hold)?, window);
+    for _ in 0..GROWTHS_MAX {
+        let wanted = robust::TUKEY_C * settled.sigma;
+        if wanted <= window {
+            break;
         }
-        Self {
-            settled,
-            coverage: shown_count as f64 / sample.stations.len().max(1) as f64,
-            support: on_count as f64 / sample.y.len().max(1) as f64,
+        window = wanted.min(2.0 * window);
+        settled = settle(sample, settled.cylinder, window, hold)?;
+    }
+    Some(settled)
+}
+
+/// How much of the sample each surface holds. A point counts for the nearest surface alone: a cylinder that crosses the
+/// part shares a strip of it in every profile, and is still not what the profiles have in common.
+fn counted(found: &[Settled], sample: &Sample) -> Vec<Candidate> {
+    let (mut shown_counts, mut on_counts) = (vec![0_usize; found.len()], vec![0_usize; found.len()]);
+    let mut on = vec![0_usize; found.len()];
+    for station in &sample.stations {
+        let slices: Vec<_> = found.iter().map(|settled| settled.cylinder.slice(station.x)).collect();
+        let (y, z) = sample.points(station);
+        on.fill(0);
+        for (&y, &z) in y.iter().zip(z) {
+            let distances = slices.iter().map(|slice| slice.distance(y, z).abs()).zip(found).enumerate();
+            let near = distances.filter(|(_, (d, settled))| *d < robust::TUKEY_C * settled.sigma);
+            let nearest = near.min_by(|(_, (a, _)), (_, (b, _))| a.total_cmp(b));
+            if let Some(count) = nearest.and_then(|(index, _)| on.get_mut(index)) {
+                *count += 1;
+            }
+        }
+        let least = SHOWN_POINTS.min((y.len() as f64 * SHOWN_FEW).ceil() as usize).max(2);
+        for ((shown, all), on) in shown_counts.iter_mut().zip(&mut on_counts).zip(&on) {
+            *all += on;
+            *shown += usize::from(*on >= least && *on as f64 >= SHOWN_SHARE * y.len() as f64);
         }
     }
+    let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
+    let counts = shown_counts.into_iter().zip(on_counts);
+    let candidate = |(settled, (shown, on)): (&Settled, (usize, usize))| Candidate {
+        settled: *settled,
+        coverage: share(shown, sample.stations.len()),
+        support: share(on, sample.y.len()),
+    };
+    found.iter().zip(counts).map(candidate).filter(|candidate| candidate.support >= SUPPORT_MIN).collect()
 }
 
 /// The part among the candidates.
-pub(super) fn choose(candidates: &[Candidate], nominal_radius: Option<f64>) -> Choice {
-    let widest = candidates.iter().map(|c| c.coverage).fold(0.0, f64::max);
-    let could_be = |c: &&Candidate| c.coverage >= widest - COVERAGE_LEAD;
-    let mut possible: Vec<&Candidate> = candidates.iter().filter(could_be).collect();
+pub(super) fn choose(candidates: &[Candidate], nominal_radius: Option<f64>, sample: &Sample) -> Choice {
+    let mut possible: Vec<&Candidate> = candidates.iter().collect();
     if let Some(nominal) = nominal_radius {
+        // The radius speaks for itself where the data tell radii apart.
         let off = |c: &Candidate| (c.settled.cylinder.radius - nominal).abs();
-        // The radius speaks for itself; coverage counts only where it is the same.
-        possible = candidates.iter().collect();
-        possible.sort_by(|a, b| off(a).total_cmp(&off(b)));
-        possible.truncate(1);
+        let nearest = possible.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b)));
+        let known = |c: &Candidate| RADIUS_SIGMAS * radius_uncertainty(c, sample);
+        possible.retain(|c| nearest.is_some_and(|nearest| off(c) - off(nearest) <= known(c).hypot(known(nearest))));
     }
+    let widest = possible.iter().map(|c| c.coverage).fold(0.0, f64::max);
+    possible.retain(|c| c.coverage >= widest - COVERAGE_LEAD);
     match possible.as_slice() {
         [] => Choice::None,
         [first, second, ..] if second.coverage >= COVERAGE_MIN => Choice::Two(**first, **second),
         [first, ..] => Choice::One(**first),
     }
+}
+
+/// Standard uncertainty of a candidate's radius, for independent points of the sample.
+fn radius_uncertainty(candidate: &Candidate, sample: &Sample) -> f64 {
+    let Settled { cylinder, sigma } = candidate.settled;
+    let sums = total(sample, &cylinder, robust::TUKEY_C * sigma);
+    step::invert(&sums.normal).map_or(f64::INFINITY, |inverse| {
+        let [.., variance]: [f64; 5] = inverse.diagonal().into();
+        sigma * f64::max(variance, 0.0).sqrt()
+    })
 }

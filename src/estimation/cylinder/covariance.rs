@@ -1,24 +1,98 @@
 //! The covariance of the joint fit, with the profile as the cluster. Must not know the points.
 //!
 //! Points of one profile share errors (speckle, vibration), so a covariance that takes them as independent is wrong. The
-//! sandwich B (Σ_i G_i G_iᵀ) Bᵀ, with G_i the sum of w·d·J over profile i and B the inverse of Σ ψ′ J Jᵀ, assumes nothing
-//! about points of the same profile.
+//! clustered jackknife (n − 1)/n Σ_i δ_i δ_iᵀ, with δ_i = (N − N_i)⁻¹ G_i what the fit moves by without profile i, assumes
+//! nothing about points of the same profile. N_i is the sum of ψ′ J Jᵀ and G_i that of w·d·J over profile i, N the sum of all
+//! N_i. It is the sandwich whose residuals are corrected for the pull of their own profile (Bell and McCaffrey's CR3). Few
+//! profiles widen the interval as Student's t does, with Satterthwaite's degrees of freedom for each parameter: the two ends
+//! of a scan decide a slope, however many profiles lie between.
 
 use super::step::{self, Hold};
 use super::sums::Sums;
-use nalgebra::Matrix5;
+use nalgebra::{Matrix5, Vector5};
 
-/// Of (p, q, y_ref, z_ref, R), from the joint normal matrix and each profile's gradient; `None` where it is singular.
+/// Above this share of the whole, a profile is taken out exactly, below by the first terms of the series.
+const LEVERAGE_SMALL: f64 = 0.1;
+/// Parameters of an axis in one projection: what the degrees of freedom cannot get back.
+const LINE: f64 = 2.0;
+
+/// Of (p, q, y_ref, z_ref, R), from the joint normal matrix and each profile's sums; `None` where it is singular.
 pub(super) fn sandwich(normal: &Matrix5<f64>, profiles: &[Sums], hold: Hold) -> Option<Matrix5<f64>> {
     let bread = step::invert(normal)?;
-    let (mut meat, mut clusters_count) = (Matrix5::zeros(), 0.0_f64);
-    for profile in profiles.iter().filter(|profile| profile.weight > 0.0) {
-        // A fixed radius has no say and learns nothing.
-        let fixed = matches!(hold, Hold::Fixed { .. });
-        let gradient = if fixed { profile.gradient.component_mul(&step::OTHERS) } else { profile.gradient };
-        meat += gradient * gradient.transpose();
-        clusters_count += 1.0;
+    // A fixed radius has no say and learns nothing.
+    let free = if matches!(hold, Hold::Fixed { .. }) { step::OTHERS } else { Vector5::repeat(1.0) };
+    let mask = Matrix5::from_diagonal(&free);
+    let clusters = || profiles.iter().filter(|profile| profile.weight > 0.0);
+    let clusters_count = clusters().count() as f64;
+    // Two profiles make a line whatever they are off by: what is left of their sums is all that can be told.
+    let repeated = clusters_count > LINE;
+    let mut scatter = Matrix5::zeros();
+    let (mut shares, mut squared_shares) = (Vector5::zeros(), Vector5::zeros());
+    for profile in clusters() {
+        let (gradient, own) = (profile.gradient.component_mul(&free), mask * profile.normal * mask);
+        let pull = bread * own;
+        let shift = if repeated { without(normal, &bread, &own, &pull, &gradient) } else { bread * gradient };
+        scatter += shift * shift.transpose();
+        let share = (pull * bread).diagonal().map(|v| v.max(0.0));
+        shares += share;
+        squared_shares += share.component_mul(&share);
     }
-    let freedom = clusters_count / (clusters_count - 5.0).max(1.0);
-    Some(bread * meat * bread.transpose() * freedom)
+    if !repeated {
+        return Some(scatter * clusters_count);
+    }
+    let freedom = shares.zip_map(&squared_shares, |sum, squares| {
+        let effective = if squares > 0.0 { sum * sum / squares } else { clusters_count };
+        effective.min(clusters_count - LINE).max(1.0)
+    });
+    let widen = Matrix5::from_diagonal(&freedom.map(student_over_normal));
+    let covariance = widen * scatter * widen * ((clusters_count - 1.0) / clusters_count.max(1.0));
+    covariance.iter().all(|v| v.is_finite()).then_some(covariance)
+}
+
+/// What the fit moves by without a profile: (N − N_i)⁻¹ G_i.
+fn without(
+    normal: &Matrix5<f64>,
+    bread: &Matrix5<f64>,
+    own: &Matrix5<f64>,
+    pull: &Matrix5<f64>,
+    gradient: &Vector5<f64>,
+) -> Vector5<f64> {
+    let first = bread * gradient;
+    if pull.trace() < LEVERAGE_SMALL {
+        let second = pull * first;
+        return first + second + pull * second;
+    }
+    step::invert(&(normal - own)).map_or(first, |rest| rest * gradient)
+}
+
+/// How much wider the interval of ± 2 standard uncertainties is by Student's t than by the normal distribution.
+///
+/// The expansion t = z + (z³ + z)/4ν + (5z⁵ + 16z³ + 3z)/96ν² + (3z⁷ + 19z⁵ + 17z³ − 15z)/384ν³ (Abramowitz and Stegun
+/// 26.7.5) at z = 2; below 2 degrees of freedom it falls short.
+fn student_over_normal(freedom: f64) -> f64 {
+    let per = 1.0 / freedom;
+    0.5 * (2.0 + per * (2.5 + per * (294.0 / 96.0 + per * 1098.0 / 384.0)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn few_profiles_widen_the_interval_as_student_says() {
+        // Two-sided 95.45 % quantiles of the tables (JCGM 100, table G.2): 3.31, 2.87, 2.28, 2.05.
+        for (freedom, quantile) in [(3.0, 3.31), (4.0, 2.87), (10.0, 2.28), (50.0, 2.05)] {
+            assert!((2.0 * student_over_normal(freedom) - quantile).abs() < 0.01 * quantile, "{freedom}");
+        }
+    }
+
+    #[test]
+    fn the_series_takes_a_profile_out_as_the_inverse_does() {
+        let own = Matrix5::from_fn(|i, j| 0.01 / (1.0 + i as f64 + j as f64)) + Matrix5::identity() * 0.01;
+        let (normal, gradient) = (Matrix5::identity() * 2.0, Vector5::new(1.0, -2.0, 0.5, 0.3, 1.0));
+        let bread = normal.try_inverse().expect("regular");
+        let series = without(&normal, &bread, &own, &(bread * own), &gradient);
+        let exact = (normal - own).try_inverse().expect("regular") * gradient;
+        assert!((series - exact).norm() < 1e-3 * exact.norm());
+    }
 }

@@ -6,6 +6,7 @@
 //!                         (five points)         (coarse to fine)      (coverage, nominal radius) (every point)
 //! ```
 
+mod areas;
 mod block;
 mod candidates;
 mod consensus;
@@ -15,7 +16,10 @@ mod form;
 mod judge;
 mod kernel;
 mod known;
+mod layers;
 mod model;
+mod narrow;
+mod patches;
 mod projection;
 mod sample;
 mod scatter;
@@ -25,15 +29,18 @@ mod step;
 mod sums;
 
 use super::budget::Line;
+use super::robust;
 use super::unusable::unusable;
 use super::{
     EndFaces, Found, Outcome, Pose, Profile, Progress, RadiusRule, RadiusSource, Reason, Refusal, Settings,
     Uncertainty, Warning,
 };
 use crate::scan::{Scan, Station};
-use candidates::{Candidate, Choice};
+use candidates::{Candidate, Choice, Noise};
 use consensus::Bounds;
 use judge::Model;
+use layers::Verdict;
+use patches::Cut;
 use sample::Sample;
 use solve::{Problem, Solution};
 use step::Hold;
@@ -50,6 +57,13 @@ const NOMINAL_REACH: f64 = 0.02;
 /// What is near a start: this many times the roughness, but within these shares of the size of a profile.
 const TOLERANCE_ROUGHNESS: f64 = 4.0;
 const TOLERANCE_SIZES: [f64; 2] = [0.002, 0.02];
+
+/// A surface so much rougher than neighbouring points is looked at again,
+const SUSPICIOUS: f64 = 2.0;
+/// unless they are so smooth, relative to its radius, that this is rounding.
+const ROUGHNESS_MIN: f64 = 1e-7;
+/// A closer look has found another surface where the scatter is below this share of the first.
+const FINER: f64 = 0.7;
 
 /// The pose or why there is none, and what became of every profile.
 pub(super) fn find(scan: &Scan, settings: &Settings, progress: &Progress) -> Found {
@@ -99,9 +113,9 @@ fn search(scan: &Scan, used: &[bool], settings: &Settings, progress: &Progress) 
     let sample = Sample::take(scan, used, SAMPLE_PROFILES_MAX, SAMPLE_POINTS_MAX);
     let hold = hold(settings);
     let bounds = bounds(scan, &sample, settings);
-    let found = candidates::candidates(&sample, &bounds, hold);
-    let chosen = match candidates::choose(&found, settings.nominal_radius_mm) {
-        Choice::One(candidate) => candidate,
+    let found = candidates::candidates(&sample, &bounds, Noise::Unknown, hold);
+    let chosen = match candidates::choose(&found, settings.nominal_radius_mm, &sample) {
+        Choice::One(candidate) => finer(scan, used, &sample, &bounds, hold, candidate, settings)?,
         Choice::Two(a, b) => return Err(two_cylinders(&a, &b)),
         Choice::None => return Err(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm }),
     };
@@ -111,10 +125,51 @@ fn search(scan: &Scan, used: &[bool], settings: &Settings, progress: &Progress) 
         // At the end of what was looked for lies a plane or a line, not a part.
         radius >= least && radius <= most && radius >= settings.radius_resolved_mm()
     };
+    let no_cylinder = Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm };
     let epsilon = judge::epsilon(settings, chosen.settled.sigma);
     let problem = Problem { scan, used, hold, epsilon, progress };
-    let solution = solve::solve(&problem, &chosen.settled).filter(resolved);
-    solution.ok_or(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm })
+    let mut solution = solve::solve(&problem, &chosen.settled).filter(resolved).ok_or(no_cylinder)?;
+    match layers::mend(&problem, &solution, &bounds, settings.nominal_radius_mm) {
+        Verdict::Clean => {
+            areas::widen(scan, used, &mut solution, hold);
+            Ok(solution)
+        }
+        Verdict::Mended(mended) => Some(mended).filter(resolved).ok_or(no_cylinder),
+        Verdict::Two(a, b) => Err(two_cylinders(&a, &b)),
+        Verdict::Undecided { layer_ratio, reach_mm } => Err(Refusal::LayersUndecided { layer_ratio, reach_mm }),
+    }
+}
+
+/// The candidate looked at as closely as the points' own roughness allows: where a coarse look took a low layer and the part
+/// for one rough surface, a fine one tells them apart.
+fn finer(
+    scan: &Scan,
+    used: &[bool],
+    sample: &Sample,
+    bounds: &Bounds,
+    hold: Hold,
+    coarse: Candidate,
+    settings: &Settings,
+) -> Result<Candidate, Refusal> {
+    let reach = robust::TUKEY_C * coarse.settled.sigma;
+    let averages = patches::average(scan, used, &coarse.settled.cylinder, reach, Cut::Profiles);
+    // Whole profiles may be off, which is no layer.
+    let roughness = averages.as_ref().map_or(0.0, layers::own_scatter).max(extent::roughness(scan));
+    if coarse.settled.sigma < SUSPICIOUS * roughness || roughness < ROUGHNESS_MIN * coarse.settled.cylinder.radius {
+        return Ok(coarse);
+    }
+    let bounds = Bounds { tolerance: TOLERANCE_ROUGHNESS * roughness, ..*bounds };
+    let found = candidates::candidates(sample, &bounds, Noise::Known(roughness), hold);
+    match candidates::choose(&found, settings.nominal_radius_mm, sample) {
+        Choice::Two(a, b) => Err(two_cylinders(&a, &b)),
+        Choice::One(fine) if fine.coverage >= candidates::COVERAGE_MIN => {
+            // Neighbours may share their noise: what one point scatters by is seen only now.
+            let settled = candidates::grown(sample, fine.settled.cylinder, robust::TUKEY_C * roughness, hold);
+            let finer = settled.filter(|settled| settled.sigma < FINER * coarse.settled.sigma);
+            Ok(finer.map_or(coarse, |settled| Candidate { settled, ..fine }))
+        }
+        Choice::One(_) | Choice::None => Ok(coarse),
+    }
 }
 
 fn bounds(scan: &Scan, sample: &Sample, settings: &Settings) -> Bounds {

@@ -20,8 +20,8 @@ pub(in super::super) struct PlcDocument {
     verdict_code: u8,
     /// 0 none, 1 too_few_profiles, 2 points_identical, 3 points_collinear, 4 too_few_valid_profiles,
     /// 5 axial_length_too_short, 6 sections_disagree, 7 no_cylinder, 8 two_cylinders, 9 pose_undetermined,
-    /// 10 sections_not_round, 11 parts_count_differs, 12 window_empty.
-    #[schema(minimum = 0, maximum = 12)]
+    /// 10 sections_not_round, 11 parts_count_differs, 12 window_empty, 13 layers_undecided.
+    #[schema(minimum = 0, maximum = 13)]
     refusal_code: u8,
     /// Warnings; read the whole document where there are any.
     warnings_count: u64,
@@ -119,6 +119,7 @@ const fn number_of(refusal: &Refusal) -> u8 {
         Refusal::SectionsNotRound { .. } => 10,
         Refusal::PartsCountDiffers { .. } => 11,
         Refusal::WindowEmpty { .. } => 12,
+        Refusal::LayersUndecided { .. } => 13,
     }
 }
 

@@ -1,22 +1,28 @@
 //! Made scans of a cylindrical part with holes, clamps, drop-outs, spikes and noise on it, and the truth beside them.
 //! Seeded: the same part gives the same scan, everywhere. Must not know how a pose is estimated.
 //!
-//! Every profile is seen from above (+Z): its directions are spread evenly over the arc, and a feature moves its points
-//! along the line of sight from the axis, so that the true section is the ellipse of [`AxisLine::section`].
+//! A feature moves its points along the line of sight from the axis, so that the true section is the ellipse of
+//! [`AxisLine::section`].
 
 mod edge;
+mod interference;
+mod noise;
 mod several;
+mod surroundings;
 mod truth;
 
 pub use edge::{Edge, Edges, Neighbour};
+pub use interference::{Bead, ClampShape, Feature, Interference};
 pub use several::make_several;
+pub use surroundings::Surroundings;
 pub use truth::{Bound, Truth};
 
 use super::{Columns, Scan, ScanError, Station};
 use crate::geometry::AxisLine;
+use edge::Prepared;
+use noise::Noise;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 
 /// A part, and how it is scanned. Lengths in mm, angles in degrees.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,12 +39,24 @@ pub struct Part {
     pub profiles_count: usize,
     /// Points a profile, before drop-outs.
     pub points_count: usize,
-    /// Arc seen of each section, centred on +Z.
+    /// Arc seen of each section.
     pub arc_deg: f64,
+    /// Direction of the middle of the arc, from +Z towards +Y; 0 is seen from above.
+    pub view_deg: f64,
+    /// How the points of a profile are spread over its arc.
+    pub sampling: Sampling,
+    /// How far a profile may lie from its even place, as a share of half the spacing; 1 lets neighbours meet.
+    pub spacing_spread: f64,
     /// Standard deviation of the noise, in y and in z.
     pub noise_sigma_mm: f64,
+    /// Correlation of a point's noise with its predecessor's, 0 to 1; the standard deviation stays.
+    pub noise_correlation: f64,
+    /// Standard deviation by which whole profiles are off, in y and in z.
+    pub jitter_sigma_mm: f64,
     /// What sits on the part, as shares of the profiles that carry it.
     pub interference: Interference,
+    /// What is seen beside the part.
+    pub surroundings: Surroundings,
     /// Share of the points that are missing.
     pub drop_out_ratio: f64,
     /// Share of the points that are thrown off by up to [`SPIKE_MM`].
@@ -49,58 +67,20 @@ pub struct Part {
     pub seed: u64,
 }
 
-/// Shares of the profiles that carry each kind of feature; the rest is smooth. They stand in blocks along x.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Interference {
-    /// Profiles with two screw holes: two groups of 2 % of the points sunk by 10 and 20 mm.
-    pub screw_holes: f64,
-    /// Profiles through a straight hole: 15 % of the points sunk by 30 mm.
-    pub straight_holes: f64,
-    /// Profiles under a clamp.
-    pub clamps: f64,
-    /// Share of the arc that a clamp covers, in its middle.
-    pub clamp_arc: f64,
-    /// Height of a clamp above the surface.
-    pub clamp_height_mm: f64,
+/// How the points of a profile are spread over its arc.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Sampling {
+    /// By equal angles about the axis.
+    #[default]
+    EvenAngle,
+    /// By equal steps of y, as a sensor above the part does; what lies more than 90° from +Z is not seen.
+    EvenAcross,
 }
 
 /// Farthest that a spike throws a point.
 pub const SPIKE_MM: f64 = 10.0;
 /// How often the blocks of features repeat along the part.
 const BLOCKS_COUNT: usize = 3;
-
-/// What one profile carries.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Feature {
-    /// Nothing.
-    Smooth,
-    /// Two groups of 2 % of the points, sunk by 10 and 20 mm.
-    ScrewHoles,
-    /// 15 % of the points, sunk by 30 mm.
-    StraightHole,
-    /// The middle of the arc, raised.
-    Clamp {
-        /// Share of the arc.
-        arc: f64,
-        /// Above the surface.
-        height_mm: f64,
-    },
-}
-
-impl Feature {
-    /// How far the feature moves the point at `place` (0 to 1 along the arc) away from the axis, mm.
-    #[must_use]
-    pub fn offset_mm(self, place: f64) -> f64 {
-        let within = |start: f64, width: f64| place >= start && place < start + width;
-        match self {
-            Self::ScrewHoles if within(0.41, 0.02) => -10.0,
-            Self::ScrewHoles if within(0.61, 0.02) => -20.0,
-            Self::StraightHole if within(0.55, 0.15) => -30.0,
-            Self::Clamp { arc, height_mm } if within(0.5 - arc / 2.0, arc) => height_mm,
-            _ => 0.0,
-        }
-    }
-}
 
 impl Part {
     /// The published situation of a whole part: screw holes, straight holes and clamps on 60 % of its profiles.
@@ -113,6 +93,7 @@ impl Part {
                 clamps: 0.24,
                 clamp_arc: 0.5,
                 clamp_height_mm: 25.0,
+                ..Interference::default()
             },
             ..Self::smooth(seed)
         }
@@ -134,8 +115,14 @@ impl Part {
             profiles_count: 400,
             points_count: 640,
             arc_deg: 140.0,
+            view_deg: 0.0,
+            sampling: Sampling::EvenAngle,
+            spacing_spread: 0.0,
             noise_sigma_mm: 0.05,
+            noise_correlation: 0.0,
+            jitter_sigma_mm: 0.0,
             interference: Interference::default(),
+            surroundings: Surroundings::default(),
             drop_out_ratio: 0.0,
             spike_ratio: 0.0,
             edges: Edges::default(),
@@ -144,22 +131,36 @@ impl Part {
     }
 
     fn feature(&self, index: usize) -> Feature {
-        let Interference { screw_holes, straight_holes, clamps, clamp_arc, clamp_height_mm } = self.interference;
-        let phase = (index * BLOCKS_COUNT) as f64 / self.profiles_count as f64 % 1.0;
-        let smooth = 1.0 - screw_holes - straight_holes - clamps;
-        match phase {
-            phase if phase < smooth => Feature::Smooth,
-            phase if phase < smooth + screw_holes => Feature::ScrewHoles,
-            phase if phase < smooth + screw_holes + straight_holes => Feature::StraightHole,
-            _ => Feature::Clamp { arc: clamp_arc, height_mm: clamp_height_mm },
-        }
+        self.interference.feature((index * BLOCKS_COUNT) as f64 / self.profiles_count as f64 % 1.0)
     }
 
-    fn station_x(&self, index: usize) -> f64 {
+    fn station_x(&self, index: usize, chance: &mut ChaCha8Rng) -> f64 {
         let steps = self.profiles_count.saturating_sub(1).max(1);
-        self.x_start_mm + self.length_mm * index as f64 / steps as f64
+        let moved = if self.spacing_spread > 0.0 {
+            0.5 * self.spacing_spread.min(1.0) * chance.random_range(-1.0..1.0)
+        } else {
+            0.0
+        };
+        self.x_start_mm + self.length_mm * (index as f64 + moved) / steps as f64
+    }
+
+    /// The direction of the point at `place` (0 to 1 along the profile): radians from +Z towards −Y.
+    fn direction(&self, place: f64) -> f64 {
+        let half = 0.5 * self.arc_deg.to_radians();
+        match self.sampling {
+            Sampling::EvenAngle => (1.0 - 2.0 * place) * half - self.view_deg.to_radians(),
+            Sampling::EvenAcross => {
+                let seen = |angle: f64| angle.clamp(-HORIZON_RAD, HORIZON_RAD).sin();
+                let view = self.view_deg.to_radians();
+                let (low, high) = (seen(view - half), seen(view + half));
+                -(low + (high - low) * place).asin()
+            }
+        }
     }
 }
+
+/// A sensor above does not look round the part.
+const HORIZON_RAD: f64 = 1.55;
 
 /// Scans the part.
 ///
@@ -171,24 +172,22 @@ pub fn make(part: &Part) -> Result<(Scan, Truth), ScanError> {
     let mut truth = Truth::begin(part);
     let (edges, mut blanks) = (part.edges.prepare(part), Vec::new());
     for index in 0..part.profiles_count {
-        let (x, feature, start) = (part.station_x(index), part.feature(index), y.len());
+        let (x, start) = (part.station_x(index, &mut chance), y.len());
+        let mut noise = Noise::begin(part, &mut chance);
         let mut inner_count = 0;
-        for point in 0..part.points_count {
+        let on_part = (0..part.points_count).map(Seen::OnPart);
+        let [left, right] = [part.surroundings.left(part, x), part.surroundings.right(part, x, index)];
+        for seen in left.into_iter().map(Seen::Beside).chain(on_part).chain(right.into_iter().map(Seen::Beside)) {
             if chance.random_bool(part.drop_out_ratio.clamp(0.0, 1.0)) {
                 continue;
             }
-            let place = (point as f64 + 0.5) / part.points_count as f64;
             let spike = chance.random_bool(part.spike_ratio.clamp(0.0, 1.0));
             let thrown = if spike { chance.random_range(-SPIKE_MM..SPIKE_MM) } else { 0.0 };
-            let direction = (0.5 - place) * part.arc_deg.to_radians();
-            let offset = feature.offset_mm(place) + thrown;
-            let Some(offset) = edges.offset(x, point, [-direction.sin(), direction.cos()], offset) else { continue };
-            let [true_y, true_z] = on_surface(part, x, direction, offset);
-            let mut noise =
-                || part.noise_sigma_mm * <StandardNormal as Distribution<f64>>::sample(&StandardNormal, &mut chance);
-            y.push(true_y + noise());
-            z.push(true_z + noise());
-            if offset == 0.0 {
+            let Some((true_point, inner)) = place(part, &edges, x, index, seen, thrown) else { continue };
+            let ([true_y, true_z], [off_y, off_z]) = (true_point, noise.next(&mut chance));
+            y.push(true_y + off_y);
+            z.push(true_z + off_z);
+            if inner {
                 inner_count += 1;
                 truth.add_inner_point(part, [x, true_y, true_z]);
             }
@@ -202,6 +201,30 @@ pub fn make(part: &Part) -> Result<(Scan, Truth), ScanError> {
     }
     let scan = Scan::new(stations, Columns::F64 { y, z }, "synthetic".to_owned())?;
     Ok((scan.with_blanks(blanks), truth.end(part)))
+}
+
+/// Something in a profile.
+#[derive(Debug, Clone, Copy)]
+enum Seen {
+    /// On the part or what sits on it: the position in the profile.
+    OnPart(usize),
+    /// Beside it.
+    Beside([f64; 2]),
+}
+
+/// Where the point lies but for its noise, and whether that is on the part; `None` where nothing is seen.
+fn place(part: &Part, edges: &Prepared, x: f64, index: usize, seen: Seen, thrown: f64) -> Option<([f64; 2], bool)> {
+    match seen {
+        Seen::Beside([y, z]) => Some(([y, z + thrown], false)),
+        Seen::OnPart(column) => {
+            let place = (column as f64 + 0.5) / part.points_count as f64;
+            let direction = part.direction(place);
+            let angle = direction - part.direction(0.5 + part.interference.shift);
+            let offset = part.interference.offset_mm(part.feature(index), place, angle, part.radius_mm) + thrown;
+            let offset = edges.offset(x, column, [-direction.sin(), direction.cos()], offset)?;
+            Some((on_surface(part, x, direction, offset), offset == 0.0))
+        }
+    }
 }
 
 /// The point that is seen from the axis in `direction` (radians from +Z towards −Y), `offset` beyond the surface.

@@ -1,0 +1,226 @@
+//! Layers close to the surface: tape, a weld bead, a thin jaw, nearly as high as the noise. No single point tells them from
+//! the part, averages over patches do. In: the fit. Out: the fit without what lies in layers, or why nobody can tell.
+//! Must not know how a fit is made.
+//!
+//! Averages that scatter no more than their neighbours make likely, and none far off, leave the fit as it is. Otherwise the
+//! surfaces are looked for again, among the averages, by the same consensus and with the same choice; patches off the part
+//! are taken out, those beside them with half of the patience, and the points that are left are fitted once more.
+
+use super::areas;
+use super::candidates::{self, COVERAGE_MIN, Candidate, Choice, Noise};
+use super::consensus::Bounds;
+use super::kernel::Inner;
+use super::model::Cylinder;
+use super::patches::{self, Averages, Cut};
+use super::settle::Settled;
+use super::solve::{self, Problem, Solution};
+
+use super::sums::Sums;
+use crate::estimation::{Progress, robust};
+use crate::scan::{Columns, Scan, Station};
+
+/// Points within so many cut-offs of the fit are averaged.
+const REACH: f64 = 1.5;
+/// Averages may scatter by this much more than neighbours differ before a layer is suspected,
+const SUSPICIOUS: f64 = 1.5;
+/// and this share of them may be far off by chance.
+const OFF_SHARE: f64 = 0.005;
+/// A quarter of normal noise lies within this many standard deviations.
+const QUARTER_TO_SIGMA: f64 = 0.3186;
+/// Where more than this share of the surface lies in layers, what is left is not certain to be the part.
+const LAYER_RATIO_MAX: f64 = 0.3;
+/// A rival is on this share of the profiles
+const RIVAL_COVERAGE: f64 = 0.5;
+/// and holds this share of what the chosen surface holds.
+const RIVAL_SUPPORT: f64 = 0.6;
+/// Averages of many points show every deviation of a real part's form; below this share of the points' noise it is no layer.
+const SCATTER_MIN: f64 = 0.3;
+/// Far off is an average beyond so many of their standard deviations,
+const OFF: f64 = 3.5;
+/// or half of that beside one that is.
+const OFF_BESIDE: f64 = 1.75;
+/// What is near a start among the averages, in what they scatter by for themselves.
+const TOLERANCE: f64 = 3.0;
+/// Points that make a patch: few show where a layer ends, many show a thin one.
+const POINTS_WANTED: [usize; 2] = [12, 60];
+const ROUNDS: usize = 3;
+
+/// What became of the fit.
+pub(super) enum Verdict {
+    /// No layer.
+    Clean,
+    /// Fitted again without the layers.
+    Mended(Solution),
+    /// Two surfaces could be the part.
+    Two(Candidate, Candidate),
+    /// So much lies in layers that what is left may be one, too, or a mixture of both.
+    Undecided { layer_ratio: f64, reach_mm: f64 },
+}
+
+/// Looks for layers about the fit, and takes them out.
+pub(super) fn mend(problem: &Problem<'_>, fit: &Solution, bounds: &Bounds, nominal_radius: Option<f64>) -> Verdict {
+    let mut verdict = Verdict::Clean;
+    for points_wanted in POINTS_WANTED {
+        let base = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
+        match mend_at(problem, base, bounds, nominal_radius, points_wanted) {
+            Verdict::Clean => {}
+            Verdict::Mended(mended) => verdict = Verdict::Mended(mended),
+            refused @ (Verdict::Two(..) | Verdict::Undecided { .. }) => return refused,
+        }
+    }
+    verdict
+}
+
+fn mend_at(
+    problem: &Problem<'_>,
+    fit: &Solution,
+    bounds: &Bounds,
+    nominal_radius: Option<f64>,
+    points_wanted: usize,
+) -> Verdict {
+    let Problem { scan, used, hold, .. } = *problem;
+    let reach = REACH * robust::TUKEY_C * fit.sigma;
+    let Some(averages) = patches::average(scan, used, &fit.cylinder, reach, Cut::Points(points_wanted)) else {
+        return Verdict::Clean;
+    };
+    let own = own_scatter(&averages).max(SCATTER_MIN * fit.sigma);
+    if !suspicious(&averages, own) {
+        return Verdict::Clean;
+    }
+    let sample = averages.sample();
+    let finer = Bounds { tolerance: TOLERANCE * own, ..*bounds };
+    let found = candidates::candidates(&sample, &finer, Noise::Known(own), hold);
+    let part = match candidates::choose(&found, nominal_radius, &sample) {
+        // What is not on most profiles is not the part; whole profiles that are off are no layers.
+        Choice::One(candidate) if candidate.coverage < COVERAGE_MIN => return Verdict::Clean,
+        Choice::One(candidate) => match rival(&candidate, &found, nominal_radius) {
+            Some(rival) => return Verdict::Two(candidate, rival),
+            None => candidate.settled,
+        },
+        Choice::Two(a, b) => return Verdict::Two(a, b),
+        Choice::None => return Verdict::Clean,
+    };
+    let off = off(&averages, &part);
+    let layer_ratio = off.iter().filter(|off| **off).count() as f64 / averages.patches.iter().flatten().count() as f64;
+    if layer_ratio > LAYER_RATIO_MAX || rough(&averages, &part, own) {
+        // A part that is known to be there is answered as it is fitted, with what its areas share in the uncertainty.
+        let known = nominal_radius.is_some();
+        return if known { Verdict::Clean } else { Verdict::Undecided { layer_ratio, reach_mm: reach } };
+    }
+    refit(problem, fit, &part, &averages, &off).map_or(Verdict::Clean, Verdict::Mended)
+}
+
+/// A layer that holds nearly as much as what was chosen. So close together, each takes points of the other, and coverage is
+/// not to be trusted; a nominal radius has decided.
+fn rival(chosen: &Candidate, found: &[Candidate], nominal_radius: Option<f64>) -> Option<Candidate> {
+    let others = found.iter().filter(|other| other.settled != chosen.settled && nominal_radius.is_none());
+    others.copied().find(|other| other.coverage >= RIVAL_COVERAGE && other.support >= RIVAL_SUPPORT * chosen.support)
+}
+
+/// What averages scatter by for themselves: the larger of what neighbours along the arc and along x differ by. Along x
+/// whole profiles may be off (vibration), which is no layer.
+pub(super) fn own_scatter(averages: &Averages) -> f64 {
+    let mut scratch = Vec::new();
+    let along_arc = robust::sigma(&averages.squared_differences_along_arc(), &mut scratch);
+    along_arc.max(lower_sigma(averages.squared_differences_along_x()))
+}
+
+/// Robust standard deviation by the lower quarter: clamps that come and go along x leave it alone.
+fn lower_sigma(mut squared: Vec<f64>) -> f64 {
+    let quarter = squared.len() / 4;
+    if squared.is_empty() {
+        return 0.0;
+    }
+    let (_, lower, _) = squared.select_nth_unstable_by(quarter, f64::total_cmp);
+    lower.sqrt() / QUARTER_TO_SIGMA
+}
+
+/// Whether the averages on the part scatter more than they do for themselves: a mixture of two surfaces.
+fn rough(averages: &Averages, part: &Settled, own: f64) -> bool {
+    let squared = averages.patches.iter().flatten().map(|patch| {
+        let [y, z] = averages.grid.point(patch.x, patch);
+        part.cylinder.slice(patch.x).distance(y, z).powi(2)
+    });
+    let on: Vec<f64> = squared.filter(|d2| *d2 < (OFF * own).powi(2)).collect();
+    robust::sigma(&on, &mut Vec::new()) > SUSPICIOUS * own
+}
+
+fn suspicious(averages: &Averages, own: f64) -> bool {
+    let squared: Vec<f64> = averages.patches.iter().flatten().map(|patch| patch.d * patch.d).collect();
+    let scatter = robust::sigma(&squared, &mut Vec::new());
+    let limit = OFF * scatter.min(SUSPICIOUS * own);
+    let far = squared.iter().filter(|d2| **d2 > limit * limit).count() as f64;
+    scatter > SUSPICIOUS * own || far > OFF_SHARE * squared.len() as f64
+}
+
+/// Which patches lie off the part.
+fn off(averages: &Averages, part: &Settled) -> Vec<bool> {
+    let distance = |patch: &patches::Patch| {
+        let [y, z] = averages.grid.point(patch.x, patch);
+        part.cylinder.slice(patch.x).distance(y, z).abs() / part.sigma
+    };
+    let distances: Vec<Option<f64>> = averages.patches.iter().map(|patch| patch.as_ref().map(distance)).collect();
+    let far = |index: usize| distances.get(index).is_some_and(|d| d.is_some_and(|d| d > OFF));
+    let sectors = averages.grid.sectors();
+    let beside = |index: usize| {
+        let column = index % sectors;
+        (column > 0 && far(index - 1))
+            || (column + 1 < sectors && far(index + 1))
+            || index.checked_sub(sectors).is_some_and(far)
+            || far(index + sectors)
+    };
+    let off = |(index, d): (usize, &Option<f64>)| d.is_some_and(|d| d > OFF || (d > OFF_BESIDE && beside(index)));
+    distances.iter().enumerate().map(off).collect()
+}
+
+/// Fits what is left without the patches that are off.
+fn refit(problem: &Problem<'_>, fit: &Solution, part: &Settled, averages: &Averages, off: &[bool]) -> Option<Solution> {
+    let Problem { scan, used, hold, .. } = *problem;
+    let (mut y, mut z, mut stations, mut kept) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut ys, mut zs) = (Vec::new(), Vec::new());
+    for (index, (station, _)) in scan.stations().iter().zip(used).enumerate().filter(|(_, (_, used))| **used) {
+        let (slice, start) = (fit.cylinder.slice(station.x), y.len());
+        scan.load(*station, &mut ys, &mut zs);
+        for (&py, &pz) in ys.iter().zip(&zs) {
+            if !off.get(averages.grid.place(index, &slice, py, pz)).copied().unwrap_or(true) {
+                y.push(py);
+                z.push(pz);
+            }
+        }
+        if y.len() > start {
+            stations.push(Station { x: station.x, start, end: y.len() });
+            kept.push(index);
+        }
+    }
+    let rest = Scan::new(stations, Columns::F64 { y, z }, scan.rule().to_owned()).ok()?;
+    let all = vec![true; rest.stations().len()];
+    let sigma = scatter(&rest, &part.cylinder, fit.sigma);
+    let silent = Progress::default();
+    let rest_problem = Problem { scan: &rest, used: &all, progress: &silent, ..*problem };
+    let mut solution = solve::solve(&rest_problem, &Settled { cylinder: part.cylinder, sigma })?;
+    areas::widen(&rest, &all, &mut solution, hold);
+    let mut profiles = vec![Sums::zero(); scan.stations().len()];
+    let mut inner = vec![Inner::none(); scan.stations().len()];
+    for ((index, sums), counts) in kept.into_iter().zip(&solution.profiles).zip(&solution.inner) {
+        if let (Some(sums_of), Some(inner_of)) = (profiles.get_mut(index), inner.get_mut(index)) {
+            (*sums_of, *inner_of) = (*sums, *counts);
+        }
+    }
+    Some(Solution { profiles, inner, ..solution })
+}
+
+/// Robust spread of the points that are left about the part.
+fn scatter(rest: &Scan, part: &Cylinder, widest: f64) -> f64 {
+    let (mut ys, mut zs, mut squared, mut scratch) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for station in rest.stations() {
+        let slice = part.slice(station.x);
+        rest.load(*station, &mut ys, &mut zs);
+        squared.extend(ys.iter().zip(&zs).map(|(y, z)| slice.distance(*y, *z).powi(2)));
+    }
+    let mut sigma = widest;
+    for _ in 0..ROUNDS {
+        squared.retain(|d2| *d2 < robust::cut_off_squared(sigma));
+        sigma = robust::sigma(&squared, &mut scratch).min(widest);
+    }
+    sigma
+}

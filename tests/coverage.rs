@@ -1,0 +1,127 @@
+//! The stated uncertainty is right: ± 2 standard uncertainties hold the truth in 93 to 98 % of many seeds, for each
+//! parameter, whatever neighbours along the laser line or whole profiles share.
+//!
+//! `COAXIS_SEEDS=500 cargo test --release --test coverage -- --nocapture` prints the table of docs/estimation.md.
+
+#![expect(
+    clippy::expect_used,
+    clippy::print_stdout,
+    clippy::indexing_slicing,
+    reason = "a test may fail, and says what it saw"
+)]
+
+mod made;
+
+use coaxis::estimation::{Method, Outcome, Pose, Progress, Settings, estimate};
+use coaxis::scan::synthetic::{Interference, Part, Truth, make};
+use made::{count, errors, standard};
+use rayon::prelude::*;
+
+/// Seeds a scene that continuous integration has time for.
+const SEEDS: u64 = 60;
+/// What may be held of a normal distribution's 95.4 %.
+const HELD: [f64; 2] = [0.93, 0.98];
+/// deflection, pitch, y_ref, z_ref, radius, y and z at x = 0.
+const NUMBERS: usize = 7;
+
+/// Noise of one point, of its neighbours and of its profile: name, lag-one correlation, jitter in mm.
+const NOISES: [(&str, f64, f64); 4] =
+    [("independent", 0.0, 0.0), ("AR(1) 0.9", 0.9, 0.0), ("jitter 0.03 mm", 0.0, 0.03), ("both", 0.9, 0.03)];
+
+/// Whether ± 2 standard uncertainties hold each number.
+fn held(pose: &Pose, truth: &Truth) -> [bool; NUMBERS] {
+    let standard = standard(pose);
+    let at_ref = errors(pose, truth, pose.x_ref);
+    let at_zero = errors(pose, truth, 0.0);
+    let covariance = pose.uncertainty.covariance;
+    // y at x = 0 is y_ref − p·x_ref, with p = tan(angle); likewise z.
+    let of_zero = |angle: usize, place: usize, slope: f64| {
+        let lever = -pose.x_ref * (1.0 + slope * slope);
+        let variance = covariance[place][place]
+            + lever * lever * covariance[angle][angle]
+            + 2.0 * lever * covariance[angle][place];
+        variance.sqrt()
+    };
+    let zero = [of_zero(0, 2, pose.axis.p), of_zero(1, 3, pose.axis.q)];
+    std::array::from_fn(|i| match i {
+        5 | 6 => at_zero[i - 3].abs() <= 2.0 * zero[i - 5],
+        _ => at_ref[i].abs() <= 2.0 * standard[i],
+    })
+}
+
+/// Shares held over the seeds, and of seeds that were answered.
+fn coverage(settings: &Settings, seeds_count: u64, part: impl Fn(u64) -> Part + Sync) -> ([f64; NUMBERS], f64) {
+    let answers: Vec<[bool; NUMBERS]> = (0..seeds_count)
+        .into_par_iter()
+        .filter_map(|seed| {
+            let (scan, truth) = make(&part(seed)).expect("a part");
+            match estimate(&scan, settings, &Progress::default()).outcome {
+                Outcome::Accepted(pose) => Some(held(&pose, &truth)),
+                Outcome::Refused(_) => None,
+            }
+        })
+        .collect();
+    let share = |i: usize| answers.iter().filter(|held| held[i]).count() as f64 / answers.len().max(1) as f64;
+    (std::array::from_fn(share), answers.len() as f64 / seeds_count as f64)
+}
+
+/// Prints a line of the table; false where a share is outside of what it may be by more than chance.
+fn line(name: &str, noise: &str, shares: &[f64; NUMBERS], answered: f64, seeds_count: u64, allowed: [f64; 2]) -> bool {
+    let cells: Vec<String> = shares.iter().map(|share| format!("{:.1}", 100.0 * share)).collect();
+    println!("| {name} | {noise} | {} | {:.0} |", cells.join(" | "), 100.0 * answered);
+    // A share of n seeds scatters by √(p(1 − p)/n); three and a half of them are granted over 28 and more shares.
+    let granted = 3.5 * (0.954 * 0.046 / (seeds_count as f64)).sqrt();
+    let [low, high] = allowed;
+    let middle = 0.954;
+    shares.iter().all(|share| *share >= (low).min(middle - granted) && *share <= high.max(middle + granted))
+}
+
+const PAPER: Interference = Interference {
+    screw_holes: 0.2,
+    straight_holes: 0.16,
+    clamps: 0.24,
+    clamp_arc: 0.5,
+    clamp_height_mm: 25.0,
+    ..Interference::NONE
+};
+
+fn part(seed: u64, (correlation, jitter_sigma_mm): (f64, f64)) -> Part {
+    Part {
+        profiles_count: 80,
+        points_count: 120,
+        noise_correlation: correlation,
+        jitter_sigma_mm,
+        ..Part::smooth(seed)
+    }
+}
+
+#[test]
+fn two_standard_uncertainties_of_cylinder_hold_the_truth() {
+    let settings = Settings { method: Method::Cylinder, ..Settings::default() };
+    let seeds_count = count("COAXIS_SEEDS", SEEDS);
+    let mut right = true;
+    let mut scene = |name: &str, change: &(dyn Fn(Part) -> Part + Sync)| {
+        for (noise, correlation, jitter) in NOISES {
+            let (shares, answered) = coverage(&settings, seeds_count, |seed| change(part(seed, (correlation, jitter))));
+            right &= line(name, noise, &shares, answered, seeds_count, HELD);
+        }
+    };
+    scene("140°", &|part| part);
+    scene("120°, interference", &|part| Part { arc_deg: 120.0, interference: PAPER, ..part });
+    scene("70°, interference", &|part| Part { arc_deg: 70.0, interference: PAPER, ..part });
+    scene("radius 50, 25 profiles", &|part| Part { radius_mm: 50.0, profiles_count: 25, ..part });
+    scene("10 profiles", &|part| Part { profiles_count: 10, ..part });
+    scene("5 profiles", &|part| Part { profiles_count: 5, ..part });
+    assert!(right, "a share is not what it should be");
+}
+
+#[test]
+fn two_standard_uncertainties_of_section_line_hold_the_truth() {
+    let settings = Settings { method: Method::SectionLine, epsilon_mm: 0.15, ..Settings::default() };
+    let seeds_count = count("COAXIS_SEEDS", SEEDS) / 4;
+    for (noise, correlation, jitter) in NOISES {
+        let scene = |seed| Part { arc_deg: 160.0, points_count: 160, ..part(seed, (correlation, jitter)) };
+        let (shares, answered) = coverage(&settings, seeds_count, scene);
+        line("section_line, 160°", noise, &shares, answered, seeds_count, HELD);
+    }
+}
