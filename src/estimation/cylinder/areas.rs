@@ -5,7 +5,7 @@
 //! The sandwich is taken once more with areas of the surface as the clusters, on areas of five shapes. Where the variance of a
 //! parameter comes out several times that by profiles, chance is excluded, and it takes its place.
 
-use super::patches::{self, Cut, Grid, Near};
+use super::patches::{self, Cut, Grid, Surface};
 use super::solve::Solution;
 use super::step::{self, Hold};
 use super::sums::Sums;
@@ -24,62 +24,66 @@ const CHANCE: f64 = 3.0;
 
 /// Widens the covariance where areas of the surface share errors.
 pub(super) fn widen(scan: &Scan, used: &[bool], solution: &mut Solution, hold: Hold) {
+    if used.iter().filter(|used| **used).count() < PROFILES_MIN {
+        return;
+    }
     let reach = robust::TUKEY_C * solution.sigma;
-    let cut = Cut::Cells { sectors: CELLS, blocks: CELLS };
-    let Some((grid, near)) = patches::cut(scan, used, &solution.cylinder, reach, cut) else { return };
+    let Some(surface) = patches::look(scan, used, &solution.cylinder, reach) else { return };
+    let Some(grid) = surface.grid(Cut::Cells { sectors: CELLS, blocks: CELLS }) else { return };
     let mut sums = Sums::zero();
     solution.profiles.iter().for_each(|profile| sums.add(profile));
     let (normal, _) = step::system(&sums, hold, solution.sigma, solution.cylinder.radius);
     let Some(bread) = step::invert(&normal) else { return };
-    if used.iter().filter(|used| **used).count() < PROFILES_MIN {
-        return;
-    }
-    let strips = gradients(scan, &grid, &near, solution);
-    let usual = variances(&bread, &gathered(&strips, [1, CELLS]));
+    let strips = pulls(scan, &grid, &surface, solution, &bread);
+    let usual = variances(&strips, [1, CELLS]);
     let mut factor = Vector5::repeat(1.0_f64);
-    for area in AREAS {
-        let [blocks, sectors] = area;
+    for [blocks, sectors] in AREAS {
         // What a profile shares within the area is in the usual variance already (Cameron, Gelbach and Miller).
-        let own = variances(&bread, &gathered(&strips, [1, sectors]));
-        let shared = variances(&bread, &gathered(&strips, [blocks * grid.block(), sectors])) - own;
-        let ratio = shared.zip_map(&usual, |shared, usual| if usual > 0.0 { 1.0 + shared / usual } else { 1.0 });
-        factor = factor.zip_map(&ratio, |factor, ratio| if ratio > CHANCE { factor.max(ratio) } else { factor });
+        let own = variances(&strips, [1, sectors]);
+        let profiles = (blocks * grid.block()).div_ceil(surface.every);
+        let shared = variances(&strips, [profiles, sectors]) - own;
+        let excess = shared.zip_map(&usual, |shared, usual| if usual > 0.0 { shared / usual } else { 0.0 });
+        // Of every n-th point what is shared shows n times less beside the points' own noise.
+        let thinned = surface.thinned() as f64;
+        factor =
+            factor.zip_map(
+                &excess,
+                |factor, excess| {
+                    if 1.0 + excess > CHANCE { factor.max(1.0 + excess * thinned) } else { factor }
+                },
+            );
     }
     let widen = Matrix5::from_diagonal(&factor.map(f64::sqrt));
     solution.covariance = widen * solution.covariance * widen;
 }
 
-/// Σ w·d·J by profile and sector, profile after profile.
-fn gradients(scan: &Scan, grid: &Grid, near: &[Near], solution: &Solution) -> Vec<Vector5<f64>> {
-    let mut strips = vec![Vector5::zeros(); scan.stations().len() * CELLS];
+/// What the points of each profile and sector do to the parameters, B Σ w·d·J, profile after profile.
+fn pulls(scan: &Scan, grid: &Grid, surface: &Surface, solution: &Solution, bread: &Matrix5<f64>) -> Vec<Vector5<f64>> {
+    let mut strips = vec![Vector5::zeros(); scan.stations().len().div_ceil(surface.every) * CELLS];
     let cut_off = robust::cut_off_squared(solution.sigma);
-    for point in near {
-        let slice = solution.cylinder.slice(point.x);
-        let response = slice.response(point.y, point.z);
+    for point in &surface.near {
+        let Some(station) = scan.stations().get(point.index) else { continue };
+        let response = solution.cylinder.slice(station.x).response(point.y, point.z);
         let (a, b, t) = (response.a, response.b, response.t);
         let pull = robust::weight(response.d * response.d, cut_off) * response.d;
-        let sector = grid.place(point.index, &slice, point.y, point.z) % CELLS;
-        if let Some(strip) = strips.get_mut(point.index * CELLS + sector) {
-            *strip += Vector5::new(a * t, b * t, a, b, -1.0) * pull;
+        if let Some(strip) = strips.get_mut(point.index / surface.every * CELLS + grid.sector(point.angle)) {
+            *strip += bread * Vector5::new(a * t, b * t, a, b, -1.0) * pull;
         }
     }
     strips
 }
 
-/// Strips put together to areas of so many profiles and sectors.
-fn gathered(strips: &[Vector5<f64>], [profiles, sectors]: [usize; 2]) -> Vec<Vector5<f64>> {
-    let columns = CELLS / sectors;
-    let mut areas = vec![Vector5::zeros(); (strips.len() / CELLS).div_ceil(profiles) * columns];
-    for (index, strip) in strips.iter().enumerate() {
-        let (row, column) = (index / CELLS / profiles, index % CELLS / sectors);
-        if let Some(area) = areas.get_mut(row * columns + column) {
-            *area += strip;
+/// Σ of the squares over areas of so many profiles and sectors.
+fn variances(strips: &[Vector5<f64>], [profiles, sectors]: [usize; 2]) -> Vector5<f64> {
+    let mut sum = Vector5::zeros();
+    for block in strips.chunks(CELLS * profiles) {
+        for first in (0..CELLS).step_by(sectors) {
+            let mut area = Vector5::zeros();
+            for profile in block.chunks(CELLS) {
+                profile.iter().skip(first).take(sectors).for_each(|strip| area += strip);
+            }
+            sum += area.component_mul(&area);
         }
     }
-    areas
-}
-
-fn variances(bread: &Matrix5<f64>, clusters: &[Vector5<f64>]) -> Vector5<f64> {
-    let squares = |cluster: &Vector5<f64>| (bread * cluster).map(|v| v * v);
-    clusters.iter().map(squares).sum()
+    sum
 }

@@ -11,13 +11,14 @@ use super::candidates::{self, COVERAGE_MIN, Candidate, Choice, Noise};
 use super::consensus::Bounds;
 use super::kernel::Inner;
 use super::model::Cylinder;
-use super::patches::{self, Averages, Cut};
+use super::patches::{self, Averages, Cut, Surface};
 use super::settle::Settled;
 use super::solve::{self, Problem, Solution};
 
 use super::sums::Sums;
 use crate::estimation::{Progress, robust};
 use crate::scan::{Columns, Scan, Station};
+use rayon::prelude::*;
 
 /// Points within so many cut-offs of the fit are averaged.
 const REACH: f64 = 1.5;
@@ -60,15 +61,29 @@ pub(super) enum Verdict {
 /// Looks for layers about the fit, and takes them out.
 pub(super) fn mend(problem: &Problem<'_>, fit: &Solution, bounds: &Bounds, nominal_radius: Option<f64>) -> Verdict {
     let mut verdict = Verdict::Clean;
+    let mut surface = look(problem, fit);
     for points_wanted in POINTS_WANTED {
         let base = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
-        match mend_at(problem, base, bounds, nominal_radius, points_wanted) {
+        let averages = surface.as_ref().and_then(|surface| surface.average(Cut::Points(points_wanted)));
+        let Some(averages) = averages else { continue };
+        match mend_at(problem, base, bounds, nominal_radius, &averages) {
             Verdict::Clean => {}
-            Verdict::Mended(mended) => verdict = Verdict::Mended(mended),
+            Verdict::Mended(mended) => {
+                surface = look(problem, &mended);
+                verdict = Verdict::Mended(mended);
+            }
             refused @ (Verdict::Two(..) | Verdict::Undecided { .. }) => return refused,
         }
     }
     verdict
+}
+
+fn reach(fit: &Solution) -> f64 {
+    REACH * robust::TUKEY_C * fit.sigma
+}
+
+fn look(problem: &Problem<'_>, fit: &Solution) -> Option<Surface> {
+    patches::look(problem.scan, problem.used, &fit.cylinder, reach(fit))
 }
 
 fn mend_at(
@@ -76,15 +91,11 @@ fn mend_at(
     fit: &Solution,
     bounds: &Bounds,
     nominal_radius: Option<f64>,
-    points_wanted: usize,
+    averages: &Averages,
 ) -> Verdict {
-    let Problem { scan, used, hold, .. } = *problem;
-    let reach = REACH * robust::TUKEY_C * fit.sigma;
-    let Some(averages) = patches::average(scan, used, &fit.cylinder, reach, Cut::Points(points_wanted)) else {
-        return Verdict::Clean;
-    };
-    let own = own_scatter(&averages).max(SCATTER_MIN * fit.sigma);
-    if !suspicious(&averages, own) {
+    let hold = problem.hold;
+    let own = own_scatter(averages).max(SCATTER_MIN * fit.sigma);
+    if !suspicious(averages, own) {
         return Verdict::Clean;
     }
     let sample = averages.sample();
@@ -100,14 +111,14 @@ fn mend_at(
         Choice::Two(a, b) => return Verdict::Two(a, b),
         Choice::None => return Verdict::Clean,
     };
-    let off = off(&averages, &part);
+    let off = off(averages, &part);
     let layer_ratio = off.iter().filter(|off| **off).count() as f64 / averages.patches.iter().flatten().count() as f64;
-    if layer_ratio > LAYER_RATIO_MAX || rough(&averages, &part, own) {
+    if layer_ratio > LAYER_RATIO_MAX || rough(averages, &part, own) {
         // A part that is known to be there is answered as it is fitted, with what its areas share in the uncertainty.
         let known = nominal_radius.is_some();
-        return if known { Verdict::Clean } else { Verdict::Undecided { layer_ratio, reach_mm: reach } };
+        return if known { Verdict::Clean } else { Verdict::Undecided { layer_ratio, reach_mm: reach(fit) } };
     }
-    refit(problem, fit, &part, &averages, &off).map_or(Verdict::Clean, Verdict::Mended)
+    refit(problem, fit, &part, averages, &off).map_or(Verdict::Clean, Verdict::Mended)
 }
 
 /// A layer that holds nearly as much as what was chosen. So close together, each takes points of the other, and coverage is
@@ -149,7 +160,7 @@ fn suspicious(averages: &Averages, own: f64) -> bool {
     let squared: Vec<f64> = averages.patches.iter().flatten().map(|patch| patch.d * patch.d).collect();
     let scatter = robust::sigma(&squared, &mut Vec::new());
     let limit = OFF * scatter.min(SUSPICIOUS * own);
-    let far = squared.iter().filter(|d2| **d2 > limit * limit).count() as f64;
+    let far = averages.patches.iter().flatten().filter(|p| p.d * p.d * p.share > limit * limit).count() as f64;
     scatter > SUSPICIOUS * own || far > OFF_SHARE * squared.len() as f64
 }
 
@@ -157,7 +168,7 @@ fn suspicious(averages: &Averages, own: f64) -> bool {
 fn off(averages: &Averages, part: &Settled) -> Vec<bool> {
     let distance = |patch: &patches::Patch| {
         let [y, z] = averages.grid.point(patch.x, patch);
-        part.cylinder.slice(patch.x).distance(y, z).abs() / part.sigma
+        part.cylinder.slice(patch.x).distance(y, z).abs() * patch.share.sqrt() / part.sigma
     };
     let distances: Vec<Option<f64>> = averages.patches.iter().map(|patch| patch.as_ref().map(distance)).collect();
     let far = |index: usize| distances.get(index).is_some_and(|d| d.is_some_and(|d| d > OFF));
@@ -176,21 +187,17 @@ fn off(averages: &Averages, part: &Settled) -> Vec<bool> {
 /// Fits what is left without the patches that are off.
 fn refit(problem: &Problem<'_>, fit: &Solution, part: &Settled, averages: &Averages, off: &[bool]) -> Option<Solution> {
     let Problem { scan, used, hold, .. } = *problem;
+    let serving = scan.stations().iter().zip(used).enumerate().filter(|(_, (_, used))| **used);
+    let serving: Vec<(usize, Station)> = serving.map(|(index, (station, _))| (index, *station)).collect();
+    let left = |&(index, station): &(usize, Station)| outside(scan, fit, averages, off, index, station);
+    let left: Vec<[Vec<f64>; 2]> = serving.par_iter().map(left).collect();
     let (mut y, mut z, mut stations, mut kept) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-    let (mut ys, mut zs) = (Vec::new(), Vec::new());
-    for (index, (station, _)) in scan.stations().iter().zip(used).enumerate().filter(|(_, (_, used))| **used) {
-        let (slice, start) = (fit.cylinder.slice(station.x), y.len());
-        scan.load(*station, &mut ys, &mut zs);
-        for (&py, &pz) in ys.iter().zip(&zs) {
-            if !off.get(averages.grid.place(index, &slice, py, pz)).copied().unwrap_or(true) {
-                y.push(py);
-                z.push(pz);
-            }
-        }
-        if y.len() > start {
-            stations.push(Station { x: station.x, start, end: y.len() });
-            kept.push(index);
-        }
+    for ((index, station), [ys, zs]) in serving.into_iter().zip(left).filter(|(_, [ys, _])| !ys.is_empty()) {
+        let start = y.len();
+        y.extend(ys);
+        z.extend(zs);
+        stations.push(Station { x: station.x, start, end: y.len() });
+        kept.push(index);
     }
     let rest = Scan::new(stations, Columns::F64 { y, z }, scan.rule().to_owned()).ok()?;
     let all = vec![true; rest.stations().len()];
@@ -207,6 +214,27 @@ fn refit(problem: &Problem<'_>, fit: &Solution, part: &Settled, averages: &Avera
         }
     }
     Some(Solution { profiles, inner, ..solution })
+}
+
+/// The points of a profile that are near the fit and in no patch that is off.
+fn outside(
+    scan: &Scan,
+    fit: &Solution,
+    averages: &Averages,
+    off: &[bool],
+    index: usize,
+    station: Station,
+) -> [Vec<f64>; 2] {
+    let (slice, reach) = (fit.cylinder.slice(station.x), reach(fit));
+    let (mut ys, mut zs) = (Vec::new(), Vec::new());
+    for [y, z] in (station.start..station.end).filter_map(|place| scan.columns().get(place)) {
+        let near = slice.distance(y, z).abs() < reach;
+        if near && !off.get(averages.grid.place(index, &slice, y, z)).copied().unwrap_or(true) {
+            ys.push(y);
+            zs.push(z);
+        }
+    }
+    [ys, zs]
 }
 
 /// Robust spread of the points that are left about the part.

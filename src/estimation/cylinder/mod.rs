@@ -152,7 +152,8 @@ fn finer(
     settings: &Settings,
 ) -> Result<Candidate, Refusal> {
     let reach = robust::TUKEY_C * coarse.settled.sigma;
-    let averages = patches::average(scan, used, &coarse.settled.cylinder, reach, Cut::Profiles);
+    let surface = patches::look(scan, used, &coarse.settled.cylinder, reach);
+    let averages = surface.and_then(|surface| surface.average(Cut::Profiles));
     // Whole profiles may be off, which is no layer.
     let roughness = averages.as_ref().map_or(0.0, layers::own_scatter).max(extent::roughness(scan));
     if coarse.settled.sigma < SUSPICIOUS * roughness || roughness < ROUGHNESS_MIN * coarse.settled.cylinder.radius {

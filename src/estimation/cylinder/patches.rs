@@ -3,8 +3,9 @@
 //! cylinder. Out: a sample with one point a patch, and which patch any point belongs to. Must not judge patches.
 
 use super::model::{Cylinder, Slice};
-use super::sample::Sample;
+use super::sample::{Sample, spread};
 use crate::scan::{Scan, Station};
+use rayon::prelude::*;
 
 /// Blocks along x and sectors of the arc, at most.
 const BLOCKS_MAX: usize = 64;
@@ -13,8 +14,14 @@ const SECTORS_MAX: usize = 24;
 const SECTORS_MIN: usize = 8;
 /// A patch with fewer points than this share of the middle one, or than three, is left out.
 const POINTS_SHARE: f64 = 0.25;
-/// Points that are looked at, at most.
-const POINTS_MAX: usize = 60_000;
+/// Points that are looked at, at most: some fifteen a patch.
+const POINTS_MAX: usize = 24_000;
+/// Profiles that are looked at, at most.
+const PROFILES_MAX: usize = 512;
+/// Profiles and points of each that say in which direction the part is seen.
+const SEEN: usize = 32;
+/// Stations in one piece of work.
+const CHUNK: usize = 64;
 
 /// How fine the patches are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,16 +34,43 @@ pub(super) enum Cut {
     Cells { sectors: usize, blocks: usize },
 }
 
+/// A point near the cylinder.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Near {
+    /// Of its station.
+    pub(super) index: usize,
+    pub(super) y: f64,
+    pub(super) z: f64,
+    /// About the axis, from the middle direction, radians.
+    pub(super) angle: f64,
+    /// Signed distance from the cylinder, mm.
+    pub(super) d: f64,
+}
+
+/// The points of a scan near a cylinder, thinned out where there are many.
+#[derive(Debug, Clone)]
+pub(super) struct Surface {
+    cylinder: Cylinder,
+    /// Direction from the axis in which the part is seen, of length 1.
+    mean: [f64; 2],
+    pub(super) near: Vec<Near>,
+    /// Planes of all stations.
+    planes: Vec<f64>,
+    /// One in so many profiles was looked at,
+    pub(super) every: usize,
+    /// and one in so many of its points.
+    stride: usize,
+}
+
 /// How the surface is cut into patches.
 #[derive(Debug, Clone)]
 pub(super) struct Grid {
     cylinder: Cylinder,
+    mean: [f64; 2],
     /// Stations in a block.
     block: usize,
     sectors: usize,
-    /// Mean direction of the points from the axis.
-    mean: [f64; 2],
-    /// Angles of the first and the last point from there, radians.
+    /// Angles of the first and the last point, radians.
     low: f64,
     high: f64,
 }
@@ -49,6 +83,8 @@ pub(super) struct Patch {
     pub(super) x: f64,
     pub(super) angle: f64,
     pub(super) d: f64,
+    /// Its points as a share of the usual number, at most 1: few scatter more.
+    pub(super) share: f64,
 }
 
 /// The averages, blocks one after the other; `None` where too few points are.
@@ -57,107 +93,136 @@ pub(super) struct Averages {
     pub(super) patches: Vec<Option<Patch>>,
 }
 
+/// The points within `reach` of the cylinder; `None` where there is none.
+pub(super) fn look(scan: &Scan, used: &[bool], cylinder: &Cylinder, reach: f64) -> Option<Surface> {
+    let (points, every) = (scan.points(), scan.stations().len().div_ceil(PROFILES_MAX).max(1));
+    let stride = (points.end - points.start).div_ceil(POINTS_MAX * every).max(1);
+    let mean = direction(scan, cylinder);
+    let looked_at: Vec<(usize, &Station)> = scan
+        .stations()
+        .iter()
+        .zip(used)
+        .enumerate()
+        .step_by(every)
+        .filter(|(_, (_, used))| **used)
+        .map(|(i, (s, _))| (i, s))
+        .collect();
+    let chunk = |stations: &[(usize, &Station)]| {
+        let mut near = Vec::new();
+        for (index, station) in stations {
+            let (index, slice) = (*index, cylinder.slice(station.x));
+            // Another first point in each profile, so that no sector is left out.
+            let places = (station.start + index / every % stride..station.end).step_by(stride);
+            for [y, z] in places.filter_map(|place| scan.columns().get(place)) {
+                let d = slice.distance(y, z);
+                if d.abs() < reach {
+                    near.push(Near { index, y, z, angle: angle(mean, &slice, y, z), d });
+                }
+            }
+        }
+        near
+    };
+    let near: Vec<Near> = looked_at.par_chunks(CHUNK).flat_map_iter(chunk).collect();
+    let planes = scan.stations().iter().map(|station| station.x).collect();
+    (!near.is_empty()).then_some(Surface { cylinder: *cylinder, mean, near, planes, every, stride })
+}
+
+/// The direction from the axis to the middle of some points.
+fn direction(scan: &Scan, cylinder: &Cylinder) -> [f64; 2] {
+    let mut sum = [0.0; 2];
+    let stations = scan.stations();
+    for station in spread(stations.len(), SEEN).filter_map(|index| stations.get(index)) {
+        let slice = cylinder.slice(station.x);
+        let places = spread(station.end - station.start, SEEN).map(|place| station.start + place);
+        for [y, z] in places.filter_map(|place| scan.columns().get(place)) {
+            sum = [sum[0] + y - slice.y, sum[1] + z - slice.z];
+        }
+    }
+    let length = sum[0].hypot(sum[1]).max(f64::MIN_POSITIVE);
+    sum.map(|v| v / length)
+}
+
+fn angle([mean_u, mean_w]: [f64; 2], slice: &Slice, y: f64, z: f64) -> f64 {
+    let [u, w] = [y - slice.y, z - slice.z];
+    (w * mean_u - u * mean_w).atan2(u * mean_u + w * mean_w)
+}
+
+impl Surface {
+    /// One in so many points was looked at.
+    pub(super) fn thinned(&self) -> usize {
+        self.every * self.stride
+    }
+
+    /// Averages over patches; `None` where the points are too few for them.
+    pub(super) fn average(&self, cut: Cut) -> Option<Averages> {
+        let grid = self.grid(cut)?;
+        let mut patches = vec![Patch::default(); self.planes.len().div_ceil(grid.block) * grid.sectors];
+        for point in &self.near {
+            if let Some(patch) = patches.get_mut(grid.patch(point.index, point.angle)) {
+                patch.count += 1.0;
+                patch.x += self.planes.get(point.index).copied().unwrap_or(0.0);
+                patch.angle += point.angle;
+                patch.d += point.d;
+            }
+        }
+        let filled_count = patches.iter().filter(|patch| patch.count > 0.0).count();
+        let usual = self.near.len() as f64 / filled_count.max(1) as f64;
+        let least = (POINTS_SHARE * usual).max(3.0);
+        let mean = |patch: Patch| {
+            let Patch { count, x, angle, d, .. } = patch;
+            let share = (count / usual).min(1.0);
+            (count >= least).then(|| Patch { count, x: x / count, angle: angle / count, d: d / count, share })
+        };
+        Some(Averages { grid, patches: patches.into_iter().map(mean).collect() })
+    }
+
+    /// How the surface is cut; `None` where the points are too few for that.
+    pub(super) fn grid(&self, cut: Cut) -> Option<Grid> {
+        let stations_count = self.planes.len();
+        let (sectors, blocks) = match cut {
+            Cut::Profiles => (SECTORS_MIN, stations_count),
+            Cut::Cells { sectors, blocks } => (sectors, blocks),
+            Cut::Points(points) => {
+                let wanted = self.near.len() * self.thinned() / points;
+                let sectors = ((wanted as f64).sqrt() as usize).min(SECTORS_MAX);
+                (sectors, (wanted / sectors.max(1)).clamp(1, BLOCKS_MAX.min(stations_count)))
+            }
+        };
+        let block = stations_count.div_ceil(blocks.max(1)).max(1);
+        if sectors < SECTORS_MIN || stations_count.div_ceil(block) < 3 {
+            return None;
+        }
+        let ends = |(low, high): (f64, f64), point: &Near| (low.min(point.angle), high.max(point.angle));
+        let (low, high) = self.near.iter().fold((f64::INFINITY, f64::NEG_INFINITY), ends);
+        Some(Grid { cylinder: self.cylinder, mean: self.mean, block, sectors, low, high })
+    }
+}
+
 impl Grid {
-    fn angle(&self, slice: &Slice, y: f64, z: f64) -> f64 {
-        let ([u, w], [mean_u, mean_w]) = ([y - slice.y, z - slice.z], self.mean);
-        (w * mean_u - u * mean_w).atan2(u * mean_u + w * mean_w)
+    /// The patch of a point at this angle in the plane of the station `index`.
+    pub(super) fn patch(&self, index: usize, angle: f64) -> usize {
+        index / self.block * self.sectors + self.sector(angle)
+    }
+
+    /// The sector of a point at this angle.
+    pub(super) fn sector(&self, angle: f64) -> usize {
+        let share = (angle - self.low) / (self.high - self.low).max(f64::MIN_POSITIVE);
+        (share * self.sectors as f64).clamp(0.0, self.sectors as f64 - 1.0) as usize
     }
 
     /// The patch of the point (y, z) in the plane of the station `index`.
     pub(super) fn place(&self, index: usize, slice: &Slice, y: f64, z: f64) -> usize {
-        let share = (self.angle(slice, y, z) - self.low) / (self.high - self.low).max(f64::MIN_POSITIVE);
-        let sector = (share * self.sectors as f64).clamp(0.0, self.sectors as f64 - 1.0) as usize;
-        index / self.block * self.sectors + sector
-    }
-
-    /// Profiles in a block.
-    pub(super) fn block(&self) -> usize {
-        self.block
+        self.patch(index, angle(self.mean, slice, y, z))
     }
 
     pub(super) fn sectors(&self) -> usize {
         self.sectors
     }
-}
 
-/// Averages the points within `reach` of the cylinder; `None` where there are too few of them.
-pub(super) fn average(scan: &Scan, used: &[bool], cylinder: &Cylinder, reach: f64, cut: Cut) -> Option<Averages> {
-    let (grid, near) = self::cut(scan, used, cylinder, reach, cut)?;
-    let mut patches = vec![Patch::default(); scan.stations().len().div_ceil(grid.block) * grid.sectors];
-    for point in &near {
-        let slice = cylinder.slice(point.x);
-        if let Some(patch) = patches.get_mut(grid.place(point.index, &slice, point.y, point.z)) {
-            patch.count += 1.0;
-            patch.x += point.x;
-            patch.angle += grid.angle(&slice, point.y, point.z);
-            patch.d += slice.distance(point.y, point.z);
-        }
+    /// Stations in a block.
+    pub(super) fn block(&self) -> usize {
+        self.block
     }
-    let least = (POINTS_SHARE * near.len() as f64 / patches.len() as f64).max(3.0);
-    let mean = |patch: Patch| {
-        let Patch { count, x, angle, d } = patch;
-        (count >= least).then(|| Patch { count, x: x / count, angle: angle / count, d: d / count })
-    };
-    Some(Averages { grid, patches: patches.into_iter().map(mean).collect() })
-}
-
-/// A point near the cylinder, and the index of its station.
-pub(super) struct Near {
-    pub(super) index: usize,
-    pub(super) x: f64,
-    pub(super) y: f64,
-    pub(super) z: f64,
-}
-
-/// The points within `reach` of the cylinder, thinned out where there are many, and how they are cut into patches.
-pub(super) fn cut(scan: &Scan, used: &[bool], cylinder: &Cylinder, reach: f64, cut: Cut) -> Option<(Grid, Vec<Near>)> {
-    let stride = scan.columns().len().div_ceil(POINTS_MAX).max(1);
-    let near = near(scan, used, cylinder, reach, stride);
-    let grid = grid(scan, cylinder, &near, stride, cut)?;
-    Some((grid, near))
-}
-
-fn near(scan: &Scan, used: &[bool], cylinder: &Cylinder, reach: f64, stride: usize) -> Vec<Near> {
-    let mut near = Vec::new();
-    let stations = scan.stations().iter().enumerate().zip(used).filter(|(_, used)| **used).map(|(s, _)| s);
-    for (index, Station { x, start, end }) in stations {
-        let slice = cylinder.slice(*x);
-        // Another first point in each profile, so that no sector is left out.
-        for [y, z] in (start + index % stride..*end).step_by(stride).filter_map(|place| scan.columns().get(place)) {
-            if slice.distance(y, z).abs() < reach {
-                near.push(Near { index, x: *x, y, z });
-            }
-        }
-    }
-    near
-}
-
-fn grid(scan: &Scan, cylinder: &Cylinder, near: &[Near], stride: usize, cut: Cut) -> Option<Grid> {
-    let stations_count = scan.stations().len();
-    let (sectors, blocks) = match cut {
-        Cut::Profiles => (SECTORS_MIN, stations_count),
-        Cut::Cells { sectors, blocks } => (sectors, blocks),
-        Cut::Points(points) => {
-            let wanted = near.len() * stride / points;
-            let sectors = ((wanted as f64).sqrt() as usize).min(SECTORS_MAX);
-            (sectors, (wanted / sectors.max(1)).clamp(1, BLOCKS_MAX.min(stations_count)))
-        }
-    };
-    if sectors < SECTORS_MIN || near.is_empty() {
-        return None;
-    }
-    let mut mean = [0.0; 2];
-    for point in near {
-        let slice = cylinder.slice(point.x);
-        mean = [mean[0] + point.y - slice.y, mean[1] + point.z - slice.z];
-    }
-    let block = stations_count.div_ceil(blocks);
-    let mut grid = Grid { cylinder: *cylinder, block, sectors, mean, low: f64::INFINITY, high: f64::NEG_INFINITY };
-    for point in near {
-        let angle = grid.angle(&cylinder.slice(point.x), point.y, point.z);
-        (grid.low, grid.high) = (grid.low.min(angle), grid.high.max(angle));
-    }
-    (stations_count.div_ceil(block) >= 3).then_some(grid)
 }
 
 impl Averages {
@@ -203,8 +268,7 @@ impl Grid {
     /// Where the average of a patch lies in the plane at `x`.
     pub(super) fn point(&self, x: f64, patch: &Patch) -> [f64; 2] {
         let slice = self.cylinder.slice(x);
-        let length = self.mean[0].hypot(self.mean[1]).max(f64::MIN_POSITIVE);
-        let [mean_u, mean_w] = self.mean.map(|v| v / length);
+        let [mean_u, mean_w] = self.mean;
         let (sin, cos) = patch.angle.sin_cos();
         let (u, w) = (mean_u * cos - mean_w * sin, mean_w * cos + mean_u * sin);
         // The section reaches 1/√(1 − (p·u + q·w)²/n²) radii in the unit direction (u, w), and so does the distance.
