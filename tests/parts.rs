@@ -5,7 +5,7 @@
 
 use coaxis::estimation::{
     ByGap, Estimate, Method, Outcome, PartRule, Parts, Pose, Progress, RadiusRule, Reason, Refusal, ScanEstimate,
-    Settings, Window, estimate, estimate_parts,
+    Settings, Warning, Window, estimate, estimate_parts,
 };
 use coaxis::geometry::AxisLine;
 use coaxis::scan::synthetic::{Interference, Part, Truth, make, make_several};
@@ -278,4 +278,15 @@ fn more_parts_than_may_be_are_refused_unmeasured() {
     let found = parts(&scan, &settings(), &gap(20.0));
     assert!(matches!(found.refusal, Some(Refusal::PartsCountDiffers { parts_count: 17, parts_max_count: 16, .. })));
     assert_eq!((found.parts.len(), found.outside.len()), (0, 340));
+}
+
+#[test]
+fn a_scan_of_two_parts_that_is_measured_as_one_is_warned_of() {
+    let first = Part { arc_deg: 120.0, profiles_count: 60, points_count: 120, length_mm: 300.0, ..Part::smooth(1) };
+    let second = Part { radius_mm: 150.0, x_start_mm: 340.0, profiles_count: 40, seed: 2, ..first.clone() };
+    let (scan, _) = make_several(&[first, second]).expect("parts");
+    let found = estimate(&scan, &Settings::default(), &Progress::default());
+    let warned =
+        |warning: &Warning| matches!(warning, Warning::OnSomeProfiles { elsewhere_count: 40, profiles_count: 100 });
+    assert!(found.conditioning.warnings.iter().any(warned), "{:?}", found.conditioning.warnings);
 }

@@ -1,12 +1,15 @@
 //! Puts an estimate together from what a method found: conditioning, residuals, warnings. Must not fit or judge anything.
 
-use super::{Conditioning, Estimate, Found, Method, Outcome, Profile, Residuals, Section, Settings, Warning};
+use super::{Conditioning, Estimate, Found, Method, Outcome, Profile, Reason, Residuals, Section, Settings, Warning};
 use crate::geometry::Angle;
 
 /// Below this arc a free ellipse is biased by more than its scatter, whatever the radius.
 const ARC_OF_BIAS_DEG: f64 = 120.0;
 /// A fitted radius this far from the nominal one, relative to it, is warned of.
 const RADIUS_TOLERANCE: f64 = 0.02;
+
+/// Profiles that show nothing of the part are warned of beyond this share of all.
+const ELSEWHERE_SHARE: f64 = 0.25;
 
 /// Puts the estimate together.
 pub(super) fn conclude(settings: &Settings, found: Found) -> Estimate {
@@ -29,17 +32,27 @@ pub(super) fn conclude(settings: &Settings, found: Found) -> Estimate {
     let conditioning = Conditioning {
         arc: arc.map(Angle::from_radians),
         axial_length: if valid.is_empty() { span(fitted.iter().map(|(p, _)| p.x)) } else { axial_length(&profiles) },
-        warnings: [warnings, general_warnings(settings, &outcome, arc.map(f64::to_degrees))].concat(),
+        warnings: [warnings, general_warnings(settings, &outcome, &profiles, arc.map(f64::to_degrees))].concat(),
     };
     Estimate { method: settings.method, outcome, profiles, conditioning, residuals }
 }
 
-fn general_warnings(settings: &Settings, outcome: &Outcome, arc_deg: Option<f64>) -> Vec<Warning> {
+fn general_warnings(
+    settings: &Settings,
+    outcome: &Outcome,
+    profiles: &[Profile],
+    arc_deg: Option<f64>,
+) -> Vec<Warning> {
     let Outcome::Accepted(pose) = outcome else { return Vec::new() };
     let radius_mm = pose.radius;
+    let elsewhere_count = profiles.iter().filter(|p| p.rejected == Some(Reason::NotConverged)).count();
+    let profiles_count = profiles.len();
+    let elsewhere = elsewhere_count as f64 > ELSEWHERE_SHARE * profiles_count as f64;
     let differs = |nominal: &f64| (radius_mm - nominal).abs() > RADIUS_TOLERANCE * nominal;
     [
         (settings.method == Method::SectionLinePlain).then_some(Warning::NotRobust),
+        (settings.method == Method::Cylinder && elsewhere)
+            .then_some(Warning::OnSomeProfiles { elsewhere_count, profiles_count }),
         arc_deg
             .filter(|arc| settings.method != Method::Cylinder && *arc < ARC_OF_BIAS_DEG)
             .map(|arc_deg| Warning::ShortArc { arc_deg }),

@@ -437,6 +437,17 @@ pub enum Warning {
         /// From the recipe.
         nominal_radius_mm: f64,
     },
+    /// Many profiles show nothing of the cylinder that was found.
+    #[error(
+        "{elsewhere_count} of {profiles_count} profiles show nothing of this cylinder: if the scan shows several parts, or a part \
+         of several diameters, say which profiles belong together (parts), or cut the region"
+    )]
+    OnSomeProfiles {
+        /// Profiles without a point on it.
+        elsewhere_count: usize,
+        /// Profiles in the scan.
+        profiles_count: usize,
+    },
     /// The radius changes along the part.
     #[error(
         "the part is tapered by {taper_deg:.4}°: its radius changes by {radius_change_mm:+.3} mm over the scan. A cylinder fit takes \
@@ -478,6 +489,7 @@ impl Warning {
         match self {
             Self::ShortArc { .. } => "short_arc",
             Self::RadiusDiffers { .. } => "radius_differs",
+            Self::OnSomeProfiles { .. } => "on_some_profiles",
             Self::Tapered { .. } => "tapered",
             Self::Bent { .. } => "bent",
             Self::NotRobust => "not_robust",
