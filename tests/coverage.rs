@@ -119,9 +119,12 @@ fn two_standard_uncertainties_of_cylinder_hold_the_truth() {
 fn two_standard_uncertainties_of_section_line_hold_the_truth() {
     let settings = Settings { method: Method::SectionLine, epsilon_mm: 0.15, ..Settings::default() };
     let seeds_count = count("COAXIS_SEEDS", SEEDS) / 4;
+    let mut right = true;
     for (noise, correlation, jitter) in NOISES {
         let scene = |seed| Part { arc_deg: 160.0, points_count: 160, ..part(seed, (correlation, jitter)) };
         let (shares, answered) = coverage(&settings, seeds_count, scene);
-        line("section_line, 160°", noise, &shares, answered, seeds_count, HELD);
+        // The bias of a free ellipse is stated in full, so where it is most of the error all is held.
+        right &= line("section_line, 160°", noise, &shares, answered, seeds_count, [HELD[0], 1.0]);
     }
+    assert!(right, "a share is not what it should be");
 }
