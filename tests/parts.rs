@@ -283,7 +283,7 @@ fn more_parts_than_may_be_are_refused_unmeasured() {
 #[test]
 fn a_scan_of_two_parts_that_is_measured_as_one_is_warned_of() {
     let first = Part { arc_deg: 120.0, profiles_count: 60, points_count: 120, length_mm: 300.0, ..Part::smooth(1) };
-    let second = Part { radius_mm: 150.0, x_start_mm: 340.0, profiles_count: 40, seed: 2, ..first.clone() };
+    let second = Part { radius_mm: 150.0, x_start_mm: 340.0, profiles_count: 40, seed: 2, ..first };
     let (scan, _) = make_several(&[first, second]).expect("parts");
     let found = estimate(&scan, &Settings::default(), &Progress::default());
     let warned =

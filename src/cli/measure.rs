@@ -94,8 +94,11 @@ impl Arguments {
         };
         let Some(path) = &self.recipe else { return Ok(flags) };
         let text = fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
-        let recipe: Recipe = serde_json::from_slice(&text)
-            .map_err(|error| format!("{}: {error}; a recipe is a JSON object", path.display()))?;
+        // A list would be taken for the fields in their order.
+        if text.trim_ascii_start().first() != Some(&b'{') {
+            return Err(format!("{}: a recipe is a JSON object", path.display()).into());
+        }
+        let recipe: Recipe = serde_json::from_slice(&text).map_err(|error| format!("{}: {error}", path.display()))?;
         Ok(flags.over(&recipe))
     }
 

@@ -19,20 +19,24 @@ mod end_face;
 mod estimate;
 mod parts;
 mod progress;
+mod refusal;
 mod robust;
 mod section_line;
 mod settings;
 mod type_b;
 mod unusable;
+mod warning;
 
 pub use estimate::{
-    Component, Conditioning, EndFace, EndFaces, Estimate, Outcome, Pose, Profile, RadiusSource, Reason, Refusal,
-    Residuals, Section, Uncertainty, Warning,
+    Component, Conditioning, EndFace, EndFaces, Estimate, Outcome, Pose, Profile, RadiusSource, Reason, Residuals,
+    Section, Uncertainty,
 };
 pub use parts::{ByGap, PARTS_MAX, PartEstimate, PartRule, Parts, PartsError, ScanEstimate, Window, estimate_parts};
 pub use progress::Progress;
+pub use refusal::Refusal;
 pub use settings::{End, EndFaceRule, Method, RadiusRule, SettingError, Settings};
 pub use type_b::TypeB;
+pub use warning::Warning;
 
 use crate::scan::Scan;
 

@@ -82,6 +82,13 @@ impl TypeB {
         }
     }
 
+    /// Variance of the x of a point, mm²: the part of it that no scan shows.
+    pub(super) fn along_x(&self, [x, y, z]: [f64; 3]) -> f64 {
+        let rotation = self.extrinsics_rotation_deg.to_radians();
+        let growth = self.temperature_sigma_k * self.expansion_per_k;
+        self.extrinsics_position_mm.powi(2) + rotation * rotation * (y * y + z * z) + (growth * x).powi(2)
+    }
+
     /// The lines that are not zero.
     pub(super) fn lines(&self, found: &Found, influences: &[Influence]) -> Vec<Line> {
         let straightness = (self.stage_straightness_mm > 0.0)

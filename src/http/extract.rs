@@ -6,8 +6,7 @@ use super::problem::{Code, Problem};
 use axum::extract::{FromRequest, FromRequestParts, Request};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderName, header};
-use serde::de::DeserializeOwned;
-use serde_json::error::Category;
+use serde::de::{DeserializeOwned, IgnoredAny};
 
 /// The query; unknown and repeated parameters are refused.
 #[derive(Debug)]
@@ -70,14 +69,17 @@ impl<T: DeserializeOwned> FromRequest<App> for Json<T> {
     }
 }
 
-/// A value from the bytes of a JSON document.
+/// A value from the bytes of a JSON document that is an object.
 pub(super) fn json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
-    serde_json::from_slice(bytes).map_err(|error| match error.classify() {
-        Category::Io | Category::Syntax | Category::Eof => {
-            Problem::new(Code::JsonMalformed, format!("the body is not a JSON document: {error}"))
-        }
-        Category::Data => Problem::new(Code::JsonInvalid, format!("the body has another shape: {error}")),
-    })
+    if let Err(error) = serde_json::from_slice::<IgnoredAny>(bytes) {
+        return Err(Problem::new(Code::JsonMalformed, format!("the body is not a JSON document: {error}")));
+    }
+    // A list would be taken for the fields of an object in their order.
+    if bytes.trim_ascii_start().first() != Some(&b'{') {
+        return Err(Problem::new(Code::JsonInvalid, "the body is not a JSON object: send {\"name\": value, …}"));
+    }
+    serde_json::from_slice(bytes)
+        .map_err(|error| Problem::new(Code::JsonInvalid, format!("the body has another shape: {error}")))
 }
 
 /// Whether the body is declared as JSON.

@@ -43,6 +43,14 @@ pub(super) fn widen(scan: &Scan, used: &[bool], solution: &mut Solution, hold: H
         let profiles = (blocks * grid.block()).div_ceil(surface.every);
         let shared = variances(&strips, [profiles, sectors]) - own;
         let excess = shared.zip_map(&usual, |shared, usual| if usual > 0.0 { shared / usual } else { 0.0 });
+        // Chance shows in the difference of the two as it does in either.
+        let excess = excess.zip_zip_map(
+            &shared,
+            &own,
+            |excess, shared, own| {
+                if shared > (CHANCE - 1.0) * own { excess } else { 0.0 }
+            },
+        );
         // Of every n-th point what is shared shows n times less beside the points' own noise.
         let thinned = surface.thinned() as f64;
         factor =

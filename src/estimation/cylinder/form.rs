@@ -51,12 +51,16 @@ pub(super) fn form(scan: &Scan, solution: &Solution, hold: Hold) -> Option<Form>
         meat += g * g.transpose();
         gradient += g;
     }
-    let known = match hold {
-        Hold::Free => 0.0,
-        Hold::Fixed { .. } => 1.0,
-        Hold::Prior { sigma, .. } => (solution.sigma / sigma).powi(2),
+    let (known, pull) = match hold {
+        Hold::Free => (0.0, 0.0),
+        Hold::Fixed { .. } => (1.0, 0.0),
+        Hold::Prior { radius, sigma } => {
+            let stiffness = (solution.sigma / sigma).powi(2);
+            (stiffness, stiffness * (cylinder.radius - radius))
+        }
     };
     normal += Matrix8::from_diagonal(&(Vector8::ith(RADIUS, known)));
+    gradient += Vector8::ith(RADIUS, pull);
     let bread = inverse(&normal)?;
     let step = -bread * gradient;
     let standard = (bread * meat * bread.transpose()).diagonal().map(|variance| variance.max(0.0).sqrt());

@@ -213,6 +213,17 @@ fn two_cylinders(a: &Candidate, b: &Candidate) -> Refusal {
 /// The pose and what should be known of it, unless the solution gives rise to a refusal.
 fn weigh(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(Pose, Vec<Warning>), Refusal> {
     let shown = |(_, sums): &(&Station, &sums::Sums)| sums.weight >= 3.0;
+    let valid_count = scan.stations().iter().zip(&solution.profiles).filter(shown).count();
+    if valid_count < settings.profiles_min as usize {
+        return Err(Refusal::TooFewValidProfiles {
+            valid_count,
+            profiles_count: scan.stations().len(),
+            profiles_min: settings.profiles_min,
+            most_common: Reason::NotConverged,
+            sigma_mm: Some(solution.sigma),
+            epsilon_mm: settings.epsilon_mm,
+        });
+    }
     let stations = scan.stations().iter().zip(&solution.profiles).filter(shown).map(|(station, _)| station);
     too_short(stations, settings)?;
     let hold = hold(settings);

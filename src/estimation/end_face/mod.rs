@@ -50,7 +50,10 @@ pub(super) fn complete(scan: &Scan, settings: &Settings, estimate: &mut Estimate
     let sigma = estimate.residuals.map_or(0.0, |residuals| residuals.sigma);
     let tolerance = settings.epsilon_mm.max(SURFACE_SIGMAS * sigma);
     let [near, far] = [End::Near, End::Far].map(|end| {
-        let found = asked.asks_for(end).then(|| find(scan, pose, end, [sigma, tolerance]));
+        let mut found = asked.asks_for(end).then(|| find(scan, pose, end, [sigma, tolerance]));
+        if let Some(Some(face)) = &mut found {
+            face.x_standard = (face.x_standard.powi(2) + settings.type_b.along_x(face.centre)).sqrt();
+        }
         if found.is_some_and(|face| face.is_none()) {
             estimate.conditioning.warnings.push(Warning::EndFaceNotSeen { end });
         }

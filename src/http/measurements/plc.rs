@@ -43,7 +43,7 @@ pub(in super::super) struct PlcDocument {
     radius_um: Option<i64>,
     /// Where the axis meets the end face (the near one where both were asked for), micrometres.
     end_face_x_um: Option<i64>,
-    /// Expanded uncertainty (k = 2) of the deflection, 10⁻⁶ degrees.
+    /// Expanded uncertainty (k = 2) of the deflection, 10⁻⁶ degrees, rounded up.
     u_deflection_udeg: Option<i64>,
     /// Of the pitch.
     u_pitch_udeg: Option<i64>,
@@ -78,6 +78,8 @@ impl PlcDocument {
         let pose = pose.map(PoseDocument::from);
         let micro = |value: f64| whole(value * 1e6);
         let um = |value: f64| whole(value * 1e3);
+        // Rounded up, so that no uncertainty becomes none.
+        let (up_micro, up_um) = (|value: f64| whole((value * 1e6).ceil()), |value: f64| whole((value * 1e3).ceil()));
         let wide = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
         Self {
             id: measurement.id.clone(),
@@ -93,10 +95,10 @@ impl PlcDocument {
             z_ref_um: pose.as_ref().and_then(|pose| um(pose.z_ref_mm)),
             radius_um: pose.as_ref().and_then(|pose| um(pose.radius_mm)),
             end_face_x_um: pose.as_ref().and_then(|pose| um(pose.end_face?.x_mm)),
-            u_deflection_udeg: known.and_then(|known| micro(known.deflection_deg)),
-            u_pitch_udeg: known.and_then(|known| micro(known.pitch_deg)),
-            u_y_ref_um: known.and_then(|known| um(known.y_ref_mm)),
-            u_z_ref_um: known.and_then(|known| um(known.z_ref_mm)),
+            u_deflection_udeg: known.and_then(|known| up_micro(known.deflection_deg)),
+            u_pitch_udeg: known.and_then(|known| up_micro(known.pitch_deg)),
+            u_y_ref_um: known.and_then(|known| up_um(known.y_ref_mm)),
+            u_z_ref_um: known.and_then(|known| up_um(known.z_ref_mm)),
             profiles_valid_count: tally.valid_count,
             profiles_total_count: tally.total_count,
             part: wide(part),

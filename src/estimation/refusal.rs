@@ -1,0 +1,193 @@
+//! Why a scan has no pose: each reason a sentence that an operator could say aloud, with the numbers that decided and what to
+//! do. Must not decide anything.
+
+use super::Reason;
+use serde::{Deserialize, Serialize};
+
+/// Why a scan has no pose, with the numbers that decided it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, thiserror::Error)]
+#[serde(rename_all = "snake_case", tag = "code")]
+pub enum Refusal {
+    /// Not enough profiles in the scan to define an axis.
+    #[error(
+        "the scan has {profiles_count} profile(s), an axis needs at least {profiles_min}; scan more of the part, or \
+         declare how points belong to profiles (profile_by)"
+    )]
+    TooFewProfiles {
+        /// Profiles in the scan.
+        profiles_count: usize,
+        /// Least number.
+        profiles_min: u32,
+    },
+    /// Every point lies in the same place of its plane.
+    #[error("all {points_count} points have the same y and z; check the export and its columns")]
+    PointsIdentical {
+        /// Points in the scan.
+        points_count: usize,
+    },
+    /// Every profile is a straight line.
+    #[error(
+        "the points of every profile lie on a straight line, so there is no curvature to find an axis from; check which \
+         column is the height, and that the part is in view"
+    )]
+    PointsCollinear {
+        /// Profiles in the scan.
+        profiles_count: usize,
+    },
+    /// Too few profiles passed.
+    #[error(
+        "only {valid_count} of {profiles_count} profiles are valid, {profiles_min} are needed; most were rejected as {}: {}",
+        .most_common.name(), .most_common.advice(*.sigma_mm, *.epsilon_mm)
+    )]
+    TooFewValidProfiles {
+        /// Profiles that passed.
+        valid_count: usize,
+        /// Profiles in the scan.
+        profiles_count: usize,
+        /// Least number.
+        profiles_min: u32,
+        /// What most of the others failed on.
+        most_common: Reason,
+        /// Median spread of the points about their sections, mm; `None` without a section.
+        sigma_mm: Option<f64>,
+        /// What counts as an inner point, mm.
+        epsilon_mm: f64,
+    },
+    /// The valid profiles lie too close together to give a direction.
+    #[error(
+        "the valid profiles span {axial_length_mm:.3} mm along x, at least {axial_length_min_mm} mm are needed; scan a \
+         longer piece of the part"
+    )]
+    AxialLengthTooShort {
+        /// Span of the valid profiles.
+        axial_length_mm: f64,
+        /// Least span.
+        axial_length_min_mm: f64,
+    },
+    /// The sections are not those of one cylinder.
+    #[error(
+        "the radii of the valid sections scatter by {radius_spread_mm:.3} mm about {radius_mm:.3} mm: they are not sections \
+         of one cylinder; check the frame and the region, and that the rail is X"
+    )]
+    SectionsDisagree {
+        /// Median radius.
+        radius_mm: f64,
+        /// Robust spread of the radii.
+        radius_spread_mm: f64,
+    },
+    /// The sections are ellipses that their axis does not explain.
+    #[error(
+        "the sections are {axis_ratio:.3} times as long as wide where their axis explains {expected_ratio:.3}: the part is not \
+         round, or its arc too short for its noise; scan a wider arc, or use the method cylinder"
+    )]
+    SectionsNotRound {
+        /// Median of the longer over the shorter axis.
+        axis_ratio: f64,
+        /// The same of a cylinder about the fitted axis.
+        expected_ratio: f64,
+    },
+    /// No cylinder that enough of the points lie on.
+    #[error(
+        "no cylinder{} was found that enough of the points lie on; check the unit, the frame and the region{}",
+        .nominal_radius_mm.map_or_else(String::new, |radius| format!(" of about {radius} mm radius")),
+        .nominal_radius_mm.map_or("", |_| ", and the nominal radius")
+    )]
+    NoCylinder {
+        /// From the recipe.
+        nominal_radius_mm: Option<f64>,
+    },
+    /// Two surfaces that could both be the part.
+    #[error(
+        "the scan could be a part of {radius_a_mm:.3} mm radius (on {:.0} % of the profiles) or one of {radius_b_mm:.3} mm \
+         (on {:.0} %); say which by nominal_radius_mm", 100.0 * .coverage_a, 100.0 * .coverage_b
+    )]
+    TwoCylinders {
+        /// Radius of the one.
+        radius_a_mm: f64,
+        /// Share of the profiles that show it.
+        coverage_a: f64,
+        /// Radius of the other.
+        radius_b_mm: f64,
+        /// Share of the profiles that show it.
+        coverage_b: f64,
+    },
+    /// Layers close to the surface hide which of them it is.
+    #[error(
+        "{:.0} % of what lies within {reach_mm:.3} mm of the surface belongs to layers on it, so that nobody can tell the part \
+         from them; take tape, clamp or dirt off, choose a region without it, or give nominal_radius_mm", 100.0 * .layer_ratio
+    )]
+    LayersUndecided {
+        /// Share of the surface seen that lies in layers.
+        layer_ratio: f64,
+        /// How far from the surface was looked for layers.
+        reach_mm: f64,
+    },
+    /// The data leave the pose open.
+    #[error(
+        "the data leave the pose open: standard uncertainties of {angle_deg:.4}° and {position_mm:.3} mm where {angle_max_deg}° \
+         and {position_max_mm} mm are allowed; scan a longer or wider piece, or give the radius (radius: fixed or prior)"
+    )]
+    PoseUndetermined {
+        /// The larger standard uncertainty of the two angles.
+        angle_deg: f64,
+        /// What is allowed.
+        angle_max_deg: f64,
+        /// The larger standard uncertainty of y_ref and z_ref.
+        position_mm: f64,
+        /// What is allowed.
+        position_max_mm: f64,
+    },
+    /// Another number of parts than there must be.
+    #[error(
+        "{parts_count} part(s) were found by gaps of at least {gap_min_mm} mm where {} must be; a profile shows a part where a \
+         fifth of its points lie on one arc of 15° or more. Change gap_min_mm, cut off with region what is no part, or declare windows",
+        range_in_words(*.parts_min_count, *.parts_max_count)
+    )]
+    PartsCountDiffers {
+        /// Parts found.
+        parts_count: usize,
+        /// Least number.
+        parts_min_count: usize,
+        /// Largest number.
+        parts_max_count: usize,
+        /// What divides two parts.
+        gap_min_mm: f64,
+    },
+    /// A part's window holds nothing.
+    #[error(
+        "no profile lies between x = {x_min_mm} mm and {x_max_mm} mm; check the window of the part, the unit and the frame, and \
+         that the scan reaches there"
+    )]
+    WindowEmpty {
+        /// Least x of the window.
+        x_min_mm: f64,
+        /// Largest x of the window.
+        x_max_mm: f64,
+    },
+}
+
+fn range_in_words(least: usize, most: usize) -> String {
+    if least == most { least.to_string() } else { format!("{least} to {most}") }
+}
+
+impl Refusal {
+    /// The stable name of the reason.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::TooFewProfiles { .. } => "too_few_profiles",
+            Self::PointsIdentical { .. } => "points_identical",
+            Self::PointsCollinear { .. } => "points_collinear",
+            Self::TooFewValidProfiles { .. } => "too_few_valid_profiles",
+            Self::AxialLengthTooShort { .. } => "axial_length_too_short",
+            Self::SectionsDisagree { .. } => "sections_disagree",
+            Self::SectionsNotRound { .. } => "sections_not_round",
+            Self::NoCylinder { .. } => "no_cylinder",
+            Self::TwoCylinders { .. } => "two_cylinders",
+            Self::LayersUndecided { .. } => "layers_undecided",
+            Self::PoseUndetermined { .. } => "pose_undetermined",
+            Self::PartsCountDiffers { .. } => "parts_count_differs",
+            Self::WindowEmpty { .. } => "window_empty",
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! What a user of a pose should know beside its numbers. Must not decide anything.
+
+use super::End;
+use serde::{Deserialize, Serialize};
+
+/// Something that a user of the pose should know.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, thiserror::Error)]
+#[serde(rename_all = "snake_case", tag = "code")]
+pub enum Warning {
+    /// A free ellipse on a short arc is biased towards the sensor, and more profiles do not help.
+    #[error(
+        "the sections span {arc_deg:.0}°: below 120° a freely fitted ellipse is pulled along the viewing direction, by about \
+         what the line fit_bias of the budget says; the method cylinder is not"
+    )]
+    ShortArc {
+        /// Median arc of the valid sections.
+        arc_deg: f64,
+    },
+    /// The fitted radius is not the one that the drawing gives.
+    #[error("the fitted radius is {radius_mm:.3} mm where {nominal_radius_mm} mm were expected")]
+    RadiusDiffers {
+        /// Fitted.
+        radius_mm: f64,
+        /// From the recipe.
+        nominal_radius_mm: f64,
+    },
+    /// Many profiles show nothing of the cylinder that was found.
+    #[error(
+        "{elsewhere_count} of {profiles_count} profiles show nothing of this cylinder: if the scan shows several parts, or a part \
+         of several diameters, say which profiles belong together (parts), or cut the region"
+    )]
+    OnSomeProfiles {
+        /// Profiles without a point on it.
+        elsewhere_count: usize,
+        /// Profiles in the scan.
+        profiles_count: usize,
+    },
+    /// The radius changes along the part.
+    #[error(
+        "the part is tapered by {taper_deg:.4}°: its radius changes by {radius_change_mm:+.3} mm over the scan. A cylinder fit takes \
+         part of that for tilt, by about what the line form of the budget says"
+    )]
+    Tapered {
+        /// Half of the cone's angle, positive where the radius grows along x.
+        taper_deg: f64,
+        /// From the first profile to the last.
+        radius_change_mm: f64,
+    },
+    /// The axis is no straight line.
+    #[error(
+        "the part, or the travel of the stage, is bent: the axis is {sagitta_mm:.3} mm off a straight line between middle and \
+         ends; the pose is that of the straight line that fits best"
+    )]
+    Bent {
+        /// From the middle of the scan to its ends, against a straight line.
+        sagitta_mm: f64,
+    },
+    /// The method neither re-weights nor rejects.
+    #[error("section_line_plain follows every clamp and hole; it is for comparison only")]
+    NotRobust,
+    /// An end face was asked for that the scan does not show.
+    #[error(
+        "the {} end face is not seen: the scan must go on beyond that end of the part, by two profiles or more that show the \
+         background or are kept though they are empty, and part of the edge must be free of clamps", .end.name()
+    )]
+    EndFaceNotSeen {
+        /// Which.
+        end: End,
+    },
+}
+
+impl Warning {
+    /// The stable name of the warning.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::ShortArc { .. } => "short_arc",
+            Self::RadiusDiffers { .. } => "radius_differs",
+            Self::OnSomeProfiles { .. } => "on_some_profiles",
+            Self::Tapered { .. } => "tapered",
+            Self::Bent { .. } => "bent",
+            Self::NotRobust => "not_robust",
+            Self::EndFaceNotSeen { .. } => "end_face_not_seen",
+        }
+    }
+}
