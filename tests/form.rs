@@ -4,7 +4,7 @@
 #![expect(clippy::panic, clippy::expect_used, reason = "a test may fail")]
 
 use coaxis::estimation::{Estimate, Outcome, Pose, Progress, Settings, Warning, estimate};
-use coaxis::scan::synthetic::{Part, Truth, make};
+use coaxis::scan::synthetic::{Interference, Part, Truth, make};
 use coaxis::scan::{Columns, Scan};
 
 fn part(seed: u64) -> Part {
@@ -84,5 +84,30 @@ fn a_straight_cylinder_is_said_to_be_neither() {
         let estimate = estimate(&scan, &Settings::default(), &Progress::default());
         assert_eq!(estimate.conditioning.warnings, [], "seed {seed}");
         assert_eq!(pose(&estimate).uncertainty.budget.len(), 1, "seed {seed}");
+    }
+}
+
+/// An oval part: y about the axis is larger by a thousandth, 0.1 mm of 200 mm radius at the ends of 120°.
+fn oval(_: f64, u: f64, w: f64) -> [f64; 2] {
+    [u * 1.001, w]
+}
+
+#[test]
+fn a_smooth_form_of_several_sigmas_is_no_layer() {
+    type Form = fn(f64, f64, f64) -> [f64; 2];
+    let taper: Form = |place, u, w| [u * (1.0 + 0.0035 * place), w * (1.0 + 0.0035 * place)];
+    let bow: Form = |place, u, w| [u, w + 0.1 * place * place];
+    for (name, form) in [("oval", oval as Form), ("tapered by 0.1°", taper), ("bent by 0.1 mm", bow)] {
+        for (seed, interference) in [(5, false), (6, false), (7, true)] {
+            let plain = Part { noise_sigma_mm: 0.03, ..part(seed) };
+            let part = if interference { plain } else { Part { interference: Interference::NONE, ..plain } };
+            let (scan, truth) = make(&part).expect("a part");
+            let estimate = estimate(&deformed(&scan, &part, form), &Settings::default(), &Progress::default());
+            let Outcome::Accepted(pose) = &estimate.outcome else {
+                panic!("{name}, seed {seed}: {:?}", estimate.outcome)
+            };
+            let errors = errors(pose, &truth);
+            assert!(errors.iter().all(|error| error.abs() < 4.0), "{name}, seed {seed}: {errors:?}");
+        }
     }
 }

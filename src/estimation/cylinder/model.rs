@@ -71,6 +71,14 @@ impl Cylinder {
         (finite && moved.radius > 0.0).then_some(moved)
     }
 
+    /// The step that leads from this cylinder to `other`.
+    pub(super) fn to(&self, other: &Self) -> Vector5<f64> {
+        let other = other.about(self.x_ref);
+        let (slopes, place) =
+            ([other.p - self.p, other.q - self.q], [other.y_ref - self.y_ref, other.z_ref - self.z_ref]);
+        Vector5::new(slopes[0], slopes[1], place[0], place[1], other.radius - self.radius)
+    }
+
     pub(super) fn slice(&self, x: f64) -> Slice {
         let dx = x - self.x_ref;
         Slice {
