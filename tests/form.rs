@@ -5,7 +5,7 @@
 
 use coaxis::estimation::{Estimate, Outcome, Pose, Progress, Settings, Warning, estimate};
 use coaxis::scan::synthetic::{Interference, Part, Truth, make};
-use coaxis::scan::{Columns, Scan};
+use coaxis::scan::{Columns, Scan, Station};
 
 fn part(seed: u64) -> Part {
     Part { arc_deg: 120.0, profiles_count: 100, points_count: 200, ..Part::with_interference(seed) }
@@ -109,5 +109,40 @@ fn a_smooth_form_of_several_sigmas_is_no_layer() {
             let errors = errors(pose, &truth);
             assert!(errors.iter().all(|error| error.abs() < 4.0), "{name}, seed {seed}: {errors:?}");
         }
+    }
+}
+
+/// Two strips of floor from 110 to 400 mm beside the axis and 125 mm below it, 300 points of a profile beside 200 on the part.
+fn on_a_floor(scan: &Scan, part: &Part) -> Scan {
+    let (mut y, mut z, mut stations) = (Vec::new(), Vec::new(), Vec::new());
+    for (index, station) in scan.stations().iter().enumerate() {
+        let [axis_y, axis_z] = part.axis.at(station.x);
+        let start = y.len();
+        for point in (station.start..station.end).filter_map(|index| scan.columns().get(index)) {
+            y.push(point[0]);
+            z.push(point[1]);
+        }
+        for place in 0..300_u32 {
+            let side = if place < 150 { -1.0 } else { 1.0 };
+            y.push(axis_y + side * (110.0 + 290.0 * f64::from(place % 150) / 149.0));
+            // Noise enough for a plane: the digits of a sine.
+            z.push(axis_z - 125.0 + 0.05 * (f64::from(place) * 12.9898 + index as f64 * 78.233).sin());
+        }
+        stations.push(Station { x: station.x, start, end: y.len() });
+    }
+    Scan::new(stations, Columns::F64 { y, z }, "made".to_owned()).expect("valid")
+}
+
+#[test]
+fn a_floor_that_holds_most_points_is_not_the_part() {
+    for seed in 0..4 {
+        let part =
+            Part { radius_mm: 100.0, arc_deg: 150.0, profiles_count: 100, points_count: 200, ..Part::smooth(seed) };
+        let (scan, truth) = make(&part).expect("a part");
+        let estimate = estimate(&on_a_floor(&scan, &part), &Settings::default(), &Progress::default());
+        let pose = pose(&estimate);
+        assert!((pose.radius - 100.0).abs() < 0.05, "seed {seed}: {} mm", pose.radius);
+        let errors = errors(pose, &truth);
+        assert!(errors.iter().all(|error| error.abs() < 4.0), "seed {seed}: {errors:?}");
     }
 }

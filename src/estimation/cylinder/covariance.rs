@@ -15,7 +15,7 @@ use nalgebra::{Matrix5, Vector5};
 /// Above this share of the whole, a profile is taken out exactly, below by the first terms of the series.
 const LEVERAGE_SMALL: f64 = 0.1;
 /// Of fewer profiles what they say together is asked as well.
-const FEW: f64 = 40.0;
+const FEW: f64 = 20.0;
 /// Parameters of an axis in one projection: what the degrees of freedom cannot get back.
 const LINE: f64 = 2.0;
 

@@ -110,10 +110,7 @@ fn mend_at(
 ) -> Verdict {
     let hold = problem.hold;
     let own = own_scatter(averages).max(SCATTER_MIN * fit.sigma);
-    if !suspicious(averages, own) {
-        return Verdict::Clean;
-    }
-    if explained(averages, own) {
+    if !suspicious(averages, own) || explained(averages, own) {
         return Verdict::Clean;
     }
     let sample = averages.sample();
@@ -132,7 +129,7 @@ fn mend_at(
     let off = off(averages, &part);
     let layer_ratio = off.iter().filter(|off| **off).count() as f64 / averages.patches.iter().flatten().count() as f64;
     if layer_ratio > LAYER_RATIO_MAX || rough(averages, &part, own) {
-        // A part that is known to be there is answered as it is fitted, with what its areas share in the uncertainty.
+        // A part that is known to be there is answered as it is fitted, with the other readings in the uncertainty.
         return match nominal_radius {
             Some(_) => Verdict::Open { rivals: rival_readings(fit, &part, &found) },
             None => Verdict::Undecided { layer_ratio, reach_mm: reach(fit) },

@@ -74,9 +74,8 @@ impl Cylinder {
     /// The step that leads from this cylinder to `other`.
     pub(super) fn to(&self, other: &Self) -> Vector5<f64> {
         let other = other.about(self.x_ref);
-        let (slopes, place) =
-            ([other.p - self.p, other.q - self.q], [other.y_ref - self.y_ref, other.z_ref - self.z_ref]);
-        Vector5::new(slopes[0], slopes[1], place[0], place[1], other.radius - self.radius)
+        let (p, q) = (other.p - self.p, other.q - self.q);
+        Vector5::new(p, q, other.y_ref - self.y_ref, other.z_ref - self.z_ref, other.radius - self.radius)
     }
 
     pub(super) fn slice(&self, x: f64) -> Slice {

@@ -14,12 +14,16 @@ use nalgebra::Vector5;
 
 /// Cells along the arc and along x: many where there are points for them.
 const CELLS: [usize; 2] = [24, 12];
-/// Points a cell.
+/// Points a cell where there are many,
 const POINTS: usize = 10;
+/// and where there are few, which makes blocks longer,
+const POINTS_FEW: usize = 6;
+/// down to so many blocks.
+const BLOCKS_MIN: usize = 3;
 /// Windows as cells to either side along the arc and along x.
 const WINDOWS: [[usize; 2]; 3] = [[1, 1], [0, usize::MAX], [1, usize::MAX]];
 /// Chance makes averages over windows scatter by so many times what is expected.
-const CHANCE: f64 = 1.7;
+const CHANCE: f64 = 2.0;
 const ROUNDS: usize = 8;
 /// A block of fewer patches has little left beside its shift.
 const BLOCK_MIN: f64 = 6.0;
@@ -28,9 +32,11 @@ const READINGS: usize = 4;
 
 /// How far (p, q, y_ref, z_ref, R) are from the lower reading, by each window; none where no layer shows.
 pub(super) fn lower(surface: &Surface, cylinder: &Cylinder, hold: Hold, sigma: f64) -> Vec<Vector5<f64>> {
+    let points_count = surface.near.len();
     let [many, few] = CELLS;
-    let cells = if surface.near.len() >= POINTS * many * many { many } else { few };
-    let Some(averages) = surface.average(Cut::Cells { sectors: cells, blocks: cells }) else { return Vec::new() };
+    let cells = if points_count >= POINTS * many * many { many } else { few };
+    let blocks = (points_count / (POINTS_FEW * cells)).clamp(BLOCKS_MIN, cells);
+    let Some(averages) = surface.average(Cut::Cells { sectors: cells, blocks }) else { return Vec::new() };
     let level = levelled(&averages);
     let shown = WINDOWS.into_iter().filter(|window| shows(&level, *window));
     shown.filter_map(|window| reading(&averages, window, cylinder, hold, sigma)).collect()
