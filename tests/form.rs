@@ -99,7 +99,7 @@ fn a_smooth_form_of_several_sigmas_is_no_layer() {
     let bow: Form = |place, u, w| [u, w + 0.1 * place * place];
     for (name, form) in [("oval", oval as Form), ("tapered by 0.1°", taper), ("bent by 0.1 mm", bow)] {
         for (seed, interference) in [(5, false), (6, false), (7, true)] {
-            let plain = Part { noise_sigma_mm: 0.03, ..part(seed) };
+            let plain = part(seed);
             let part = if interference { plain } else { Part { interference: Interference::NONE, ..plain } };
             let (scan, truth) = make(&part).expect("a part");
             let estimate = estimate(&deformed(&scan, &part, form), &Settings::default(), &Progress::default());

@@ -65,6 +65,8 @@ const SUPPORT_LEAD: f64 = 3.0;
 const RADIUS_SIGMAS: f64 = 3.0;
 /// Beyond the radii that are looked for by this factor lies a plane.
 const PLANE: f64 = 1.5;
+/// A shorter arc, radians (100°), with points of a plane at its ends still looks like an arc.
+const ARC_BESIDE_PLANE: f64 = 1.75;
 /// Less of a scan than this on a surface is chance.
 const SUPPORT_MIN: f64 = 0.1;
 /// What is left of a sample after a surface was taken out is worth another search above this share.
@@ -90,11 +92,29 @@ pub(super) fn candidates(sample: &Sample, bounds: &Bounds, noise: Noise, hold: H
             break;
         }
     }
-    // A plane that is all there is becomes a refusal of its own later on.
-    if found.iter().any(|settled| !is_plane(settled, sample, bounds)) {
+    // A plane that is all there is becomes a refusal of its own later on; one beside a short arc may have bent it.
+    let is_part = |settled: &Settled| !is_plane(settled, sample, bounds) && seen(settled, sample) > ARC_BESIDE_PLANE;
+    if found.iter().any(is_part) {
         found.retain(|settled| !is_plane(settled, sample, bounds));
     }
     counted(&found, sample)
+}
+
+/// The arc that the sample's points on it span, radians about the direction in which their mean lies.
+fn seen(settled: &Settled, sample: &Sample) -> f64 {
+    let reach = robust::TUKEY_C * settled.sigma;
+    let mut on = Vec::new();
+    for station in &sample.stations {
+        let slice = settled.cylinder.slice(station.x);
+        let (y, z) = sample.points(station);
+        let near = y.iter().zip(z).filter(|(y, z)| slice.distance(**y, **z).abs() < reach);
+        on.extend(near.map(|(y, z)| [y - slice.y, z - slice.z]));
+    }
+    let [u, w] = on.iter().fold([0.0, 0.0], |[u, w], point| [u + point[0], w + point[1]]);
+    let angle = |point: &[f64; 2]| (point[1] * u - point[0] * w).atan2(point[0] * u + point[1] * w);
+    let ends = |[low, high]: [f64; 2], angle: f64| [low.min(angle), high.max(angle)];
+    let [low, high] = on.iter().map(angle).fold([0.0, 0.0], ends);
+    high - low
 }
 
 /// A floor or a jaw's face is a plane: a cylinder of any large radius fits it, and none is the part.
