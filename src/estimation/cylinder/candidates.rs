@@ -65,8 +65,8 @@ const SUPPORT_LEAD: f64 = 3.0;
 const RADIUS_SIGMAS: f64 = 3.0;
 /// Beyond the radii that are looked for by this factor lies a plane.
 const PLANE: f64 = 1.5;
-/// A shorter arc, radians (100°), with points of a plane at its ends still looks like an arc.
-const ARC_BESIDE_PLANE: f64 = 1.75;
+/// A shorter arc, radians (75°), with points of a plane at its ends still looks like an arc.
+const ARC_BESIDE_PLANE: f64 = 1.31;
 /// Less of a scan than this on a surface is chance.
 const SUPPORT_MIN: f64 = 0.1;
 /// What is left of a sample after a surface was taken out is worth another search above this share.
