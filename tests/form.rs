@@ -4,8 +4,8 @@
 #![expect(clippy::panic, clippy::expect_used, reason = "a test may fail")]
 
 use coaxis::estimation::{Estimate, Outcome, Pose, Progress, Settings, Warning, estimate};
-use coaxis::scan::synthetic::{Part, Truth, make};
-use coaxis::scan::{Columns, Scan};
+use coaxis::scan::synthetic::{Interference, Part, Truth, make};
+use coaxis::scan::{Columns, Scan, Station};
 
 fn part(seed: u64) -> Part {
     Part { arc_deg: 120.0, profiles_count: 100, points_count: 200, ..Part::with_interference(seed) }
@@ -84,5 +84,65 @@ fn a_straight_cylinder_is_said_to_be_neither() {
         let estimate = estimate(&scan, &Settings::default(), &Progress::default());
         assert_eq!(estimate.conditioning.warnings, [], "seed {seed}");
         assert_eq!(pose(&estimate).uncertainty.budget.len(), 1, "seed {seed}");
+    }
+}
+
+/// An oval part: y about the axis is larger by a thousandth, 0.1 mm of 200 mm radius at the ends of 120°.
+fn oval(_: f64, u: f64, w: f64) -> [f64; 2] {
+    [u * 1.001, w]
+}
+
+#[test]
+fn a_smooth_form_of_several_sigmas_is_no_layer() {
+    type Form = fn(f64, f64, f64) -> [f64; 2];
+    let taper: Form = |place, u, w| [u * (1.0 + 0.0035 * place), w * (1.0 + 0.0035 * place)];
+    let bow: Form = |place, u, w| [u, w + 0.1 * place * place];
+    for (name, form) in [("oval", oval as Form), ("tapered by 0.1°", taper), ("bent by 0.1 mm", bow)] {
+        for (seed, interference) in [(5, false), (6, false), (7, true)] {
+            let plain = part(seed);
+            let part = if interference { plain } else { Part { interference: Interference::NONE, ..plain } };
+            let (scan, truth) = make(&part).expect("a part");
+            let estimate = estimate(&deformed(&scan, &part, form), &Settings::default(), &Progress::default());
+            let Outcome::Accepted(pose) = &estimate.outcome else {
+                panic!("{name}, seed {seed}: {:?}", estimate.outcome)
+            };
+            let errors = errors(pose, &truth);
+            assert!(errors.iter().all(|error| error.abs() < 4.0), "{name}, seed {seed}: {errors:?}");
+        }
+    }
+}
+
+/// Two strips of floor from 110 to 400 mm beside the axis and 125 mm below it, 300 points of a profile beside 200 on the part.
+fn on_a_floor(scan: &Scan, part: &Part) -> Scan {
+    let (mut y, mut z, mut stations) = (Vec::new(), Vec::new(), Vec::new());
+    for (index, station) in scan.stations().iter().enumerate() {
+        let [axis_y, axis_z] = part.axis.at(station.x);
+        let start = y.len();
+        for point in (station.start..station.end).filter_map(|index| scan.columns().get(index)) {
+            y.push(point[0]);
+            z.push(point[1]);
+        }
+        for place in 0..300_u32 {
+            let side = if place < 150 { -1.0 } else { 1.0 };
+            y.push(axis_y + side * (110.0 + 290.0 * f64::from(place % 150) / 149.0));
+            // Noise enough for a plane: the digits of a sine.
+            z.push(axis_z - 125.0 + 0.05 * (f64::from(place) * 12.9898 + index as f64 * 78.233).sin());
+        }
+        stations.push(Station { x: station.x, start, end: y.len() });
+    }
+    Scan::new(stations, Columns::F64 { y, z }, "made".to_owned()).expect("valid")
+}
+
+#[test]
+fn a_floor_that_holds_most_points_is_not_the_part() {
+    for seed in 0..4 {
+        let part =
+            Part { radius_mm: 100.0, arc_deg: 150.0, profiles_count: 100, points_count: 200, ..Part::smooth(seed) };
+        let (scan, truth) = make(&part).expect("a part");
+        let estimate = estimate(&on_a_floor(&scan, &part), &Settings::default(), &Progress::default());
+        let pose = pose(&estimate);
+        assert!((pose.radius - 100.0).abs() < 0.05, "seed {seed}: {} mm", pose.radius);
+        let errors = errors(pose, &truth);
+        assert!(errors.iter().all(|error| error.abs() < 4.0), "seed {seed}: {errors:?}");
     }
 }

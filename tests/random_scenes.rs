@@ -24,16 +24,15 @@ use std::collections::BTreeMap;
 
 /// Scenes that continuous integration has time for.
 const SCENES: u64 = 400;
-/// What is still wrong, scenes in a thousand: thin layers or jaws that hold half of the points of a noisy scan, and few
-/// profiles that vibrate by many times the noise (docs/estimation.md). To be lowered, never raised.
-const WRONG_PER_THOUSAND: f64 = 5.0;
+/// What is still wrong, scenes in a thousand, rounded up (docs/estimation.md). To be lowered, never raised.
+const WRONG_PER_THOUSAND: f64 = 0.5;
 /// Wrong is what is off by more of its own standard uncertainties,
 const UNCERTAINTIES_MAX: f64 = 5.0;
 /// and by more than rounding, mm and radians.
 const ROUNDING: f64 = 1e-9;
 
 /// Share of the scenes that may be refused; in most of these a layer or jaw is on every profile.
-const REFUSED_MAX: f64 = 0.12;
+const REFUSED_MAX: f64 = 0.08;
 
 struct Chance(ChaCha8Rng);
 
@@ -181,7 +180,7 @@ fn no_answer_is_wrong_by_more_than_it_says() {
             println!("    {:?}", scene(*seed as u64));
         }
     }
-    let allowed = (WRONG_PER_THOUSAND * scenes_count as f64 / 1000.0).floor() as usize;
+    let allowed = (WRONG_PER_THOUSAND * scenes_count as f64 / 1000.0).ceil() as usize;
     assert!(wrong.len() <= allowed, "{} answers are wrong", wrong.len());
     // Refusals are no way out.
     assert!(refused_count as f64 <= REFUSED_MAX * scenes_count as f64, "{refused_count} refused");

@@ -19,6 +19,8 @@ impl Line {
     pub(super) const FIT_BIAS: &'static str = "fit_bias";
     /// Of a part that is no straight cylinder.
     pub(super) const FORM: &'static str = "form";
+    /// Of layers that nobody can tell from the part.
+    pub(super) const LAYERS: &'static str = "layers";
     /// Of a radius that is given.
     pub(super) const NOMINAL_RADIUS: &'static str = "nominal_radius";
 

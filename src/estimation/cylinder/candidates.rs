@@ -57,8 +57,16 @@ const SHOWN_SHARE: f64 = 0.08;
 pub(super) const COVERAGE_MIN: f64 = 0.75;
 /// Coverages that differ by more than this decide.
 const COVERAGE_LEAD: f64 = 0.08;
+/// where they are more than one profile.
+const PROFILES_LEAD: f64 = 1.5;
+/// What holds so many times the points must be missing on twice as many.
+const SUPPORT_LEAD: f64 = 3.0;
 /// Radii that differ by more standard uncertainties are told apart.
 const RADIUS_SIGMAS: f64 = 3.0;
+/// Beyond the radii that are looked for by this factor lies a plane.
+const PLANE: f64 = 1.5;
+/// A shorter arc, radians (75°), with points of a plane at its ends still looks like an arc.
+const ARC_BESIDE_PLANE: f64 = 1.31;
 /// Less of a scan than this on a surface is chance.
 const SUPPORT_MIN: f64 = 0.1;
 /// What is left of a sample after a surface was taken out is worth another search above this share.
@@ -84,7 +92,36 @@ pub(super) fn candidates(sample: &Sample, bounds: &Bounds, noise: Noise, hold: H
             break;
         }
     }
+    // A plane that is all there is becomes a refusal of its own later on; one beside a short arc may have bent it.
+    let is_part = |settled: &Settled| !is_plane(settled, sample, bounds) && seen(settled, sample) > ARC_BESIDE_PLANE;
+    if found.iter().any(is_part) {
+        found.retain(|settled| !is_plane(settled, sample, bounds));
+    }
     counted(&found, sample)
+}
+
+/// The arc that the sample's points on it span, radians about the direction in which their mean lies.
+fn seen(settled: &Settled, sample: &Sample) -> f64 {
+    let reach = robust::TUKEY_C * settled.sigma;
+    let mut on = Vec::new();
+    for station in &sample.stations {
+        let slice = settled.cylinder.slice(station.x);
+        let (y, z) = sample.points(station);
+        let near = y.iter().zip(z).filter(|(y, z)| slice.distance(**y, **z).abs() < reach);
+        on.extend(near.map(|(y, z)| [y - slice.y, z - slice.z]));
+    }
+    let [u, w] = on.iter().fold([0.0, 0.0], |[u, w], point| [u + point[0], w + point[1]]);
+    let angle = |point: &[f64; 2]| (point[1] * u - point[0] * w).atan2(point[0] * u + point[1] * w);
+    let ends = |[low, high]: [f64; 2], angle: f64| [low.min(angle), high.max(angle)];
+    let [low, high] = on.iter().map(angle).fold([0.0, 0.0], ends);
+    high - low
+}
+
+/// A floor or a jaw's face is a plane: a cylinder of any large radius fits it, and none is the part.
+fn is_plane(settled: &Settled, sample: &Sample, bounds: &Bounds) -> bool {
+    let [_, most] = bounds.radius_mm;
+    let radius = settled.cylinder.radius;
+    radius > PLANE * most || radius < RADIUS_SIGMAS * radius_uncertainty(settled, sample)
 }
 
 /// The start that most points agree with once it has settled.
@@ -159,21 +196,26 @@ pub(super) fn choose(candidates: &[Candidate], nominal_radius: Option<f64>, samp
         // The radius speaks for itself where the data tell radii apart.
         let off = |c: &Candidate| (c.settled.cylinder.radius - nominal).abs();
         let nearest = possible.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b)));
-        let known = |c: &Candidate| RADIUS_SIGMAS * radius_uncertainty(c, sample);
+        let known = |c: &Candidate| RADIUS_SIGMAS * radius_uncertainty(&c.settled, sample);
         possible.retain(|c| nearest.is_some_and(|nearest| off(c) - off(nearest) <= known(c).hypot(known(nearest))));
     }
-    let widest = possible.iter().map(|c| c.coverage).fold(0.0, f64::max);
-    possible.retain(|c| c.coverage >= widest - COVERAGE_LEAD);
+    let widest = possible.iter().copied().max_by(|a, b| a.coverage.total_cmp(&b.coverage)).copied();
+    let few = PROFILES_LEAD / sample.stations.len() as f64;
+    let lead = |c: &Candidate, widest: &Candidate| {
+        let usual = COVERAGE_LEAD.max(few);
+        if c.support > SUPPORT_LEAD * widest.support { 2.0 * usual } else { usual }
+    };
+    possible.retain(|c| widest.is_some_and(|widest| c.coverage >= widest.coverage - lead(c, &widest)));
     match possible.as_slice() {
         [] => Choice::None,
-        [first, second, ..] if second.coverage >= COVERAGE_MIN => Choice::Two(**first, **second),
+        [first, second, ..] if second.coverage >= COVERAGE_MIN || few > COVERAGE_LEAD => Choice::Two(**first, **second),
         [first, ..] => Choice::One(**first),
     }
 }
 
 /// Standard uncertainty of a candidate's radius, for independent points of the sample.
-fn radius_uncertainty(candidate: &Candidate, sample: &Sample) -> f64 {
-    let Settled { cylinder, sigma } = candidate.settled;
+fn radius_uncertainty(settled: &Settled, sample: &Sample) -> f64 {
+    let Settled { cylinder, sigma } = *settled;
     let sums = total(sample, &cylinder, robust::TUKEY_C * sigma);
     step::invert(&sums.normal).map_or(f64::INFINITY, |inverse| {
         let [.., variance]: [f64; 5] = inverse.diagonal().into();

@@ -7,12 +7,15 @@
 //! profiles widen the interval as Student's t does, with Satterthwaite's degrees of freedom for each parameter: the two ends
 //! of a scan decide a slope, however many profiles lie between.
 
+use super::components;
 use super::step::{self, Hold};
 use super::sums::Sums;
 use nalgebra::{Matrix5, Vector5};
 
 /// Above this share of the whole, a profile is taken out exactly, below by the first terms of the series.
 const LEVERAGE_SMALL: f64 = 0.1;
+/// Of fewer profiles what they say together is asked as well.
+const FEW: f64 = 20.0;
 /// Parameters of an axis in one projection: what the degrees of freedom cannot get back.
 const LINE: f64 = 2.0;
 
@@ -45,7 +48,13 @@ pub(super) fn sandwich(normal: &Matrix5<f64>, profiles: &[Sums], hold: Hold) -> 
         effective.min(clusters_count - LINE).max(1.0)
     });
     let widen = Matrix5::from_diagonal(&freedom.map(student_over_normal));
-    let covariance = widen * scatter * widen * ((clusters_count - 1.0) / clusters_count.max(1.0));
+    let mut covariance = widen * scatter * widen * ((clusters_count - 1.0) / clusters_count.max(1.0));
+    if clusters_count < FEW {
+        let floor = components::variances(&bread, profiles, &free).unwrap_or_else(Vector5::zeros);
+        let wider = |own: f64, floor: f64| if own > 0.0 { (floor / own).max(1.0).sqrt() } else { 1.0 };
+        let widen = Matrix5::from_diagonal(&covariance.diagonal().zip_map(&floor, wider));
+        covariance = widen * covariance * widen;
+    }
     covariance.iter().all(|v| v.is_finite()).then_some(covariance)
 }
 

@@ -18,7 +18,10 @@ pub(super) fn from_data(solution: &Solution, hold: Hold, settings: &Settings) ->
     let axis = solution.cylinder.axis();
     let repeatability = Line::of_slopes(Line::REPEATABILITY, &solution.covariance, &axis);
     let radius = by_radius(solution, hold, settings).map(|shift| Line::of_shift(Line::NOMINAL_RADIUS, &shift, &axis));
-    [Some(repeatability), radius].into_iter().flatten().collect()
+    // The readings are one and the same layer's: each may be the right one, and none is independent of the others.
+    let spread: Matrix5<f64> = solution.rivals.iter().map(|shift| shift * shift.transpose()).sum();
+    let layers = (!solution.rivals.is_empty()).then(|| Line::of_slopes(Line::LAYERS, &spread, &axis));
+    [Some(repeatability), radius, layers].into_iter().flatten().collect()
 }
 
 /// What the stage, the sensor and the temperature do to it.

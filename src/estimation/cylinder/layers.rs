@@ -12,12 +12,15 @@ use super::consensus::Bounds;
 use super::kernel::Inner;
 use super::model::Cylinder;
 use super::patches::{self, Averages, Cut, Surface};
+use super::readings;
 use super::settle::Settled;
+use super::smooth;
 use super::solve::{self, Problem, Solution};
 
 use super::sums::Sums;
 use crate::estimation::{Progress, robust};
 use crate::scan::{Columns, Scan, Station};
+use nalgebra::Vector5;
 use rayon::prelude::*;
 
 /// Points within so many cut-offs of the fit are averaged.
@@ -52,6 +55,8 @@ pub(super) enum Verdict {
     Clean,
     /// Fitted again without the layers.
     Mended(Solution),
+    /// Left as it is: the nominal radius vouches for the part, but not for what of it lies in layers.
+    Open { rivals: Vec<Vector5<f64>> },
     /// Two surfaces could be the part.
     Two(Candidate, Candidate),
     /// So much lies in layers that what is left may be one, too, or a mixture of both.
@@ -62,12 +67,14 @@ pub(super) enum Verdict {
 pub(super) fn mend(problem: &Problem<'_>, fit: &Solution, bounds: &Bounds, nominal_radius: Option<f64>) -> Verdict {
     let mut verdict = Verdict::Clean;
     let mut surface = look(problem, fit);
+    let mut rivals = Vec::new();
     for points_wanted in POINTS_WANTED {
         let base = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
         let averages = surface.as_ref().and_then(|surface| surface.average(Cut::Points(points_wanted)));
         let Some(averages) = averages else { continue };
         match mend_at(problem, base, bounds, nominal_radius, &averages) {
             Verdict::Clean => {}
+            Verdict::Open { rivals: readings } => rivals.extend(readings),
             Verdict::Mended(mended) => {
                 surface = look(problem, &mended);
                 verdict = Verdict::Mended(mended);
@@ -75,7 +82,15 @@ pub(super) fn mend(problem: &Problem<'_>, fit: &Solution, bounds: &Bounds, nomin
             refused @ (Verdict::Two(..) | Verdict::Undecided { .. }) => return refused,
         }
     }
-    verdict
+    let base = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
+    if let Some(surface) = surface {
+        rivals.extend(readings::lower(&surface, &base.cylinder, problem.hold, base.sigma));
+    }
+    match verdict {
+        verdict if rivals.is_empty() => verdict,
+        Verdict::Mended(mended) => Verdict::Mended(Solution { rivals, ..mended }),
+        _ => Verdict::Open { rivals },
+    }
 }
 
 fn reach(fit: &Solution) -> f64 {
@@ -95,7 +110,7 @@ fn mend_at(
 ) -> Verdict {
     let hold = problem.hold;
     let own = own_scatter(averages).max(SCATTER_MIN * fit.sigma);
-    if !suspicious(averages, own) {
+    if !suspicious(averages, own) || explained(averages, own) {
         return Verdict::Clean;
     }
     let sample = averages.sample();
@@ -114,9 +129,11 @@ fn mend_at(
     let off = off(averages, &part);
     let layer_ratio = off.iter().filter(|off| **off).count() as f64 / averages.patches.iter().flatten().count() as f64;
     if layer_ratio > LAYER_RATIO_MAX || rough(averages, &part, own) {
-        // A part that is known to be there is answered as it is fitted, with what its areas share in the uncertainty.
-        let known = nominal_radius.is_some();
-        return if known { Verdict::Clean } else { Verdict::Undecided { layer_ratio, reach_mm: reach(fit) } };
+        // A part that is known to be there is answered as it is fitted, with the other readings in the uncertainty.
+        return match nominal_radius {
+            Some(_) => Verdict::Open { rivals: rival_readings(fit, &part, &found) },
+            None => Verdict::Undecided { layer_ratio, reach_mm: reach(fit) },
+        };
     }
     refit(problem, fit, &part, averages, &off).map_or(Verdict::Clean, Verdict::Mended)
 }
@@ -128,16 +145,36 @@ fn rival(chosen: &Candidate, found: &[Candidate], nominal_radius: Option<f64>) -
     others.copied().find(|other| other.coverage >= RIVAL_COVERAGE && other.support >= RIVAL_SUPPORT * chosen.support)
 }
 
+/// How far the fit is from the readings that a mixture of surfaces allows.
+fn rival_readings(fit: &Solution, part: &Settled, found: &[Candidate]) -> Vec<Vector5<f64>> {
+    let shown = found.iter().filter(|other| other.coverage >= RIVAL_COVERAGE && other.settled != *part);
+    let readings = shown.map(|other| other.settled);
+    readings.chain([*part]).map(|reading| fit.cylinder.to(&reading.cylinder)).collect()
+}
+
+/// Whether the averages, without a smooth form of the part, scatter as they do for themselves.
+pub(super) fn smooth(averages: &Averages) -> bool {
+    explained(averages, own_scatter(averages))
+}
+
+fn explained(averages: &Averages, own: f64) -> bool {
+    let without = smooth::without_form(averages);
+    without.is_some_and(|without| !suspicious(&without, own))
+}
+
 /// What averages scatter by for themselves: the larger of what neighbours along the arc and along x differ by. Along x
 /// whole profiles may be off (vibration), which is no layer.
 pub(super) fn own_scatter(averages: &Averages) -> f64 {
-    let mut scratch = Vec::new();
-    let along_arc = robust::sigma(&averages.squared_differences_along_arc(), &mut scratch);
-    along_arc.max(lower_sigma(averages.squared_differences_along_x()))
+    scatter_along_arc(averages).max(lower_sigma(averages.squared_differences_along_x()))
+}
+
+/// What neighbours along the arc differ by, as a standard deviation of one average.
+pub(super) fn scatter_along_arc(averages: &Averages) -> f64 {
+    robust::sigma(&averages.squared_differences_along_arc(), &mut Vec::new())
 }
 
 /// Robust standard deviation by the lower quarter: clamps that come and go along x leave it alone.
-fn lower_sigma(mut squared: Vec<f64>) -> f64 {
+pub(super) fn lower_sigma(mut squared: Vec<f64>) -> f64 {
     let quarter = squared.len() / 4;
     if squared.is_empty() {
         return 0.0;

@@ -9,6 +9,7 @@
 mod areas;
 mod block;
 mod candidates;
+mod components;
 mod consensus;
 mod covariance;
 pub(super) mod extent;
@@ -21,9 +22,11 @@ mod model;
 mod narrow;
 mod patches;
 mod projection;
+mod readings;
 mod sample;
 mod scatter;
 mod settle;
+mod smooth;
 mod solve;
 mod step;
 mod sums;
@@ -50,8 +53,9 @@ const SAMPLE_PROFILES_MAX: usize = 128;
 const SAMPLE_POINTS_MAX: usize = 96;
 /// Steepest slope that is looked for, beyond the 10° that parts are held to.
 const SLOPE_MAX: f64 = 0.35;
-/// Radii that are looked for, in sizes of a profile: a full section has half of its diagonal, an arc of 10° six times it.
-const RADIUS_SIZES: [f64; 2] = [0.25, 8.0];
+/// Radii that are looked for, in sizes of a profile: a full section has a third of its diagonal, less with a floor
+/// beside it, an arc of 10° six times it.
+const RADIUS_SIZES: [f64; 2] = [0.1, 8.0];
 /// Radii that are looked for about a nominal one, relative to it.
 const NOMINAL_REACH: f64 = 0.02;
 /// What is near a start: this many times the roughness, but within these shares of the size of a profile.
@@ -134,6 +138,10 @@ fn search(scan: &Scan, used: &[bool], settings: &Settings, progress: &Progress) 
             areas::widen(scan, used, &mut solution, hold);
             Ok(solution)
         }
+        Verdict::Open { rivals } => {
+            areas::widen(scan, used, &mut solution, hold);
+            Ok(Solution { rivals, ..solution })
+        }
         Verdict::Mended(mended) => Some(mended).filter(resolved).ok_or(no_cylinder),
         Verdict::Two(a, b) => Err(two_cylinders(&a, &b)),
         Verdict::Undecided { layer_ratio, reach_mm } => Err(Refusal::LayersUndecided { layer_ratio, reach_mm }),
@@ -162,6 +170,7 @@ fn finer(
     let bounds = Bounds { tolerance: TOLERANCE_ROUGHNESS * roughness, ..*bounds };
     let found = candidates::candidates(sample, &bounds, Noise::Known(roughness), hold);
     match candidates::choose(&found, settings.nominal_radius_mm, sample) {
+        Choice::Two(..) if averages.as_ref().is_some_and(layers::smooth) => Ok(coarse),
         Choice::Two(a, b) => Err(two_cylinders(&a, &b)),
         Choice::One(fine) if fine.coverage >= candidates::COVERAGE_MIN => {
             // Neighbours may share their noise: what one point scatters by is seen only now.

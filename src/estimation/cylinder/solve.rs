@@ -47,6 +47,8 @@ pub(super) struct Solution {
     pub(super) inner: Vec<Inner>,
     /// Passes over all points.
     pub(super) passes_count: u32,
+    /// How far (p, q, y_ref, z_ref, R) are from other readings of the surface, where layers leave it open.
+    pub(super) rivals: Vec<Vector5<f64>>,
 }
 
 const STEPS_MAX: u32 = 10;
@@ -83,7 +85,7 @@ pub(super) fn solve(problem: &Problem<'_>, start: &Settled) -> Option<Solution> 
         if left((normal * step).dot(&step).abs() / (sigma * sigma), sums.weight) < SETTLED {
             profiles.iter_mut().for_each(|profile| profile.gradient += profile.normal * step);
             let covariance = sandwich(&normal, &profiles, problem.hold)?;
-            return Some(Solution { cylinder, sigma, covariance, profiles, inner, passes_count });
+            return Some(Solution { cylinder, sigma, covariance, profiles, inner, passes_count, rivals: Vec::new() });
         }
     }
     None

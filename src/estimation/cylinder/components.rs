@@ -1,0 +1,114 @@
+//! What few profiles say together: the noise of points and the vibration of whole profiles, each found from all of them.
+//! In: the sums of the profiles at the fit. Out: the variances of the parameters that those two make, widened for how few
+//! degrees of freedom they rest on. Must not know the points.
+//!
+//! The gradient of profile i has the covariance φ S_i + τ² S_i P S_i: S_i is its part of the normal matrix in (y, z, R), φ the
+//! scatter of points with what neighbours share, and τ the vibration, alike in y and in z (P leaves out R). What each profile's
+//! own radius is off by tells φ, with n − 1 degrees of freedom; what its own centre is off by tells φ and τ together, with
+//! 2n − 4. So the variance rests on twice or three times as many degrees of freedom as the clusters of one parameter have.
+
+use super::sums::Sums;
+use nalgebra::{Matrix2, Matrix3, Matrix5, Vector2, Vector3, Vector5};
+
+/// Where (y_ref, z_ref, R) begin among the parameters.
+const SECTION: usize = 2;
+/// Two-sided, 95.45 % and all but 1 in 10⁵, as quantiles of the normal distribution;
+const USUAL: f64 = 2.0;
+const FAR: f64 = 4.417;
+/// the latter is to be no more than this many standard uncertainties away.
+const FAR_MAX: f64 = 5.0;
+/// Fewer degrees of freedom are counted as so many: nothing is known then.
+const FREEDOM_MIN: f64 = 3.0;
+/// Vibration is told from the points' noise where centres are off by so many times the variance that radii make likely.
+const TOLD: f64 = 4.0;
+
+/// Of (p, q, y_ref, z_ref, R); `None` where the profiles are too few or show too little each.
+pub(super) fn variances(bread: &Matrix5<f64>, profiles: &[Sums], free: &Vector5<f64>) -> Option<Vector5<f64>> {
+    let sections: Vec<Section> = profiles.iter().filter_map(Section::of).collect();
+    let count = sections.len() as f64;
+    let [freedom_radius, freedom_centre] = [count - 1.0, 2.0 * count - 4.0];
+    if freedom_centre < 1.0 {
+        return None;
+    }
+    let weight: f64 = sections.iter().map(|section| 1.0 / section.radius_variance).sum();
+    let middle = sections.iter().map(|section| section.radius / section.radius_variance).sum::<f64>() / weight;
+    let of_radius: f64 = sections.iter().map(|s| (s.radius - middle).powi(2) / s.radius_variance).sum();
+    let of_centre: f64 = sections.iter().map(|section| section.centre).sum();
+    let stiffness = sections.iter().map(|section| section.stiffness).sum::<f64>() * freedom_centre / (2.0 * count);
+    let (noise, both) = (of_radius / freedom_radius, of_centre / freedom_centre);
+    let told = both > TOLD * noise;
+    let (noise, freedom_noise, vibration) = if told {
+        (noise, freedom_radius, (both - noise) * freedom_centre / stiffness)
+    } else {
+        let freedom = freedom_radius + freedom_centre;
+        ((of_radius + of_centre) / freedom, freedom, 0.0)
+    };
+    // What a unit of each does to the parameters.
+    let by_noise = bread.diagonal().component_mul(free);
+    let mut by_vibration = Vector5::zeros();
+    for profile in profiles.iter().filter(|profile| profile.weight > 0.0) {
+        let effect = bread * profile.normal.fixed_columns::<2>(SECTION);
+        by_vibration += effect.component_mul(&effect).column_sum().component_mul(free);
+    }
+    Some(by_noise.zip_map(&by_vibration, |by_noise, by_vibration| {
+        let (of_noise, of_vibration) = (noise * by_noise, vibration * by_vibration);
+        let variance = of_noise + of_vibration;
+        // Satterthwaite's.
+        let squared = of_noise.powi(2) / freedom_noise + of_vibration.powi(2) / freedom_centre;
+        let freedom = if squared > 0.0 { variance * variance / squared } else { freedom_centre };
+        variance * widening(freedom).powi(2)
+    }))
+}
+
+/// What one profile is off by, in its own section.
+struct Section {
+    radius: f64,
+    /// For φ = 1.
+    radius_variance: f64,
+    /// gᵀ S⁻¹ g of its centre, whose mean is 2φ + τ² tr S.
+    centre: f64,
+    /// tr S.
+    stiffness: f64,
+}
+
+impl Section {
+    fn of(profile: &Sums) -> Option<Self> {
+        let normal: Matrix3<f64> = profile.normal.fixed_view::<3, 3>(SECTION, SECTION).into_owned();
+        let gradient: Vector3<f64> = profile.gradient.fixed_rows::<3>(SECTION).into_owned();
+        let inverse = normal.cholesky()?.inverse();
+        let shift: [f64; 3] = (inverse * gradient).into();
+        let [.., radius_variance]: [f64; 3] = inverse.diagonal().into();
+        let stiffness: Matrix2<f64> = normal.fixed_view::<2, 2>(0, 0).into_owned();
+        let pull: Vector2<f64> = gradient.fixed_rows::<2>(0).into_owned();
+        let centre = pull.dot(&stiffness.cholesky()?.solve(&pull));
+        let [.., radius] = shift;
+        let usable = radius_variance > 0.0 && radius.is_finite() && centre.is_finite();
+        usable.then_some(Self { radius, radius_variance, centre, stiffness: stiffness.trace() })
+    }
+}
+
+/// So much wider than the normal distribution's is the interval of two standard uncertainties and that of five.
+fn widening(freedom: f64) -> f64 {
+    let freedom = freedom.max(FREEDOM_MIN);
+    (student(USUAL, freedom) / USUAL).max(student(FAR, freedom) / FAR_MAX)
+}
+
+/// The quantile of Student's distribution that belongs to the normal one's z (Wallace, Annals of Mathematical Statistics 30,
+/// 1959): √(ν (exp(c²/ν) − 1)) with c = z (8ν + 3)/(8ν + 1).
+fn student(z: f64, freedom: f64) -> f64 {
+    let c = z * (8.0 * freedom + 3.0) / (8.0 * freedom + 1.0);
+    (freedom * (c * c / freedom).exp_m1()).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn students_quantiles_are_those_of_the_tables() {
+        // JCGM 100, table G.2, 95.45 %.
+        for (z, freedom, quantile) in [(2.0, 3.0, 3.31), (2.0, 10.0, 2.28), (2.0, 50.0, 2.05)] {
+            assert!((student(z, freedom) - quantile).abs() < 0.015 * quantile, "{freedom}");
+        }
+    }
+}
