@@ -100,18 +100,20 @@ fn two_standard_uncertainties_of_cylinder_hold_the_truth() {
     let settings = Settings { method: Method::Cylinder, ..Settings::default() };
     let seeds_count = count("COAXIS_SEEDS", SEEDS);
     let mut right = true;
-    let mut scene = |name: &str, change: &(dyn Fn(Part) -> Part + Sync)| {
+    let mut scene = |name: &str, allowed: [f64; 2], change: &(dyn Fn(Part) -> Part + Sync)| {
         for (noise, correlation, jitter) in NOISES {
             let (shares, answered) = coverage(&settings, seeds_count, |seed| change(part(seed, (correlation, jitter))));
-            right &= line(name, noise, &shares, answered, seeds_count, HELD);
+            right &= line(name, noise, &shares, answered, seeds_count, allowed);
         }
     };
-    scene("140°", &|part| part);
-    scene("120°, interference", &|part| Part { arc_deg: 120.0, interference: PAPER, ..part });
-    scene("70°, interference", &|part| Part { arc_deg: 70.0, interference: PAPER, ..part });
-    scene("radius 50, 25 profiles", &|part| Part { radius_mm: 50.0, profiles_count: 25, ..part });
-    scene("10 profiles", &|part| Part { profiles_count: 10, ..part });
-    scene("5 profiles", &|part| Part { profiles_count: 5, ..part });
+    scene("140°", HELD, &|part| part);
+    scene("120°, interference", HELD, &|part| Part { arc_deg: 120.0, interference: PAPER, ..part });
+    scene("70°, interference", HELD, &|part| Part { arc_deg: 70.0, interference: PAPER, ..part });
+    scene("radius 50, 25 profiles", HELD, &|part| Part { radius_mm: 50.0, profiles_count: 25, ..part });
+    // Few profiles say little of how little they say: more is held than asked for.
+    let at_least = [HELD[0], 1.0];
+    scene("10 profiles", at_least, &|part| Part { profiles_count: 10, ..part });
+    scene("5 profiles", at_least, &|part| Part { profiles_count: 5, ..part });
     assert!(right, "a share is not what it should be");
 }
 

@@ -12,9 +12,9 @@ use rand_distr::{Distribution, StandardNormal};
 
 const SEEDS: u64 = 150;
 
-/// Hardly any noise, so that what is seen is the disturbance.
+/// Half the noise of the disturbance, and many points, so that what is seen is the disturbance.
 fn part(seed: u64) -> Part {
-    Part { profiles_count: 41, points_count: 80, noise_sigma_mm: 1e-4, arc_deg: 150.0, ..Part::smooth(seed) }
+    Part { profiles_count: 41, points_count: 80, noise_sigma_mm: 0.01, arc_deg: 150.0, ..Part::smooth(seed) }
 }
 
 fn pose(scan: &Scan, settings: &Settings) -> Pose {

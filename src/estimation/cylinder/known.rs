@@ -13,15 +13,18 @@ use nalgebra::{Matrix5, Vector5};
 const Y_REF: usize = 2;
 const RADIUS: usize = 4;
 
-/// What the data say, and what is known of the radius: the lines that decide whether they leave the pose open.
+/// What the data say, and what is known of the radius.
 pub(super) fn from_data(solution: &Solution, hold: Hold, settings: &Settings) -> Vec<Line> {
     let axis = solution.cylinder.axis();
     let repeatability = Line::of_slopes(Line::REPEATABILITY, &solution.covariance, &axis);
     let radius = by_radius(solution, hold, settings).map(|shift| Line::of_shift(Line::NOMINAL_RADIUS, &shift, &axis));
-    // The readings are one and the same layer's: each may be the right one, and none is independent of the others.
+    [Some(repeatability), radius].into_iter().flatten().collect()
+}
+
+/// How far other readings of the data lie: each may be the right one, and none is independent of the others.
+pub(super) fn from_layers(solution: &Solution) -> Option<Line> {
     let spread: Matrix5<f64> = solution.rivals.iter().map(|shift| shift * shift.transpose()).sum();
-    let layers = (!solution.rivals.is_empty()).then(|| Line::of_slopes(Line::LAYERS, &spread, &axis));
-    [Some(repeatability), radius, layers].into_iter().flatten().collect()
+    (!solution.rivals.is_empty()).then(|| Line::of_slopes(Line::LAYERS, &spread, &solution.cylinder.axis()))
 }
 
 /// What the stage, the sensor and the temperature do to it.

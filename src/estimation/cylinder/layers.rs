@@ -158,8 +158,9 @@ pub(super) fn smooth(averages: &Averages) -> bool {
 }
 
 fn explained(averages: &Averages, own: f64) -> bool {
+    let level = smooth::without_shifts(averages);
     let without = smooth::without_form(averages);
-    without.is_some_and(|without| !suspicious(&without, own))
+    !suspicious(&level, own) || without.is_some_and(|without| !suspicious(&without, own))
 }
 
 /// What averages scatter by for themselves: the larger of what neighbours along the arc and along x differ by. Along x

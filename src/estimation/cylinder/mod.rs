@@ -237,7 +237,15 @@ fn weigh(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(Pose,
     too_short(stations, settings)?;
     let hold = hold(settings);
     let mut lines = known::from_data(solution, hold, settings);
+    let layers = known::from_layers(solution);
+    if settings.nominal_radius_mm.is_none() {
+        lines.extend(layers);
+    }
     left_open(&Uncertainty::of(&lines), settings)?;
+    if settings.nominal_radius_mm.is_some() {
+        // The drawing vouches for the part, so that layers widen the answer but do not refuse it.
+        lines.extend(layers);
+    }
     let form = form::form(scan, solution, hold);
     lines.extend(form.iter().map(|form| Line::of_shift(Line::FORM, &form.shift, &solution.cylinder.axis())));
     lines.extend(known::from_calibration(scan, solution, hold, settings));

@@ -1,11 +1,12 @@
-//! A part that is not quite round or straight: its deviation is smooth, while a layer has edges. In: averages over patches.
-//! Out: the same without the smooth part of them. Must not judge what is left.
+//! What is no layer: a part that is not quite round or straight, whose deviation is smooth while a layer has edges, and a stage
+//! that wanders, which shifts whole profiles. In: averages over patches. Out: the same without that. Must not judge what is
+//! left.
 //!
 //! A polynomial, to the fourth degree along the arc and the second along x, follows an oval, a taper and a bow to a few
 //! hundredths of their height, and no step: one in the middle leaves a fifth of its height.
 
 use super::patches::{Averages, Patch};
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
 const ALONG_ARC: usize = 5;
 const ALONG_X: usize = 3;
@@ -31,6 +32,25 @@ pub(super) fn without_form(averages: &Averages) -> Option<Averages> {
     let left = |patch: &Patch| Patch { d: patch.d - terms(patch).dot(&form), ..*patch };
     let patches = averages.patches.iter().map(|patch| patch.as_ref().map(left)).collect();
     Some(Averages { grid: averages.grid.clone(), patches })
+}
+
+/// The averages without the shift, in y and in z, that each block of profiles shows by itself.
+pub(super) fn without_shifts(averages: &Averages) -> Averages {
+    let direction = |patch: &Patch| Vector2::new(patch.angle.cos(), patch.angle.sin());
+    let mut patches = Vec::with_capacity(averages.patches.len());
+    for block in averages.patches.chunks(averages.grid.sectors().max(1)) {
+        let (mut normal, mut right) = (Matrix2::zeros(), Vector2::zeros());
+        for patch in block.iter().flatten() {
+            let row = direction(patch);
+            normal += row * row.transpose() * patch.share;
+            right += row * (patch.d * patch.share);
+        }
+        // A block with too little on it keeps what it has.
+        let shift = normal.cholesky().map_or_else(Vector2::zeros, |normal| normal.solve(&right));
+        let left = |patch: &Patch| Patch { d: patch.d - direction(patch).dot(&shift), ..*patch };
+        patches.extend(block.iter().map(|patch| patch.as_ref().map(left)));
+    }
+    Averages { grid: averages.grid.clone(), patches }
 }
 
 fn range(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
