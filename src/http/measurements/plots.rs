@@ -45,7 +45,7 @@ impl From<PictureFile> for Picture {
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct PlotQuery {
     /// Index of the profile that `section.svg` shows, from 0; the valid one nearest to the middle where nothing is said.
-    #[param(minimum = 0, maximum = 4_294_967_295_u64)]
+    #[param(value_type = Option<u64>, minimum = 0, maximum = 4_294_967_295_u64)]
     profile: Option<u32>,
     /// Which part is shown, by name or by number from 1 in order of x; the first where nothing is said. Not together with
     /// `profile`, which says it already.

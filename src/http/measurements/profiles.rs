@@ -91,7 +91,7 @@ pub(in super::super) struct ProfilesQuery {
     #[param(minimum = 1, maximum = 10000)]
     limit: Option<u32>,
     /// `next_cursor` of the page before: the index of the first profile.
-    #[param(minimum = 0, maximum = 4_294_967_295_u64)]
+    #[param(value_type = Option<u64>, minimum = 0, maximum = 4_294_967_295_u64)]
     cursor: Option<u32>,
     /// The same as the header Accept, for those who cannot set it.
     #[param(inline)]
