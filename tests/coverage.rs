@@ -13,7 +13,7 @@
 mod made;
 
 use coaxis::estimation::{Method, Outcome, Pose, Progress, Settings, estimate};
-use coaxis::scan::synthetic::{Interference, Part, Truth, make};
+use coaxis::scan::synthetic::{Part, Truth, make};
 use made::{count, errors, standard};
 use rayon::prelude::*;
 
@@ -76,15 +76,6 @@ fn line(name: &str, noise: &str, shares: &[f64; NUMBERS], answered: f64, seeds_c
     shares.iter().all(|share| *share >= (low).min(middle - granted) && *share <= high.max(middle + granted))
 }
 
-const PAPER: Interference = Interference {
-    screw_holes: 0.2,
-    straight_holes: 0.16,
-    clamps: 0.24,
-    clamp_arc: 0.5,
-    clamp_height_mm: 25.0,
-    ..Interference::NONE
-};
-
 fn part(seed: u64, (correlation, jitter_sigma_mm): (f64, f64)) -> Part {
     Part {
         profiles_count: 80,
@@ -107,8 +98,16 @@ fn two_standard_uncertainties_of_cylinder_hold_the_truth() {
         }
     };
     scene("140°", HELD, &|part| part);
-    scene("120°, interference", HELD, &|part| Part { arc_deg: 120.0, interference: PAPER, ..part });
-    scene("70°, interference", HELD, &|part| Part { arc_deg: 70.0, interference: PAPER, ..part });
+    scene("120°, interference", HELD, &|part| Part {
+        arc_deg: 120.0,
+        interference: Part::with_interference(0).interference,
+        ..part
+    });
+    scene("70°, interference", HELD, &|part| Part {
+        arc_deg: 70.0,
+        interference: Part::with_interference(0).interference,
+        ..part
+    });
     scene("radius 50, 25 profiles", HELD, &|part| Part { radius_mm: 50.0, profiles_count: 25, ..part });
     // Few profiles say little of how little they say: more is held than asked for.
     let at_least = [HELD[0], 1.0];

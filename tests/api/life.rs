@@ -4,7 +4,7 @@ use crate::bodies::exact_csv;
 use crate::harness::{Folder, rest, start, start_on};
 use insta::assert_json_snapshot;
 use serde_json::{Value, json};
-use std::io::Write;
+use std::io::{Read, Write};
 
 #[test]
 fn the_status_is_flat_with_fixed_keys_below_512_bytes() {
@@ -69,11 +69,15 @@ fn a_request_under_way_is_finished_when_the_service_is_told_to_stop() {
     let body = exact_csv();
     let (first, second) = body.split_at(body.len() / 2);
     let mut stream = service.connect();
-    let head = format!("POST /v1/measurements HTTP/1.1\r\nHost: a\r\nContent-Length: {}\r\n\r\n", body.len());
+    let head = format!(
+        "POST /v1/measurements HTTP/1.1\r\nHost: a\r\nContent-Length: {}\r\nExpect: 100-continue\r\n\r\n",
+        body.len()
+    );
     stream.write_all(head.as_bytes()).expect("sent");
+    // The service is at the body once it asks for it.
+    let mut go_on = [0; b"HTTP/1.1 100 Continue\r\n\r\n".len()];
+    stream.read_exact(&mut go_on).expect("asked for the body");
     stream.write_all(first).expect("sent");
-    // The service has the request once it answers another one that came later.
-    service.get("/v1/status").expect(200);
     service.begin_to_stop();
     stream.write_all(second).expect("still listening");
     assert!(rest(&mut stream).starts_with("HTTP/1.1 201 "));

@@ -3,12 +3,12 @@
 //! much as they do. In: the fit and its points. Out: the fit, with its covariance widened. Must not move the fit.
 //!
 //! The sandwich is taken once more with areas of the surface as the clusters, on areas of five shapes. Where the variance of a
-//! parameter comes out several times that by profiles, chance is excluded, and it takes its place.
+//! parameter comes out several times that by profiles, and several times that by what a profile has in each area, chance is
+//! excluded, and it takes its place.
 
 use super::patches::{self, Cut, Grid, Surface};
 use super::solve::Solution;
-use super::step::{self, Hold};
-use super::sums::Sums;
+use super::step::Hold;
 use crate::estimation::robust;
 use crate::scan::Scan;
 use nalgebra::{Matrix5, Vector5};
@@ -30,10 +30,7 @@ pub(super) fn widen(scan: &Scan, used: &[bool], solution: &mut Solution, hold: H
     let reach = robust::TUKEY_C * solution.sigma;
     let Some(surface) = patches::look(scan, used, &solution.cylinder, reach) else { return };
     let Some(grid) = surface.grid(Cut::Cells { sectors: CELLS, blocks: CELLS }) else { return };
-    let mut sums = Sums::zero();
-    solution.profiles.iter().for_each(|profile| sums.add(profile));
-    let (normal, _) = step::system(&sums, hold, solution.sigma, solution.cylinder.radius);
-    let Some(bread) = step::invert(&normal) else { return };
+    let Some(bread) = solution.bread(hold) else { return };
     let strips = pulls(scan, &grid, &surface, solution, &bread);
     let usual = variances(&strips, [1, CELLS]);
     let mut factor = Vector5::repeat(1.0_f64);
@@ -41,25 +38,14 @@ pub(super) fn widen(scan: &Scan, used: &[bool], solution: &mut Solution, hold: H
         // What a profile shares within the area is in the usual variance already (Cameron, Gelbach and Miller).
         let own = variances(&strips, [1, sectors]);
         let profiles = (blocks * grid.block()).div_ceil(surface.every);
-        let shared = variances(&strips, [profiles, sectors]) - own;
-        let excess = shared.zip_map(&usual, |shared, usual| if usual > 0.0 { shared / usual } else { 0.0 });
-        // Chance shows in the difference of the two as it does in either.
-        let excess = excess.zip_zip_map(
-            &shared,
-            &own,
-            |excess, shared, own| {
-                if shared > (CHANCE - 1.0) * own { excess } else { 0.0 }
-            },
-        );
+        let shared = variances(&strips, [profiles, sectors]);
         // Of every n-th point what is shared shows n times less beside the points' own noise.
         let thinned = surface.thinned() as f64;
-        factor =
-            factor.zip_map(
-                &excess,
-                |factor, excess| {
-                    if 1.0 + excess > CHANCE { factor.max(1.0 + excess * thinned) } else { factor }
-                },
-            );
+        let by_area = own.zip_zip_map(&shared, &usual, |own, shared, usual| {
+            let chance = shared <= CHANCE * own || shared - own <= (CHANCE - 1.0) * usual;
+            if chance { 1.0 } else { 1.0 + thinned * (shared - own) / usual }
+        });
+        factor = factor.sup(&by_area);
     }
     let widen = Matrix5::from_diagonal(&factor.map(f64::sqrt));
     solution.covariance = widen * solution.covariance * widen;

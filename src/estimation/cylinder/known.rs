@@ -38,8 +38,7 @@ pub(super) fn from_calibration(scan: &Scan, solution: &Solution, hold: Hold, set
 ///
 /// Fixed, the others follow as −B N e_R and R itself by 1. As a prior it pulls with its stiffness: B e_R σ²/σ_R².
 fn by_radius(solution: &Solution, hold: Hold, settings: &Settings) -> Option<Vector5<f64>> {
-    let sums = total(solution);
-    let bread = bread(&sums, solution, hold)?;
+    let (sums, bread) = (solution.total(), solution.bread(hold)?);
     match hold {
         Hold::Free => None,
         Hold::Fixed { .. } => {
@@ -52,7 +51,7 @@ fn by_radius(solution: &Solution, hold: Hold, settings: &Settings) -> Option<Vec
 }
 
 fn influences(scan: &Scan, solution: &Solution, hold: Hold) -> Vec<Influence> {
-    let Some(bread) = bread(&total(solution), solution, hold) else { return Vec::new() };
+    let Some(bread) = solution.bread(hold) else { return Vec::new() };
     let influence = |(station, sums): (&Station, &Sums)| {
         let shift = sums.normal.fixed_columns::<2>(Y_REF);
         let mut effect = bread * shift;
@@ -63,14 +62,4 @@ fn influences(scan: &Scan, solution: &Solution, hold: Hold) -> Vec<Influence> {
     };
     let serves = |(_, sums): &(&Station, &Sums)| sums.weight > 0.0;
     scan.stations().iter().zip(&solution.profiles).filter(serves).map(influence).collect()
-}
-
-fn total(solution: &Solution) -> Sums {
-    let mut sums = Sums::zero();
-    solution.profiles.iter().for_each(|profile| sums.add(profile));
-    sums
-}
-
-fn bread(sums: &Sums, solution: &Solution, hold: Hold) -> Option<Matrix5<f64>> {
-    step::invert(&step::system(sums, hold, solution.sigma, solution.cylinder.radius).0)
 }

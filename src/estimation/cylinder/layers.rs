@@ -16,7 +16,6 @@ use super::readings;
 use super::settle::Settled;
 use super::smooth;
 use super::solve::{self, Problem, Solution};
-
 use super::sums::Sums;
 use crate::estimation::{Progress, robust};
 use crate::scan::{Columns, Scan, Station};

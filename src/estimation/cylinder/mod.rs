@@ -2,8 +2,11 @@
 //! says about slopes and radius is as good as anybody's.
 //!
 //! ```text
-//! Scan --sample--> Sample --consensus--> starts --settle--> candidates --choose--> one --solve--> Solution --judge--> verdicts
-//!                         (five points)         (coarse to fine)      (coverage, nominal radius) (every point)
+//! Scan --sample--> Sample --consensus--> starts --settle--> candidates --choose, finer--> one --solve--> Solution
+//!                         (five points)         (coarse to fine)      (coverage, nominal radius)  (every point)
+//!
+//! Solution --layers--> without thin layers --areas--> covariance --known, form--> budget, warnings
+//!     '-----judge----> verdicts
 //! ```
 
 mod areas;
@@ -98,20 +101,9 @@ fn search(scan: &Scan, used: &[bool], settings: &Settings, progress: &Progress) 
     if let Some(refusal) = unusable(scan, settings) {
         return Err(refusal);
     }
-    let profiles_count = scan.stations().len();
     let valid_count = used.iter().filter(|used| **used).count();
-    let profiles_min = settings.profiles_min;
-    if valid_count < profiles_min as usize {
-        let most_common = Reason::TooFewPoints;
-        let (sigma_mm, epsilon_mm) = (None, settings.epsilon_mm);
-        return Err(Refusal::TooFewValidProfiles {
-            valid_count,
-            profiles_count,
-            profiles_min,
-            most_common,
-            sigma_mm,
-            epsilon_mm,
-        });
+    if valid_count < settings.profiles_min as usize {
+        return Err(too_few(scan, valid_count, Reason::TooFewPoints, None, settings));
     }
     too_short(scan.stations().iter().zip(used).filter(|(_, used)| **used).map(|(s, _)| s), settings)?;
     let sample = Sample::take(scan, used, SAMPLE_PROFILES_MAX, SAMPLE_POINTS_MAX);
@@ -134,18 +126,14 @@ fn search(scan: &Scan, used: &[bool], settings: &Settings, progress: &Progress) 
     let problem = Problem { scan, used, hold, epsilon, progress };
     let mut solution = solve::solve(&problem, &chosen.settled).filter(resolved).ok_or(no_cylinder)?;
     match layers::mend(&problem, &solution, &bounds, settings.nominal_radius_mm) {
-        Verdict::Clean => {
-            areas::widen(scan, used, &mut solution, hold);
-            Ok(solution)
-        }
-        Verdict::Open { rivals } => {
-            areas::widen(scan, used, &mut solution, hold);
-            Ok(Solution { rivals, ..solution })
-        }
-        Verdict::Mended(mended) => Some(mended).filter(resolved).ok_or(no_cylinder),
-        Verdict::Two(a, b) => Err(two_cylinders(&a, &b)),
-        Verdict::Undecided { layer_ratio, reach_mm } => Err(Refusal::LayersUndecided { layer_ratio, reach_mm }),
+        Verdict::Clean => {}
+        Verdict::Open { rivals } => solution.rivals = rivals,
+        Verdict::Mended(mended) => return Some(mended).filter(resolved).ok_or(no_cylinder),
+        Verdict::Two(a, b) => return Err(two_cylinders(&a, &b)),
+        Verdict::Undecided { layer_ratio, reach_mm } => return Err(Refusal::LayersUndecided { layer_ratio, reach_mm }),
     }
+    areas::widen(scan, used, &mut solution, hold);
+    Ok(solution)
 }
 
 /// The candidate looked at as closely as the points' own roughness allows: where a coarse look took a low layer and the part
@@ -201,6 +189,18 @@ fn hold(settings: &Settings) -> Hold {
     }
 }
 
+fn too_few(
+    scan: &Scan,
+    valid_count: usize,
+    most_common: Reason,
+    sigma_mm: Option<f64>,
+    settings: &Settings,
+) -> Refusal {
+    let (profiles_count, profiles_min, epsilon_mm) =
+        (scan.stations().len(), settings.profiles_min, settings.epsilon_mm);
+    Refusal::TooFewValidProfiles { valid_count, profiles_count, profiles_min, most_common, sigma_mm, epsilon_mm }
+}
+
 fn too_short<'a>(stations: impl Iterator<Item = &'a Station>, settings: &Settings) -> Result<(), Refusal> {
     let (low, high) = stations.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), s| (low.min(s.x), high.max(s.x)));
     let (axial_length_mm, axial_length_min_mm) = (high - low, settings.axial_length_min_mm);
@@ -224,27 +224,17 @@ fn weigh(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(Pose,
     let shown = |(_, sums): &(&Station, &sums::Sums)| sums.weight >= 3.0;
     let valid_count = scan.stations().iter().zip(&solution.profiles).filter(shown).count();
     if valid_count < settings.profiles_min as usize {
-        return Err(Refusal::TooFewValidProfiles {
-            valid_count,
-            profiles_count: scan.stations().len(),
-            profiles_min: settings.profiles_min,
-            most_common: Reason::NotConverged,
-            sigma_mm: Some(solution.sigma),
-            epsilon_mm: settings.epsilon_mm,
-        });
+        return Err(too_few(scan, valid_count, Reason::NotConverged, Some(solution.sigma), settings));
     }
     let stations = scan.stations().iter().zip(&solution.profiles).filter(shown).map(|(station, _)| station);
     too_short(stations, settings)?;
     let hold = hold(settings);
     let mut lines = known::from_data(solution, hold, settings);
-    let layers = known::from_layers(solution);
-    if settings.nominal_radius_mm.is_none() {
-        lines.extend(layers);
-    }
     left_open(&Uncertainty::of(&lines), settings)?;
-    if settings.nominal_radius_mm.is_some() {
-        // The drawing vouches for the part, so that layers widen the answer but do not refuse it.
-        lines.extend(layers);
+    lines.extend(known::from_layers(solution));
+    if settings.nominal_radius_mm.is_none() {
+        // With one the drawing vouches for the part: layers widen the answer and do not refuse it.
+        left_open(&Uncertainty::of(&lines), settings)?;
     }
     let form = form::form(scan, solution, hold);
     lines.extend(form.iter().map(|form| Line::of_shift(Line::FORM, &form.shift, &solution.cylinder.axis())));

@@ -51,6 +51,20 @@ pub(super) struct Solution {
     pub(super) rivals: Vec<Vector5<f64>>,
 }
 
+impl Solution {
+    /// Σ over all profiles.
+    pub(super) fn total(&self) -> Sums {
+        let mut total = Sums::zero();
+        self.profiles.iter().for_each(|profile| total.add(profile));
+        total
+    }
+
+    /// What a gradient does to (p, q, y_ref, z_ref, R): the inverse of the normal matrix; `None` where it is singular.
+    pub(super) fn bread(&self, hold: Hold) -> Option<Matrix5<f64>> {
+        step::invert(&step::system(&self.total(), hold, self.sigma, self.cylinder.radius).0)
+    }
+}
+
 const STEPS_MAX: u32 = 10;
 /// What is left of a step, in units of its own standard deviation, when nothing more could be told.
 const SETTLED: f64 = 1e-2;
