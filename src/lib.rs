@@ -23,9 +23,11 @@
 
 pub mod cli;
 pub mod config;
+pub mod device;
 pub mod estimation;
 pub mod geometry;
 pub mod http;
+pub mod motion;
 pub mod plot;
 pub mod scan;
 pub mod service;

@@ -7,28 +7,37 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Each room with the rooms that it may import from.
-const ROOMS: [(&str, &[&str]); 9] = [
+const ROOMS: [(&str, &[&str]); 12] = [
     ("geometry", &[]),
     ("scan", &["geometry"]),
     ("estimation", &["geometry", "scan"]),
     ("plot", &["geometry", "scan", "estimation"]),
+    ("motion", &["geometry"]),
+    ("device", &["geometry", "scan", "motion"]),
+    ("cell", &["geometry", "motion", "device"]),
     ("store", &[]),
-    ("config", &["scan", "estimation"]),
-    ("service", &["geometry", "scan", "estimation", "plot", "store", "config"]),
-    ("http", &["geometry", "scan", "estimation", "plot", "store", "config", "service"]),
-    ("cli", &["geometry", "scan", "estimation", "plot", "store", "config", "service", "http"]),
+    ("config", &["geometry", "scan", "estimation", "motion", "device", "cell"]),
+    ("service", &["geometry", "scan", "estimation", "plot", "motion", "device", "cell", "store", "config"]),
+    ("http", &["geometry", "scan", "estimation", "plot", "motion", "device", "cell", "store", "config", "service"]),
+    (
+        "cli",
+        &["geometry", "scan", "estimation", "plot", "motion", "device", "cell", "store", "config", "service", "http"],
+    ),
 ];
 
 /// Crates and calls with the rooms that may use them.
-const RESERVED: [(&str, &[&str]); 10] = [
-    ("tokio::", &["store", "service", "http", "cli"]),
+const RESERVED: [(&str, &[&str]); 13] = [
+    ("tokio::", &["device", "cell", "store", "service", "http", "cli"]),
+    ("tokio_modbus::", &["device"]),
+    ("opcua::", &["device"]),
+    ("rsruckig::", &["motion", "device"]),
     ("axum::", &["http"]),
     ("axum_server::", &["http"]),
     ("utoipa", &["http"]),
     ("sqlx::", &["store"]),
     ("clap::", &["cli"]),
-    ("tracing::", &["store", "service", "http", "cli"]),
-    ("Instant::now", &["service", "cli"]),
+    ("tracing::", &["device", "cell", "store", "service", "http", "cli"]),
+    ("Instant::now", &["device", "cell", "service", "cli"]),
     ("Timestamp::now", &["service"]),
     ("now_v7", &["service"]),
 ];

@@ -1,0 +1,19 @@
+//! What devices promise, and the adaptors that keep it: a folder each, codec (bytes and frames, pure) apart from link
+//! (sockets, deadlines). Knows geometry, scan and motion; holds no business rules and must not know who asks.
+
+mod error;
+mod manipulator;
+mod sensor;
+mod stage;
+
+pub use error::{DeviceError, ScanFault};
+pub use manipulator::{
+    Acknowledged, Action, AxisReading, AxisState, Command, CommandResult, Manipulator, Mode, Reading, Safety,
+};
+pub use sensor::{Profile, ProfileSensor, SensorReading};
+pub use stage::{Stage, StageReading};
+
+use std::pin::Pin;
+
+/// What an adaptor will have done.
+pub type Pending<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;

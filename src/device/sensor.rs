@@ -1,0 +1,56 @@
+//! What a profile sensor's adaptor promises. Must not know which adaptor it is, nor what the profiles are for.
+
+use super::{DeviceError, Pending};
+
+/// A laser profile sensor behind its adaptor.
+pub trait ProfileSensor: Send {
+    /// The name in the configuration, for messages.
+    fn name(&self) -> &str;
+
+    /// Connects, or connects anew, and checks that the sensor is what the configuration says. Starts no laser.
+    fn connect(&mut self) -> Pending<'_, Result<SensorReading, DeviceError>>;
+
+    /// Asks how it is. Between scans.
+    fn read(&mut self) -> Pending<'_, Result<SensorReading, DeviceError>>;
+
+    /// Makes it ready to take `profiles_count` profiles; they come as its trigger says.
+    fn start(&mut self, profiles_count: u64) -> Pending<'_, Result<(), DeviceError>>;
+
+    /// The profiles that have come since the last call, at least one; waits for it. Gaps, drops and faults are errors.
+    fn receive(&mut self) -> Pending<'_, Result<Vec<Profile>, DeviceError>>;
+
+    /// Ends a scan, finished or not, and says whether the sensor lost anything during it. Harmless where none runs.
+    fn stop(&mut self) -> Pending<'_, Result<(), DeviceError>>;
+}
+
+/// One profile as the sensor took it: already in millimetres and in the rail frame, by the extrinsic of the configuration.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Profile {
+    /// Counts without a gap within a scan.
+    pub index: u64,
+    /// How far the stage had come, mm along the rail; by encoder or by time, as configured.
+    pub travel_mm: f64,
+    /// x of every point, mm; empty where all of them are at `travel_mm`.
+    pub x: Vec<f32>,
+    /// y of every point, mm.
+    pub y: Vec<f32>,
+    /// z of every point, mm.
+    pub z: Vec<f32>,
+    /// Places of the sensor's line that saw nothing.
+    pub missing_count: u64,
+}
+
+/// How a sensor is.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SensorReading {
+    /// Model and serial number, as it gives them.
+    pub model: String,
+    /// As it gives it.
+    pub serial: String,
+    /// As it gives it.
+    pub firmware: String,
+    /// It takes profiles now.
+    pub running: bool,
+    /// °C, where it says so.
+    pub temperature_c: Option<f64>,
+}
