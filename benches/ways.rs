@@ -7,6 +7,7 @@
 
 #![expect(clippy::print_stdout, clippy::disallowed_methods, reason = "a benchmark prints and reads the clock")]
 
+mod serving;
 mod yardstick;
 
 use coaxis::estimation::{Method, Progress, Settings, estimate};
@@ -14,12 +15,12 @@ use coaxis::scan::Scan;
 use coaxis::scan::decode::{Format, Limits, Request, decode};
 use coaxis::scan::encode::encode;
 use coaxis::scan::slice::{SliceRequest, slice};
-use std::error::Error;
+use serving::{Folder, Outcome, Serving, program};
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
-use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStderr, Command, Stdio};
+use std::path::Path;
+use std::process::{Command, Stdio};
 use std::time::Instant;
 use yardstick::{POINTS_COUNT, PROFILES_COUNT, large_scan, median, narrowed, sum, timed};
 
@@ -33,8 +34,6 @@ const OFFLINE_START_MS: f64 = 30.0;
 /// Goal: memory at most, in coordinates as they are stored, and what a program may need besides, MiB.
 const MEMORY_RATIO_MAX: f64 = 2.5;
 const MEMORY_PROGRAM_MIB: f64 = 64.0;
-
-type Outcome<T> = Result<T, Box<dyn Error>>;
 
 /// What one round took, ms.
 #[derive(Debug, Clone, Copy)]
@@ -59,14 +58,14 @@ fn main() -> Outcome<()> {
     let scan = narrowed(&large_scan()?)?;
     let mut bytes = Vec::new();
     encode(&scan, Format::Ply, &mut bytes)?;
-    let folder = Folder::new()?;
+    let folder = Folder::new("ways")?;
     let file = folder.0.join("scan.ply");
     fs::write(&file, &bytes)?;
 
     let program = program();
     let offline_mib = offline_memory(&program, &file)?;
     let service = Serving::start(&program, &folder.0.join("data"))?;
-    service.upload(&bytes)?;
+    upload(&service, &bytes)?;
     let service_mib = peak_mib(service.child.id())?;
     let mut rounds = Vec::new();
     for number in 0..ROUNDS_COUNT {
@@ -76,7 +75,7 @@ fn main() -> Outcome<()> {
             decode: timed(|| decoded(&bytes)),
             estimate: timed(|| estimate(&scan, &settings(), &Progress::default())),
             offline: offline(&program, &file)?,
-            upload: service.upload(&bytes)?,
+            upload: upload(&service, &bytes)?,
         });
     }
     report(&rounds, &scan, offline_mib, service_mib);
@@ -122,12 +121,6 @@ fn renew(bytes: &mut [u8], number: usize) -> Outcome<()> {
     Ok(())
 }
 
-/// What is measured: cargo's own flags are no path.
-fn program() -> String {
-    let given = std::env::args().skip(1).find(|argument| !argument.starts_with("--"));
-    given.unwrap_or_else(|| env!("CARGO_BIN_EXE_coaxis").to_owned())
-}
-
 fn measure_command(program: &str, file: &Path) -> Command {
     let mut command = Command::new(program);
     command.args(["measure", "--method", "cylinder"]).arg(file).stdout(Stdio::piped()).stderr(Stdio::null());
@@ -169,73 +162,27 @@ fn peak_mib(process_id: u32) -> Outcome<f64> {
     Ok(line.trim().trim_end_matches("kB").trim().parse::<f64>()? / 1024.0)
 }
 
-/// A running service.
-struct Serving {
-    child: Child,
-    address: String,
-    /// Read no further; closed, it would break the service's log.
-    _log: BufReader<ChildStderr>,
-}
-
-impl Serving {
-    fn start(program: &str, data: &Path) -> Outcome<Self> {
-        let mut command = Command::new(program);
-        command.args(["serve", "--listen", "127.0.0.1:0", "--data"]).arg(data);
-        let mut child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn()?;
-        let mut log = BufReader::new(child.stderr.take().ok_or("no log")?);
-        let mut line = String::new();
-        log.read_line(&mut line)?;
-        let (_, address) = line.rsplit_once("http://").ok_or_else(|| format!("it does not listen: {line}"))?;
-        let address = address.split_whitespace().next().unwrap_or_default().to_owned();
-        Ok(Self { child, address, _log: log })
+/// Sends a scan as fast as the service takes it.
+fn upload(service: &Serving, bytes: &[u8]) -> Outcome<Upload> {
+    let mut stream = TcpStream::connect(&service.address)?;
+    stream.set_nodelay(true)?;
+    let head = format!(
+        "POST /v1/measurements?method=cylinder HTTP/1.1\r\nHost: a\r\nContent-Type: application/x-ply\r\n\
+         Content-Length: {}\r\nConnection: close\r\n\r\n",
+        bytes.len()
+    );
+    let start = Instant::now();
+    stream.write_all(head.as_bytes())?;
+    stream.write_all(bytes)?;
+    let sent = Instant::now();
+    let mut first = [0];
+    stream.read_exact(&mut first)?;
+    let answered = Instant::now();
+    let mut rest = String::new();
+    stream.read_to_string(&mut rest)?;
+    if !rest.starts_with("TTP/1.1 201 ") {
+        return Err(format!("not measured: {rest}").into());
     }
-
-    /// Sends a scan as fast as the service takes it.
-    fn upload(&self, bytes: &[u8]) -> Outcome<Upload> {
-        let mut stream = TcpStream::connect(&self.address)?;
-        stream.set_nodelay(true)?;
-        let head = format!(
-            "POST /v1/measurements?method=cylinder HTTP/1.1\r\nHost: a\r\nContent-Type: application/x-ply\r\n\
-             Content-Length: {}\r\nConnection: close\r\n\r\n",
-            bytes.len()
-        );
-        let start = Instant::now();
-        stream.write_all(head.as_bytes())?;
-        stream.write_all(bytes)?;
-        let sent = Instant::now();
-        let mut first = [0];
-        stream.read_exact(&mut first)?;
-        let answered = Instant::now();
-        let mut rest = String::new();
-        stream.read_to_string(&mut rest)?;
-        if !rest.starts_with("TTP/1.1 201 ") {
-            return Err(format!("not measured: {rest}").into());
-        }
-        let milliseconds = |from: Instant, to: Instant| (to - from).as_secs_f64() * 1e3;
-        Ok(Upload { sending: milliseconds(start, sent), answering: milliseconds(sent, answered) })
-    }
-}
-
-impl Drop for Serving {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-/// A folder in memory that is removed at the end.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new() -> Outcome<Self> {
-        let path = Path::new("/dev/shm").join(format!("coaxis-ways-{}", std::process::id()));
-        fs::create_dir_all(path.join("data"))?;
-        Ok(Self(path))
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
-    }
+    let milliseconds = |from: Instant, to: Instant| (to - from).as_secs_f64() * 1e3;
+    Ok(Upload { sending: milliseconds(start, sent), answering: milliseconds(sent, answered) })
 }

@@ -1,0 +1,61 @@
+//! The program as a user runs it: a process that serves from a folder in memory. Must not know what it is asked.
+
+use std::error::Error;
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStderr, Command, Stdio};
+
+pub(crate) type Outcome<T> = Result<T, Box<dyn Error>>;
+
+/// What is measured: the path that was given, else this build. Cargo's own flags are no path.
+pub(crate) fn program() -> String {
+    let given = std::env::args().skip(1).find(|argument| !argument.starts_with("--"));
+    given.unwrap_or_else(|| env!("CARGO_BIN_EXE_coaxis").to_owned())
+}
+
+/// A running service.
+pub(crate) struct Serving {
+    pub(crate) child: Child,
+    pub(crate) address: String,
+    /// Read no further; closed, it would break the service's log.
+    _log: BufReader<ChildStderr>,
+}
+
+impl Serving {
+    pub(crate) fn start(program: &str, data: &Path) -> Outcome<Self> {
+        let mut command = Command::new(program);
+        command.args(["serve", "--listen", "127.0.0.1:0", "--data"]).arg(data);
+        let mut child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn()?;
+        let mut log = BufReader::new(child.stderr.take().ok_or("no log")?);
+        let mut line = String::new();
+        log.read_line(&mut line)?;
+        let (_, address) = line.rsplit_once("http://").ok_or_else(|| format!("it does not listen: {line}"))?;
+        let address = address.split_whitespace().next().unwrap_or_default().to_owned();
+        Ok(Self { child, address, _log: log })
+    }
+}
+
+impl Drop for Serving {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A folder in memory that is removed at the end.
+pub(crate) struct Folder(pub(crate) PathBuf);
+
+impl Folder {
+    pub(crate) fn new(name: &str) -> Outcome<Self> {
+        let path = Path::new("/dev/shm").join(format!("coaxis-{name}-{}", std::process::id()));
+        fs::create_dir_all(path.join("data"))?;
+        Ok(Self(path))
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
