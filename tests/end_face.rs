@@ -129,11 +129,11 @@ fn holds(scene: &Scene) {
         100.0 * held,
         2 * seeds_count - u64::from(found_count),
     );
-    // A mean square of n errors scatters by about √(2/n) of itself, the share that is held by √(0.05·0.95/n); three of
-    // them are granted.
+    // A mean square of n errors scatters by about √(2/n) of itself, the share that is held by √(0.07·0.93/n); three of
+    // them are granted below the least that is promised, 93 %.
     let granted = scene.rms_max_mm.max(1.1 * scene.open_mm()) * (1.0 + 3.0 / (2.0 * count).sqrt());
     assert!(rms <= granted, "{}: {rms:.3} mm", scene.name);
-    assert!(held >= 0.95 - 3.0 * (0.05 * 0.95 / count).sqrt(), "{}: {held:.3} held", scene.name);
+    assert!(held >= 0.93 - 3.0 * (0.07 * 0.93 / count).sqrt(), "{}: {held:.3} held", scene.name);
     assert_eq!(u64::from(found_count), 2 * seeds_count, "{}: not seen", scene.name);
 }
 
