@@ -11,6 +11,9 @@
 //!                           +----Reset---- ErrorStop
 //! ```
 
+pub mod code;
+mod permission;
+
 use super::mechanics::Mechanics;
 use super::record::Record;
 use super::servo::Servo;
@@ -20,37 +23,8 @@ use std::time::Duration;
 
 /// A step of simulated time, s.
 const STEP_S: f64 = 0.001;
-/// Targets and speeds may pass a limit by this share of one and of the limit: a wire may carry single precision.
-const SLACK: f64 = 1e-6;
 /// The heartbeat counts once in this time.
 const BEAT: Duration = Duration::from_millis(10);
-
-/// The codes of the controller, in [`Reading::fault_code`]: below 100 faults, which a reset acknowledges; from 100 on why
-/// the newest command was refused, until there is a newer one.
-pub mod code {
-    /// Nobody was heard for the watchdog's time while it moved.
-    pub const WATCHDOG: u32 = 1;
-    /// An axis ran onto its limit switch.
-    pub const LIMIT_SWITCH: u32 = 2;
-    /// The safety functions took the motion away.
-    pub const SAFETY: u32 = 3;
-    /// A target is outside of the limits, or not finite.
-    pub const OUT_OF_LIMITS: u32 = 101;
-    /// A speed is zero, too great or not finite.
-    pub const SPEED: u32 = 102;
-    /// The drives are not enabled.
-    pub const NOT_ENABLED: u32 = 103;
-    /// An axis has no reference.
-    pub const NOT_HOMED: u32 = 104;
-    /// A fault is latched.
-    pub const FAULTED: u32 = 105;
-    /// It is not in automatic mode.
-    pub const NOT_REMOTE: u32 = 106;
-    /// The safety functions do not allow motion.
-    pub const SAFETY_OPEN: u32 = 107;
-    /// No axis was named.
-    pub const NO_AXIS: u32 = 108;
-}
 
 /// What a controller is like. Lengths in mm, angles in rad.
 #[derive(Debug, Clone, PartialEq)]
@@ -331,58 +305,6 @@ impl Controller {
         if matches!(action, Action::Enable | Action::Reset) && self.task == Task::Rest {
             self.acknowledged.result = CommandResult::Done;
         }
-    }
-
-    fn refusal_of(&mut self, action: &Action) -> Result<(), u32> {
-        if let Some(code) = self.refuse_next.take() {
-            return Err(code);
-        }
-        // Whoever wants it to stop is not asked for more.
-        let wants_motion = match action {
-            Action::Halt | Action::Disable => return Ok(()),
-            Action::Reset => false,
-            Action::Enable | Action::Home { .. } | Action::MoveTo { .. } => true,
-        };
-        if self.mode != Mode::Automatic {
-            return Err(code::NOT_REMOTE);
-        }
-        if wants_motion && !self.safety.allows_motion() {
-            return Err(code::SAFETY_OPEN);
-        }
-        if wants_motion && self.fault.is_some() {
-            return Err(code::FAULTED);
-        }
-        match action {
-            Action::Home { axes } => self.may_move(axes),
-            Action::MoveTo { axes, targets, speeds } => self.may_go(axes, targets, speeds),
-            Action::Enable | Action::Disable | Action::Reset | Action::Halt => Ok(()),
-        }
-    }
-
-    fn may_move(&self, axes: &Axes<bool>) -> Result<(), u32> {
-        if !self.powered || matches!(self.task, Task::Stop { then_off: true }) {
-            return Err(code::NOT_ENABLED);
-        }
-        if axes.iter().any(|(_, named)| *named) { Ok(()) } else { Err(code::NO_AXIS) }
-    }
-
-    /// The limits come first: a target that is wrong is told, and recorded, whatever else is wrong.
-    fn may_go(&self, axes: &Axes<bool>, targets: &Position, speeds: &Position) -> Result<(), u32> {
-        for (axis, limits) in self.settings.limits.iter().filter(|(axis, _)| *axes.get(*axis)) {
-            let (target, speed, here) = (*targets.get(axis), *speeds.get(axis), self.servos.get(axis).position());
-            let slack = |limit: f64| SLACK * (1.0 + limit.abs());
-            if !(limits.lower - slack(limits.lower)..=limits.upper + slack(limits.upper)).contains(&target) {
-                return Err(code::OUT_OF_LIMITS);
-            }
-            let stays = (target - here).abs() <= slack(here);
-            let lowest_ok = speed > 0.0 || (stays && speed == 0.0);
-            if !(lowest_ok && speed <= limits.speed + SLACK * limits.speed) {
-                return Err(code::SPEED);
-            }
-        }
-        self.may_move(axes)?;
-        let known = axes.iter().all(|(axis, named)| !named || *self.homed.get(axis));
-        if known { Ok(()) } else { Err(code::NOT_HOMED) }
     }
 
     fn state(&self) -> AxisState {
