@@ -4,6 +4,7 @@
 mod error;
 mod fence;
 mod manipulator;
+pub mod modbus;
 mod sensor;
 pub mod simulated;
 mod stage;

@@ -272,10 +272,7 @@ fn found<T, const N: usize>(pairs: [(&'static str, T, u16); N], code: u16) -> Op
     pairs.into_iter().find(|(_, _, known)| *known == code).map(|(_, word, _)| word)
 }
 
-fn different(
-    table: &'static str,
-    codes: impl Iterator<Item = (&'static str, u16)>,
-) -> Result<(), LayoutError> {
+fn different(table: &'static str, codes: impl Iterator<Item = (&'static str, u16)>) -> Result<(), LayoutError> {
     let mut seen: Vec<(&'static str, u16)> = Vec::new();
     for (second, code) in codes {
         if let Some((first, _)) = seen.iter().find(|(_, known)| *known == code) {

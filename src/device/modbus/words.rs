@@ -25,9 +25,9 @@ impl WordOrder {
 
     /// The two registers of a number's bits.
     #[must_use]
-    pub const fn registers(self, bits: u32) -> [u16; 2] {
+    pub fn registers(self, bits: u32) -> [u16; 2] {
         let [a, b, c, d] = bits.to_be_bytes();
-        let word = |high, low| u16::from_be_bytes([high, low]);
+        let word = |high: u8, low: u8| u16::from_be_bytes([high, low]);
         match self {
             Self::Abcd => [word(a, b), word(c, d)],
             Self::Cdab => [word(c, d), word(a, b)],
@@ -97,7 +97,11 @@ impl Numbers {
 
     /// The bits of a value in the units of the wire; none where it has none.
     #[must_use]
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the range is checked, the bits are meant")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "the range is checked, the bits are meant"
+    )]
     pub fn bits(self, axis: Axis, value: f64) -> Option<u32> {
         match self {
             Self::F32 => Some(value as f32).filter(|value| value.is_finite()).map(f32::to_bits),

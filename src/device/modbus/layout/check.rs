@@ -226,7 +226,12 @@ mod tests {
     fn a_bit_that_means_two_things_is_refused() {
         let twice = changed(|map| map.status.axis_bits.homed.x = 15);
         let same = |first: &str, second: &str, bit| {
-            Err(LayoutError::SameBit { table: "status.axis_bits", first: first.to_owned(), second: second.to_owned(), bit })
+            Err(LayoutError::SameBit {
+                table: "status.axis_bits",
+                first: first.to_owned(),
+                second: second.to_owned(),
+                bit,
+            })
         };
         assert_eq!(twice, same("homed.x", "limit_hit.c", 15));
         assert!(matches!(changed(|map| map.status.safety_bits.guard_closed = 16), Err(LayoutError::BitOutside { .. })));
