@@ -38,9 +38,5 @@ fn command(sequence: u16, action: Action) -> Command {
 /// x to `target_mm` at the greatest speed.
 fn x_to(target_mm: f64) -> Action {
     let only_x = |x| Position { x, ..Position::default() };
-    Action::MoveTo {
-        axes: Axes { x: true, ..Axes::default() },
-        targets: only_x(target_mm),
-        speeds: only_x(50.0),
-    }
+    Action::MoveTo { axes: Axes { x: true, ..Axes::default() }, targets: only_x(target_mm), speeds: only_x(50.0) }
 }

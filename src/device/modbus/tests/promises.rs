@@ -252,7 +252,9 @@ async fn each_device_of_a_plc_is_told_on_its_own() {
     m2.send(&command(1, Action::Enable)).await.expect("sends");
     third.send(&command(9, Action::Enable)).await.expect("sends");
     let counts: Vec<_> = (0..3)
-        .map(|index| plc.with(index, |device, _| device.reading(Duration::ZERO).acknowledged.sequence).expect("a device"))
+        .map(|index| {
+            plc.with(index, |device, _| device.reading(Duration::ZERO).acknowledged.sequence).expect("a device")
+        })
         .collect();
     assert_eq!(counts, [0, 1, 9]);
 }
@@ -261,7 +263,8 @@ async fn each_device_of_a_plc_is_told_on_its_own() {
 async fn an_address_without_a_device_is_no_device() {
     let wire = Wire::to(&plc());
     let beyond = Settings { base: 768, ..Settings::default() };
-    let Err(DeviceError::Implausible { what, .. }) = beyond.manipulator("m4", wire.dial()).expect("settings").connect().await
+    let Err(DeviceError::Implausible { what, .. }) =
+        beyond.manipulator("m4", wire.dial()).expect("settings").connect().await
     else {
         panic!("there is no fourth device")
     };

@@ -1,15 +1,15 @@
 //! The stage over the same map: moves, halts, says what was refused, and never uses a number twice.
 
 use super::{Settings, Wire, WireFault, plc};
+use crate::device::modbus::Plc;
 use crate::device::simulated::code;
 use crate::device::{DeviceError, Stage};
-use crate::device::modbus::Plc;
 use std::time::Duration;
 use tokio::time::sleep;
 
 const STAGE: usize = 2;
 
-fn stage(wire: &Wire) -> impl Stage {
+fn stage(wire: &Wire) -> impl Stage + use<> {
     let settings = Settings { base: 512, ..Settings::default() };
     settings.stage("stage", wire.dial()).expect("settings that can be")
 }
