@@ -18,7 +18,7 @@ use std::process::ExitCode;
 /// Make data with known truth
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Subject {
-    Scan(ScanArguments),
+    Scan(Box<ScanArguments>),
     Plc(PlcArguments),
 }
 

@@ -287,7 +287,7 @@ fn different(table: &'static str, codes: impl Iterator<Item = (&'static str, u16
 mod tests {
     use super::*;
 
-    /// Tc2_MC2 MC_AXISSTATE, Micro800 AXIS_REF.AxisState and SM3 SMC_AXIS_STATE, as their manuals number them.
+    /// Tc2_MC2 MC_AXISSTATE and Micro800 axis states as the makers' documentation numbers them; SM3 SMC_AXIS_STATE from memory.
     #[test]
     fn the_makers_tables_are_theirs() {
         let state = |preset, code| States::Preset(preset).codes().state(code);

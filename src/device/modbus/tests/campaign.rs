@@ -49,6 +49,7 @@ struct Campaign {
 }
 
 #[tokio::test(start_paused = true)]
+#[expect(clippy::print_stdout, reason = "its figures are what a campaign is run for")]
 async fn every_command_is_executed_once_or_reported_unknown_and_none_twice() {
     let runs = std::env::var(RUNS_VARIABLE).map_or(RUNS, |text| text.parse().expect("a number of runs"));
     let mut tally = Tally::default();
