@@ -6,7 +6,7 @@ use super::course::Course;
 use super::kinematics::{ClampLine, clamps_for};
 use super::strain::Step;
 use super::waypoints::{check_start, cut};
-use super::{Arrangement, Axes, MotionRefusal, Pair, PartPose, Path, PoseTarget, Position, carried};
+use super::{Arrangement, Axes, Carrier, MotionRefusal, Pair, PartPose, Path, PoseTarget, Position, carried};
 use serde::{Deserialize, Serialize};
 
 /// Least share of the greatest speeds.
@@ -64,8 +64,9 @@ pub fn plan_alignment(
     let PoseTarget { axis, axial_shift, roll } = *target;
     check_finite("target", &[axis.p, axis.q, axis.y0, axis.z0, axial_shift, roll])?;
     check_clamps(arrangement, from)?;
-    let (to, pose) = clamps_for(arrangement, from, measured, target);
+    let (mut to, pose) = clamps_for(arrangement, from, measured, target);
     check_finite("target", &values(&to))?;
+    spare_turns(arrangement, from, &mut to);
     let course = Course::rigid(arrangement, from, &to);
     let axis = carried(arrangement, from, &to, &measured.axis);
     plan(arrangement, &course, share, Some(PartPose { axis, ..pose }))
@@ -95,6 +96,19 @@ pub fn plan_move(
     let (origin, whole) = (Step::new(arrangement, from, from), Step::new(arrangement, from, &to));
     check_burden(arrangement, &origin, &whole)?;
     plan(arrangement, &course, share, None)
+}
+
+/// Leaves the turns where they are, where a limit keeps them from going and they would go less than their tolerance: a part
+/// that is not to roll must not be held up by a second-order term at the end of a turn's way. The prediction says what is left.
+fn spare_turns(arrangement: &Arrangement, from: &Pair<Position>, to: &mut Pair<Position>) {
+    let outside = |(carrier, at): (Carrier, &Position)| {
+        let limits = arrangement.supports.get(carrier).limits.c;
+        !(limits.lower..=limits.upper).contains(&at.c)
+    };
+    let small = (to.m1.c - from.m1.c).abs() <= arrangement.settle_tolerance.c;
+    if small && to.iter().any(outside) {
+        (to.m1.c, to.m2.c) = (from.m1.c, from.m2.c);
+    }
 }
 
 fn plan(

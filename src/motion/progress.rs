@@ -120,6 +120,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::motion::tests::fixed())]
+
         #[test]
         fn no_motion_within_the_rates_is_quicker(pace in paces()) {
             let (ours, theirs) = (Progress::new(&pace).duration(), duration_by_ruckig(&pace));

@@ -16,6 +16,8 @@ fn point(axis: &AxisLine, x: f64) -> Vector3<f64> {
 }
 
 proptest! {
+    #![proptest_config(fixed())]
+
     #[test]
     fn the_targets_put_the_parts_axis_on_the_target_axis(wish in wishes()) {
         let plan = planned(&wish, 1.0);

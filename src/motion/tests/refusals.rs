@@ -294,6 +294,8 @@ fn any_arrangements() -> impl Strategy<Value = Arrangement> {
 }
 
 proptest! {
+    #![proptest_config(fixed())]
+
     #[test]
     fn nonsense_is_refused_and_what_is_planned_passes(
         arrangement in any_arrangements(),
