@@ -6,8 +6,9 @@
 //! - [`Course::straight`]: every axis in proportion. What a raw move asks for; the distance of the clamps is what it then is.
 //! - [`Course::rigid`]: the middle of the clamps goes straight, their line turns by the shortest way about it at a constant
 //!   rate, their distance stays, and the turns go in proportion. Straight axes would cut the corner: a line of length L that
-//!   turns by θ would come short by about L θ²/8 half-way (0.95 mm at 1000 mm and 5°), which the part would have to bear. Time
-//!   is no longer than with axes that are only synchronised (any synchronous profile library), since the way is nearly straight.
+//!   turns by θ would come short by about L θ²/8 half-way (0.95 mm at 1000 mm and 5°), which the part would have to bear.
+//!   Libraries that synchronise axes know such straight ways only; one of them judges our times in the tests of
+//!   [`super::progress`].
 //!
 //! Both are base + slope·s + cos·cos θs + sin·sin θs for each axis, so greatest rates are known in closed form, not by sampling.
 

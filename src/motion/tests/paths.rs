@@ -226,13 +226,15 @@ fn only_the_manipulators_that_have_a_way_to_go_are_said_to_move() {
 
 #[test]
 fn an_axis_a_hair_beyond_its_limit_may_come_back_without_being_sent_outside() {
-    let mut from = Pair::<Position>::default();
-    (from.m1.y, from.m2.y) = (80.015, 80.0);
-    let both = Some(Axes { y: Some(60.0), ..Axes::default() });
-    let plan =
-        plan_move(&arrangement(), &from, &Pair { m1: both, m2: both }, 1.0).expect("within its tolerance of the limit");
-    assert!(plan.path.waypoints.iter().all(|waypoint| waypoint.targets.m1.y <= 80.0));
-    assert_eq!(check_path(&arrangement(), &from, &plan.path), Ok(()));
+    for side in [1.0, -1.0] {
+        let mut from = Pair::<Position>::default();
+        (from.m1.y, from.m2.y) = (80.015 * side, 80.0 * side);
+        let both = Some(Axes { y: Some(40.0 * side), ..Axes::default() });
+        let targets = Pair { m1: both, m2: both };
+        let plan = plan_move(&arrangement(), &from, &targets, 1.0).expect("within its tolerance of the limit");
+        assert!(plan.path.waypoints.iter().all(|waypoint| waypoint.targets.m1.y.abs() <= 80.0));
+        assert_eq!(check_path(&arrangement(), &from, &plan.path), Ok(()));
+    }
 }
 
 #[test]
@@ -243,7 +245,8 @@ fn a_turn_at_its_limit_does_not_hold_up_a_part_that_is_not_to_roll() {
         (c.lower, c.upper) = (0.0, 6.0);
     }
     // The axis leans by 0.001 against the clamps' line X and is taken up by 0.03: X, the axis, the target and the line after it
-    // enclose a parallelogram of 3e-5 on the sphere, which is the turn that is asked for: one way it can be done, the other way it is below the limit.
+    // enclose a parallelogram of 3e-5 on the sphere, which is the turn that is asked for. One way it can be done; the other
+    // way it is below the limit.
     for (p, turn, left_mm) in [(0.001, 3e-5, 0.0), (-0.001, 0.0, 0.8 * 3e-5)] {
         let axis = AxisLine::through([800.0, 12.0, -340.0], p, 0.0);
         let target = AxisLine::through([800.0, 12.0, -340.0], 0.0, 0.03);
