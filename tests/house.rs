@@ -26,11 +26,10 @@ const ROOMS: [(&str, &[&str]); 12] = [
 ];
 
 /// Crates and calls with the rooms that may use them.
-const RESERVED: [(&str, &[&str]); 13] = [
+const RESERVED: [(&str, &[&str]); 12] = [
     ("tokio::", &["device", "cell", "store", "service", "http", "cli"]),
     ("tokio_modbus::", &["device"]),
     ("opcua::", &["device"]),
-    ("rsruckig::", &["motion", "device"]),
     ("axum::", &["http"]),
     ("axum_server::", &["http"]),
     ("utoipa", &["http"]),
