@@ -1,12 +1,16 @@
 //! What devices promise, and the adaptors that keep it: a folder each, codec (bytes and frames, pure) apart from link
 //! (sockets, deadlines). Knows geometry, scan and motion; holds no business rules and must not know who asks.
 
+pub mod contract;
 mod error;
+mod fence;
 mod manipulator;
 mod sensor;
+pub mod simulated;
 mod stage;
 
 pub use error::{DeviceError, ScanFault};
+pub use fence::FenceGate;
 pub use manipulator::{
     Acknowledged, Action, AxisReading, AxisState, Command, CommandResult, Manipulator, Mode, Reading, Safety,
 };
