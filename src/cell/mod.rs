@@ -10,13 +10,13 @@
 //! Read them in this order: state (the diagram), task, run, driver. Knows geometry, motion and devices; must not know HTTP,
 //! files, or what a pose is. Its stop is an operational stop, category 2: not an emergency stop, and no safety function.
 
+mod driver;
 mod events;
 mod failure;
 mod homing;
 mod job;
 mod lease;
 mod obstacles;
-mod driver;
 mod refusal;
 mod request;
 mod run;

@@ -142,8 +142,6 @@ fn enabled(reading: &Reading) -> bool {
 }
 
 fn good<R>(live: &Live<R>, now: Instant) -> Result<&R, Refusal> {
-    live.good(now).ok_or_else(|| Refusal::DeviceStale {
-        device: live.name.clone(),
-        age: live.age(now).unwrap_or(Duration::ZERO),
-    })
+    live.good(now)
+        .ok_or_else(|| Refusal::DeviceStale { device: live.name.clone(), age: live.age(now).unwrap_or(Duration::ZERO) })
 }

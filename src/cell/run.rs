@@ -155,9 +155,8 @@ impl Run {
             }
         }
         let orders: Vec<_> = Carrier::ALL.into_iter().filter_map(|carrier| self.order(carrier, &to)).collect();
-        let legs = Pair::from_fn(|carrier| {
-            if orders.iter().any(|(one, _)| *one == carrier) { Leg::Sent } else { Leg::Stays }
-        });
+        let legs =
+            Pair::from_fn(|carrier| if orders.iter().any(|(one, _)| *one == carrier) { Leg::Sent } else { Leg::Stays });
         self.phase = Phase::Go { sent_at: now, legs };
         if orders.is_empty() { self.go_on(now) } else { Step::Order(orders) }
     }

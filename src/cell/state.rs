@@ -320,8 +320,7 @@ impl Machine {
     /// What the lease moved stops with it.
     fn lease_ended(&mut self, now: Instant, lease: Lease, cause: StopCause) -> Vec<Act> {
         let ran_out = cause == StopCause::LeaseOver;
-        let mut acts =
-            vec![Act::Note(EventKind::LeaseEnded { holder: lease.holder, fence: lease.fence, ran_out })];
+        let mut acts = vec![Act::Note(EventKind::LeaseEnded { holder: lease.holder, fence: lease.fence, ran_out })];
         if matches!(self.state, State::Moving | State::Scanning) {
             acts.extend(self.stopping(now, JobEnd::Stopped(cause), Some(cause)));
         }

@@ -121,12 +121,7 @@ impl Course {
         }
     }
 
-    pub(super) fn time(
-        &self,
-        now: Instant,
-        positions: &Pair<Option<Position>>,
-        stage: Option<&StageReading>,
-    ) -> Next {
+    pub(super) fn time(&self, now: Instant, positions: &Pair<Option<Position>>, stage: Option<&StageReading>) -> Next {
         match &self.work {
             Work::Run(run) => Next::Manipulators(run.time(now, positions)),
             Work::Home(homing) => Next::Manipulators(homing.time(now)),

@@ -138,7 +138,7 @@ impl ManipulatorDriver {
     }
 
     /// An order that came while there was no link is never sent later.
-    async fn decline(&self, order: &Order<Handling>) {
+    async fn decline(&mut self, order: &Order<Handling>) {
         let error = DeviceError::LinkLost { device: self.name(), cause: "not connected".to_owned() };
         self.told(order.number, Outcome::Refused(error)).await;
     }
@@ -262,9 +262,7 @@ impl ManipulatorDriver {
                 CommandResult::Rejected => {
                     Outcome::Refused(DeviceError::Rejected { device: self.name(), code: reading.fault_code })
                 }
-                CommandResult::Aborted => {
-                    Outcome::Unknown(Failure::Aborted { carrier: self.carrier, sequence })
-                }
+                CommandResult::Aborted => Outcome::Unknown(Failure::Aborted { carrier: self.carrier, sequence }),
                 CommandResult::None | CommandResult::Accepted | CommandResult::Running | CommandResult::Done => {
                     Outcome::Taken { sequence }
                 }
@@ -292,7 +290,7 @@ impl ManipulatorDriver {
         }
     }
 
-    async fn told(&self, order: u64, outcome: Outcome) {
+    async fn told(&mut self, order: u64, outcome: Outcome) {
         self.post.tell(News::Told { order, outcome }).await;
     }
 

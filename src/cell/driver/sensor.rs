@@ -78,7 +78,7 @@ impl SensorDriver {
         }
     }
 
-    async fn decline(&self, order: u64) {
+    async fn decline(&mut self, order: u64) {
         let error = DeviceError::LinkLost { device: self.name(), cause: "not connected".to_owned() };
         self.told(order, Outcome::Refused(error)).await;
     }
@@ -218,7 +218,7 @@ impl SensorDriver {
         Ok(())
     }
 
-    async fn told(&self, order: u64, outcome: Outcome) {
+    async fn told(&mut self, order: u64, outcome: Outcome) {
         self.post.tell(News::Told { order, outcome }).await;
     }
 

@@ -79,7 +79,7 @@ impl StageDriver {
         }
     }
 
-    async fn decline(&self, order: &Order<Travel>) {
+    async fn decline(&mut self, order: &Order<Travel>) {
         let error = DeviceError::LinkLost { device: self.name(), cause: "not connected".to_owned() };
         self.told(order.number, Outcome::Refused(error)).await;
     }
@@ -175,7 +175,7 @@ impl StageDriver {
         Ok(())
     }
 
-    async fn told(&self, order: u64, outcome: Outcome) {
+    async fn told(&mut self, order: u64, outcome: Outcome) {
         self.post.tell(News::Told { order, outcome }).await;
     }
 

@@ -72,6 +72,8 @@ pub(super) struct Task {
     /// Jobs that were begun, newest last: none of them is begun again.
     begun: VecDeque<String>,
     closers: Vec<oneshot::Sender<()>>,
+    /// Somebody holds the cell, and may ask.
+    held: bool,
 }
 
 /// What the devices said last: nothing yet.
@@ -108,6 +110,7 @@ impl Task {
             purposes: BTreeMap::new(),
             begun: VecDeque::new(),
             closers: Vec::new(),
+            held: true,
         }
     }
 
@@ -126,9 +129,7 @@ impl Task {
                 // The flag lives as long as the task: it cannot be closed.
                 _ = self.halts.changed() => self.take_stops(),
                 Some(report) = reports.recv() => self.take_report(report),
-                request = requests.recv(), if !self.machine.closing() => self.take_request(request),
-                // So that closing twice is answered too; what else comes is refused.
-                Some(request) = requests.recv(), if self.machine.closing() => self.take_request(Some(request)),
+                request = requests.recv(), if self.held => self.take_request(request),
                 () = sleep_until(wake) => {}
             }
             self.take_time();

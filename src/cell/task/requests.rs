@@ -24,7 +24,10 @@ impl Task {
         // A lease that has run out is over before anything else is decided.
         self.tell(Input::Time);
         match request {
-            None => self.tell(Input::Close),
+            None => {
+                self.held = false;
+                self.tell(Input::Close);
+            }
             Some(Request::Close(closer)) => {
                 self.closers.push(closer);
                 self.tell(Input::Close);
