@@ -1,0 +1,1 @@
+//! Many moves with faults by chance.

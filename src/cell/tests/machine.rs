@@ -1,0 +1,1 @@
+//! The pure machine against a small model of it.
