@@ -2,9 +2,10 @@
 
 use super::Task;
 use crate::cell::driver::{News, Outcome, Report, Seen};
+use crate::cell::input::{Input, Member};
 use crate::cell::obstacles::fault_of;
 use crate::cell::snapshot::{Link, Live};
-use crate::cell::state::{Input, Member, State};
+use crate::cell::state::State;
 use crate::cell::work::{Next, Purpose};
 use crate::cell::{EventKind, Failure, Fault, now};
 use crate::device::{DeviceError, Reading};

@@ -1,8 +1,9 @@
 //! The pure machine, driven with random requests and events, against a small model of it that was written apart: flags and
 //! rules in one place, no acts. 100 000 steps; the seed of a failure is in its message.
 
+use crate::cell::input::{Act, Activity, Input, Member, Verdict};
 use crate::cell::lease::Bounds;
-use crate::cell::state::{Act, Activity, Input, Machine, Member, State, Verdict};
+use crate::cell::state::{Machine, State};
 use crate::cell::{Failure, Fault, JobEnd, LeaseRequest, Manual, Refusal, Taken, now};
 use crate::motion::Carrier;
 use rand::{RngExt, SeedableRng};
