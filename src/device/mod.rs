@@ -4,6 +4,8 @@
 mod error;
 mod fence;
 mod manipulator;
+#[cfg(feature = "opcua")]
+pub mod opcua;
 mod sensor;
 pub mod simulated;
 mod stage;
