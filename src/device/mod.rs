@@ -5,6 +5,7 @@ pub mod contract;
 mod error;
 mod fence;
 mod manipulator;
+pub mod modbus;
 #[cfg(feature = "opcua")]
 pub mod opcua;
 mod sensor;
