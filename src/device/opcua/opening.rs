@@ -10,10 +10,14 @@ use opcua::client::{Client, ClientBuilder};
 use opcua::types::StatusCode;
 use std::fs::DirBuilder;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 /// A secure channel is renewed after three quarters of this: work for a key, inside some reading's deadline.
 const CHANNEL_MS: u32 = 3_600_000;
+
+/// Two manipulators share a folder: one makes the key, the other finds it.
+static MAKING: Mutex<()> = Mutex::new(());
 
 /// Makes the client: reads our key, and makes one where there is none, which takes seconds and blocks.
 pub(super) fn client(settings: &Settings) -> Result<Client, Failure> {
@@ -21,6 +25,7 @@ pub(super) fn client(settings: &Settings) -> Result<Client, Failure> {
     let keys = |cause: String| Failure::Keys { folder: folder.display().to_string(), cause };
     make_private(&folder).map_err(|error| keys(error.to_string()))?;
     let secured = settings.security.policy != Policy::None;
+    let _alone = MAKING.lock().unwrap_or_else(PoisonError::into_inner);
     let client = ClientBuilder::new()
         .application_name("coaxis")
         .application_uri("urn:coaxis:client")
