@@ -29,7 +29,7 @@ const ROOMS: [(&str, &[&str]); 12] = [
 const RESERVED: [(&str, &[&str]); 12] = [
     ("tokio::", &["device", "cell", "store", "service", "http", "cli"]),
     ("tokio_modbus::", &["device"]),
-    ("opcua::", &["device"]),
+    ("use opcua::", &["device"]),
     ("axum::", &["http"]),
     ("axum_server::", &["http"]),
     ("utoipa", &["http"]),
