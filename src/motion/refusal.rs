@@ -1,0 +1,177 @@
+//! Why a motion is not planned or not executed, as an operator would say it. Values as the edges know them, mm and degrees,
+//! so that messages and documents agree. Nothing was changed to make it fit.
+
+use super::{ArrangementError, Axis, Carrier};
+
+/// Why a motion is refused.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum MotionRefusal {
+    /// An axis would leave its limits, at the end or on the way.
+    #[error(
+        "axis {a} of {m} would go to {value} {u}, outside its limits of {lower} to {upper} {u}",
+        a = axis.name(), m = carrier.name(), u = axis.unit()
+    )]
+    OutOfLimits {
+        /// Which.
+        carrier: Carrier,
+        /// Which.
+        axis: Axis,
+        /// Where it would go; mm or degrees.
+        value: f64,
+        /// Its lower limit; mm or degrees.
+        lower: f64,
+        /// Its upper limit; mm or degrees.
+        upper: f64,
+    },
+    /// An axis is outside its limits already.
+    #[error(
+        "axis {a} of {m} stands at {actual} {u}, outside its limits of {lower} to {upper} {u}; bring it back at its panel",
+        a = axis.name(), m = carrier.name(), u = axis.unit()
+    )]
+    StandsOutside {
+        /// Which.
+        carrier: Carrier,
+        /// Which.
+        axis: Axis,
+        /// Where it is; mm or degrees.
+        actual: f64,
+        /// Its lower limit; mm or degrees.
+        lower: f64,
+        /// Its upper limit; mm or degrees.
+        upper: f64,
+    },
+    /// An axis would go further than one request may ask for.
+    #[error(
+        "axis {a} of {m} would go {travel} {u} at once, and {max} {u} are allowed; go in shorter steps",
+        a = axis.name(), m = carrier.name(), u = axis.unit()
+    )]
+    StepTooLarge {
+        /// Which.
+        carrier: Carrier,
+        /// Which.
+        axis: Axis,
+        /// How far, whichever way; mm or degrees.
+        travel: f64,
+        /// How far it may; mm or degrees.
+        max: f64,
+    },
+    /// An axis would be faster than it may.
+    #[error(
+        "axis {a} of {m} would move at {speed} {u}/s, and {max} {u}/s are allowed",
+        a = axis.name(), m = carrier.name(), u = axis.unit()
+    )]
+    TooFast {
+        /// Which.
+        carrier: Carrier,
+        /// Which.
+        axis: Axis,
+        /// How fast; mm/s or deg/s.
+        speed: f64,
+        /// How fast it may; mm/s or deg/s.
+        max: f64,
+    },
+    /// The share of the greatest speed is none.
+    #[error("the share of the greatest speed is {share}; it must be above 0 and at most 1")]
+    ShareOutOfRange {
+        /// What was asked for.
+        share: f64,
+    },
+    /// The bodies of the manipulators would come too near to each other.
+    #[error("{gap_mm} mm would be left along x between the two manipulators, and at least {min_mm} mm must be")]
+    SpansMeet {
+        /// What would be left; below zero where they would overlap.
+        gap_mm: f64,
+        /// What must be.
+        min_mm: f64,
+    },
+    /// The part would be stretched or pressed.
+    #[error(
+        "the distance of the clamps would change by {strain_mm} mm, and {max_mm} mm are allowed; move both together"
+    )]
+    StrainTooLarge {
+        /// Largest change along the path.
+        strain_mm: f64,
+        /// What is allowed.
+        max_mm: f64,
+    },
+    /// The part would be twisted.
+    #[error("the clamps would twist the part by {twist_deg} deg, and {max_deg} deg are allowed; turn both together")]
+    TwistTooLarge {
+        /// Largest change of the difference of the two turns along the path.
+        twist_deg: f64,
+        /// What is allowed.
+        max_deg: f64,
+    },
+    /// Every axis is where it should be, or nothing was asked for.
+    #[error("nothing would move: every axis is within its tolerance of where it should be")]
+    NothingToMove,
+    /// A number is none, or too large to calculate with.
+    #[error("{what}: there is a number that is not finite or too large")]
+    NotFinite {
+        /// Where: "positions", "measured pose", "target".
+        what: &'static str,
+    },
+    /// The path would have more waypoints than are kept; the way is too long for what the part bears.
+    #[error("the path would take more than {max_count} waypoints; go in shorter steps")]
+    PathTooLong {
+        /// How many are allowed.
+        max_count: usize,
+    },
+    /// Between two waypoints an axis that comes late would strain or twist the part too much.
+    #[error(
+        "before waypoint {waypoint}, an axis ahead of another could strain the part by {lead} {unit}; {max} {unit} are allowed"
+    )]
+    PathTooCoarse {
+        /// The later one of the two; the first is 0.
+        waypoint: usize,
+        /// By how much; mm or degrees.
+        lead: f64,
+        /// What is allowed; mm or degrees.
+        max: f64,
+        /// mm or deg.
+        unit: &'static str,
+    },
+    /// The path is not one that was planned here.
+    #[error("the path is malformed at waypoint {waypoint}: {fault}")]
+    PathMalformed {
+        /// The first is 0.
+        waypoint: usize,
+        /// What is wrong.
+        fault: PathFault,
+    },
+    /// The path does not start where the axis is: something has moved since it was planned.
+    #[error(
+        "axis {a} of {m} is at {actual} {u}, and the path starts at {planned} {u}; it is stale, plan again",
+        a = axis.name(), m = carrier.name(), u = axis.unit()
+    )]
+    Stale {
+        /// Which.
+        carrier: Carrier,
+        /// Which.
+        axis: Axis,
+        /// Where it is; mm or degrees.
+        actual: f64,
+        /// Where the path starts; mm or degrees.
+        planned: f64,
+    },
+    /// The arrangement itself makes no sense.
+    #[error(transparent)]
+    Arrangement(#[from] ArrangementError),
+}
+
+/// What is wrong with a waypoint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum PathFault {
+    /// A single waypoint is no path.
+    #[error("a path needs at least two waypoints")]
+    TooFew,
+    /// Time stands still, or the path does not start at 0 s.
+    #[error("times must start at 0 and rise")]
+    TimesDoNotRise,
+    /// The axes would not arrive together.
+    #[error("the speeds do not fit ways and times")]
+    SpeedsDoNotFit,
+    /// A manipulator that is said to stay has somewhere to go.
+    #[error("a manipulator that stays has a way to go")]
+    MovesWhatStays,
+}
