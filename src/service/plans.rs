@@ -8,7 +8,7 @@ use super::moves::{Departure, MoveOrder};
 use super::{Chosen, Measurement, Service, ServiceError};
 use crate::estimation::{Outcome, Pose};
 use crate::geometry::AxisLine;
-use crate::motion::{Alignment, Axis, Carrier, Pair, PartPose, Plan, Position, plan_alignment};
+use crate::motion::{Axis, Carrier, Pair, PartPose, Plan, PoseTarget, Position, plan_alignment};
 use crate::store::{InsertedPlan, Listing, Page, PlanRow, RequestKey};
 use jiff::{SignedDuration, Timestamp};
 use serde::{Deserialize, Serialize};
@@ -203,8 +203,8 @@ impl Service {
         let Target { deflection, pitch, y_c0, z_c0, roll, shift_x } = request.target;
         let measured = PartPose { axis: pose.axis, x_ref: pose.x_ref };
         let axis = AxisLine { p: deflection.tan(), q: pitch.tan(), y0: y_c0, z0: z_c0 };
-        let target = Alignment { axis, roll, shift_x };
-        Ok(plan_alignment(&side.arrangement, from, measured, target, request.speed_ratio)?)
+        let target = PoseTarget { axis, roll, axial_shift: shift_x };
+        Ok(plan_alignment(&side.arrangement, &from, &measured, &target, request.speed_ratio)?)
     }
 
     /// Refuses a pose that something has moved away from.
@@ -221,7 +221,7 @@ impl Service {
         for carrier in Carrier::ALL {
             for axis in Axis::ALL {
                 let (then, now) = (*then.get(carrier).get(axis), *now.get(carrier).get(axis));
-                if (then - now).abs() > *side.arrangement.tolerance.get(axis) {
+                if (then - now).abs() > *side.arrangement.settle_tolerance.get(axis) {
                     let (then, now) = (axis.outside(then), axis.outside(now));
                     return Err(Stale::Displaced { carrier, axis, then, now }.into());
                 }
