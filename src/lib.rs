@@ -21,6 +21,7 @@
 //! Nothing points back: `tests/house.rs` reads the imports and holds us to it. Left of `store` nothing waits, logs or
 //! reads a clock, and chance comes from seeds.
 
+pub mod cell;
 pub mod cli;
 pub mod config;
 pub mod device;

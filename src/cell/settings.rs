@@ -1,0 +1,162 @@
+//! What the cell is given: the devices, the arrangement, and its deadlines with their defaults. Must not know where they come
+//! from.
+
+use crate::device::{Manipulator, ProfileSensor, Stage};
+use crate::motion::{Arrangement, Pair};
+use std::time::Duration;
+
+/// The devices; the cell's task owns them from its start to its end.
+pub struct Devices {
+    /// Both, always.
+    pub manipulators: Pair<Box<dyn Manipulator>>,
+    /// Where there is one.
+    pub sensor: Option<Box<dyn ProfileSensor>>,
+    /// Where there is one.
+    pub stage: Option<Box<dyn Stage>>,
+}
+
+/// How the cell works.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// Where the manipulators stand and what they may do.
+    pub arrangement: Arrangement,
+    /// Between two readings of a device at rest.
+    pub poll: Duration,
+    /// Between two readings of a device that moves, or whose word is waited for.
+    pub poll_moving: Duration,
+    /// Longest wait for one answer; at most 300 ms.
+    pub reply: Duration,
+    /// Longest wait for a connection and its first reading; at most 300 ms.
+    pub connect: Duration,
+    /// Longest wait until a device has acknowledged a command; at most 300 ms.
+    pub acknowledge: Duration,
+    /// How long a call under way may go on when a halt is due; then it is dropped, with the connection.
+    pub halt_grace: Duration,
+    /// How long a device moves on without hearing from us; at most 400 ms, so that it holds within 500 ms.
+    pub watchdog: Duration,
+    /// Longest wait until every device is seen at rest after a halt.
+    pub rest: Duration,
+    /// Allowed on top of the planned time of each way before it counts as not arrived.
+    pub arrival: Duration,
+    /// First wait before a connection is tried again; doubles.
+    pub backoff_first: Duration,
+    /// Longest wait before a connection is tried again.
+    pub backoff_last: Duration,
+    /// Shortest time to live of a lease.
+    pub lease_least: Duration,
+    /// Longest time to live of a lease.
+    pub lease_most: Duration,
+    /// Between two readings of the sensor outside scans.
+    pub sensor_poll: Duration,
+    /// Longest time without a profile while the stage carries the sensor along.
+    pub scan_stall: Duration,
+    /// How near to its target the stage has arrived, mm.
+    pub stage_tolerance_mm: f64,
+}
+
+impl Settings {
+    /// The defaults, for an arrangement.
+    #[must_use]
+    pub const fn new(arrangement: Arrangement) -> Self {
+        Self {
+            arrangement,
+            poll: Duration::from_millis(50),
+            poll_moving: Duration::from_millis(20),
+            reply: Duration::from_millis(200),
+            connect: Duration::from_millis(300),
+            acknowledge: Duration::from_millis(300),
+            halt_grace: Duration::from_millis(25),
+            watchdog: Duration::from_millis(300),
+            rest: Duration::from_secs(2),
+            arrival: Duration::from_secs(2),
+            backoff_first: Duration::from_millis(250),
+            backoff_last: Duration::from_secs(5),
+            lease_least: Duration::from_secs(1),
+            lease_most: Duration::from_secs(60),
+            sensor_poll: Duration::from_secs(1),
+            scan_stall: Duration::from_secs(1),
+            stage_tolerance_mm: 0.05,
+        }
+    }
+
+    /// Checks the bounds that the promises rest on.
+    ///
+    /// # Errors
+    /// The first bound that is broken, by name.
+    pub fn check(&self) -> Result<(), SettingsError> {
+        let bounds = [
+            ("poll", self.poll, 5, 100),
+            ("poll_moving", self.poll_moving, 5, 50),
+            ("reply", self.reply, 20, 300),
+            ("connect", self.connect, 20, 300),
+            ("acknowledge", self.acknowledge, 20, 300),
+            ("halt_grace", self.halt_grace, 0, 45),
+            ("watchdog", self.watchdog, 100, 400),
+            ("rest", self.rest, 100, 60_000),
+            ("arrival", self.arrival, 100, 600_000),
+            ("backoff_first", self.backoff_first, 10, 60_000),
+            ("backoff_last", self.backoff_last, 10, 60_000),
+            ("lease_least", self.lease_least, 100, 600_000),
+            ("lease_most", self.lease_most, 100, 600_000),
+            ("sensor_poll", self.sensor_poll, 50, 60_000),
+            ("scan_stall", self.scan_stall, 50, 60_000),
+        ];
+        for (what, given, least, most) in bounds {
+            let (least, most) = (Duration::from_millis(least), Duration::from_millis(most));
+            if given < least || given > most {
+                return Err(SettingsError::OutOfBounds { what, given, least, most });
+            }
+        }
+        if self.lease_least > self.lease_most {
+            return Err(SettingsError::LeaseBounds { least: self.lease_least, most: self.lease_most });
+        }
+        if !(self.stage_tolerance_mm.is_finite() && self.stage_tolerance_mm > 0.0) {
+            return Err(SettingsError::StageTolerance { given_mm: self.stage_tolerance_mm });
+        }
+        Ok(())
+    }
+}
+
+/// Which setting cannot be.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SettingsError {
+    /// A time that the promises do not allow.
+    #[error("{what} is {} ms; it must be from {} to {} ms", given.as_millis(), least.as_millis(), most.as_millis())]
+    OutOfBounds {
+        /// Its name.
+        what: &'static str,
+        /// As given.
+        given: Duration,
+        /// Least.
+        least: Duration,
+        /// Most.
+        most: Duration,
+    },
+    /// The shortest lease is longer than the longest.
+    #[error("lease_least is {} ms and lease_most {} ms", least.as_millis(), most.as_millis())]
+    LeaseBounds {
+        /// As given.
+        least: Duration,
+        /// As given.
+        most: Duration,
+    },
+    /// The stage's tolerance is no length.
+    #[error("stage_tolerance_mm is {given_mm}; it must be above zero")]
+    StageTolerance {
+        /// As given.
+        given_mm: f64,
+    },
+}
+
+/// A scan to take.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ScanOrder {
+    /// Where the stage starts, mm along the rail.
+    pub x_from_mm: f64,
+    /// Where it ends, mm along the rail.
+    pub x_to_mm: f64,
+    /// How many profiles; the sensor's trigger says where.
+    pub profiles_count: u64,
+    /// Of the stage while profiles are taken, mm/s.
+    pub speed_mm_s: f64,
+}
