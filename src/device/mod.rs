@@ -2,11 +2,15 @@
 //! (sockets, deadlines). Knows geometry, scan and motion; holds no business rules and must not know who asks.
 
 mod error;
+mod fence;
 mod manipulator;
+pub mod modbus;
 mod sensor;
+pub mod simulated;
 mod stage;
 
 pub use error::{DeviceError, ScanFault};
+pub use fence::FenceGate;
 pub use manipulator::{
     Acknowledged, Action, AxisReading, AxisState, Command, CommandResult, Manipulator, Mode, Reading, Safety,
 };

@@ -1,0 +1,180 @@
+//! The PLC side of the map, for a simulated PLC: controllers as blocks of registers. Device number n has base 256 n under the
+//! unit ids 0, 1 and 255, and base 0 under unit id n + 1. In: requests; out: responses. Must not know how a controller moves.
+
+use super::command::decode;
+use super::error::MapError;
+use super::image::{Extras, status_image};
+use super::layout::{CommandMap, Layout, StatusFunction};
+use super::link::now;
+use crate::device::simulated::Controller;
+use std::future::{Ready, ready};
+use std::io;
+use std::ops::Range;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use tokio::net::TcpListener;
+use tokio::time::Instant;
+use tokio_modbus::prelude::SlaveRequest;
+use tokio_modbus::server::{Service, tcp};
+use tokio_modbus::{ExceptionCode, Request, Response};
+
+/// From a device's block to the next one's.
+const BLOCK_STEP: u16 = 256;
+/// Where a map has no register for it.
+const WATCHDOG: Duration = Duration::from_millis(500);
+
+/// A simulated PLC.
+#[derive(Debug)]
+pub struct Plc {
+    layout: Layout,
+    started: Instant,
+    devices: Mutex<Vec<Device>>,
+}
+
+#[derive(Debug)]
+struct Device {
+    controller: Controller,
+    command: Vec<u16>,
+    images_count: u16,
+}
+
+impl Plc {
+    /// A PLC with these devices, in the order of their blocks.
+    #[must_use]
+    pub fn new(layout: Layout, controllers: Vec<Controller>) -> Self {
+        let command = vec![0; usize::from(layout.command.count)];
+        let device = |controller| Device { controller, command: command.clone(), images_count: 0 };
+        Self { layout, started: now(), devices: Mutex::new(controllers.into_iter().map(device).collect()) }
+    }
+
+    /// Looks at a device, or changes it, at the PLC's time.
+    pub fn with<T>(&self, device: usize, act: impl FnOnce(&mut Controller, Duration) -> T) -> Option<T> {
+        let mut devices = self.devices.lock().unwrap_or_else(PoisonError::into_inner);
+        devices.get_mut(device).map(|device| act(&mut device.controller, self.time()))
+    }
+
+    /// Answers one request.
+    ///
+    /// # Errors
+    /// The exception of the protocol: functions other than 3, 4, 6 and 16; registers outside of a block; commands that
+    /// cannot be understood.
+    pub fn answer(&self, unit: u8, request: &Request<'_>) -> Result<Response, ExceptionCode> {
+        match request {
+            Request::ReadInputRegisters(at, count) => {
+                self.read(unit, *at, *count, StatusFunction::Input).map(Response::ReadInputRegisters)
+            }
+            Request::ReadHoldingRegisters(at, count) => {
+                self.read(unit, *at, *count, StatusFunction::Holding).map(Response::ReadHoldingRegisters)
+            }
+            Request::WriteSingleRegister(at, word) => {
+                self.write(unit, *at, &[*word]).map(|()| Response::WriteSingleRegister(*at, *word))
+            }
+            Request::WriteMultipleRegisters(at, words) => {
+                let count = u16::try_from(words.len()).map_err(|_| ExceptionCode::IllegalDataValue)?;
+                self.write(unit, *at, words).map(|()| Response::WriteMultipleRegisters(*at, count))
+            }
+            _ => Err(ExceptionCode::IllegalFunction),
+        }
+    }
+
+    fn read(&self, unit: u8, at: u16, count: u16, kind: StatusFunction) -> Result<Vec<u16>, ExceptionCode> {
+        let (index, at) = place(unit, at);
+        let mut devices = self.devices.lock().unwrap_or_else(PoisonError::into_inner);
+        let device = devices.get_mut(index).ok_or(ExceptionCode::IllegalDataAddress)?;
+        let (status, command) = (&self.layout.status, &self.layout.command);
+        let words =
+            within(at, count, status.base, status.count).filter(|_| kind == status.function).and_then(|range| {
+                let image = device.image(&self.layout, self.time());
+                image.get(range).map(<[u16]>::to_vec)
+            });
+        let told = || within(at, count, command.base, command.count).filter(|_| kind == StatusFunction::Holding);
+        words
+            .or_else(|| told().and_then(|range| device.command.get(range).map(<[u16]>::to_vec)))
+            .ok_or(ExceptionCode::IllegalDataAddress)
+    }
+
+    fn write(&self, unit: u8, at: u16, words: &[u16]) -> Result<(), ExceptionCode> {
+        let (index, at) = place(unit, at);
+        let mut devices = self.devices.lock().unwrap_or_else(PoisonError::into_inner);
+        let device = devices.get_mut(index).ok_or(ExceptionCode::IllegalDataAddress)?;
+        let map = &self.layout.command;
+        let count = u16::try_from(words.len()).map_err(|_| ExceptionCode::IllegalDataValue)?;
+        let range = within(at, count, map.base, map.count).ok_or(ExceptionCode::IllegalDataAddress)?;
+        device.write(&self.layout, range, words, self.time()).map_err(|_| ExceptionCode::IllegalDataValue)
+    }
+
+    fn time(&self) -> Duration {
+        now() - self.started
+    }
+}
+
+impl Device {
+    fn image(&mut self, layout: &Layout, time: Duration) -> Vec<u16> {
+        self.images_count = self.images_count.wrapping_add(1);
+        let extras = Extras {
+            heartbeat_echo: self.command.get(usize::from(layout.command.heartbeat)).copied().unwrap_or(0),
+            uptime_ms: (time.as_millis() & u128::from(u32::MAX)) as u32,
+            snapshot: self.images_count,
+        };
+        status_image(layout, &self.controller.reading(time), extras)
+    }
+
+    /// Takes registers over. Those that make no command stay away from the controller, and what was there remains.
+    fn write(&mut self, layout: &Layout, range: Range<usize>, words: &[u16], time: Duration) -> Result<(), MapError> {
+        let CommandMap { heartbeat, sequence, .. } = layout.command;
+        let mut registers = self.command.clone();
+        registers.splice(range.clone(), words.iter().copied());
+        let number = registers.get(usize::from(sequence)).copied().unwrap_or(0);
+        if range.contains(&usize::from(sequence)) && number != 0 {
+            let command = decode(layout, &registers, WATCHDOG)?;
+            self.controller.take(&command, time);
+        } else if range.contains(&usize::from(heartbeat)) {
+            self.controller.beat(time);
+        }
+        self.command = registers;
+        Ok(())
+    }
+}
+
+/// Which device, and the register as counted from its base.
+const fn place(unit: u8, at: u16) -> (usize, u16) {
+    match unit {
+        0 | 1 | 255 => ((at / BLOCK_STEP) as usize, at % BLOCK_STEP),
+        unit => (unit as usize - 1, at),
+    }
+}
+
+/// Where `count` registers from `at` on lie in a block; none where they do not.
+fn within(at: u16, count: u16, base: u16, block_count: u16) -> Option<Range<usize>> {
+    let first = usize::from(at.checked_sub(base)?);
+    let end = first + usize::from(count);
+    (count > 0 && end <= usize::from(block_count)).then_some(first..end)
+}
+
+impl Service for Plc {
+    type Request = SlaveRequest<'static>;
+    type Response = Response;
+    type Exception = ExceptionCode;
+    type Future = Ready<Result<Response, ExceptionCode>>;
+
+    fn call(&self, request: Self::Request) -> Self::Future {
+        ready(self.answer(request.slave, &request.request))
+    }
+}
+
+/// Serves a PLC until the listener fails.
+///
+/// # Errors
+/// What the operating system says.
+pub async fn serve(listener: TcpListener, plc: Arc<Plc>) -> io::Result<()> {
+    let connected = |stream: tokio::net::TcpStream, address| {
+        let plc = Arc::clone(&plc);
+        async move {
+            tracing::debug!(%address, "a Modbus client has connected");
+            // Without it answers are late, not wrong.
+            let _ = stream.set_nodelay(true);
+            Ok(Some((plc, stream)))
+        }
+    };
+    tcp::Server::new(listener).serve(&connected, |error| tracing::debug!(%error, "a Modbus client is gone")).await
+}

@@ -1,0 +1,106 @@
+//! The linear stage behind a PLC: a block of the same map, of which only axis x is used. The trait has no word for what became
+//! of a command, so each is waited for until the device has seen it. Must not know the sensor on it.
+
+use super::block::Block;
+use super::error::MapError;
+use super::link::now;
+use super::status::{Head, StatusRegisters};
+use crate::device::simulated::is_newer;
+use crate::device::{
+    Action, AxisReading, Command, CommandResult, DeviceError, FenceGate, Pending, Stage, StageReading,
+};
+use crate::motion::{Axes, Axis};
+use std::time::Duration;
+use tokio::time::sleep;
+
+/// Between two looks at whether the device has seen a command; a PLC's cycle is about this.
+const LOOK: Duration = Duration::from_millis(5);
+
+/// The stage's adaptor.
+pub struct ModbusStage {
+    block: Block,
+    gate: FenceGate,
+    watchdog: Duration,
+    seen_within: Duration,
+    /// The newest sequence number that was sent, or that the device had seen when we came.
+    sequence: u16,
+}
+
+/// A stage's status with what became of the newest command.
+type Status = (Head, AxisReading);
+
+impl ModbusStage {
+    pub(super) fn new(block: Block, watchdog: Duration, seen_within: Duration) -> Self {
+        Self { block, gate: FenceGate::default(), watchdog, seen_within, sequence: 0 }
+    }
+
+    async fn command(&mut self, fence: u64, action: Action) -> Result<(), DeviceError> {
+        self.gate.admit(self.block.name(), fence)?;
+        // Spent even where it is not sent: no number may ever stand for two commands.
+        self.sequence = self.sequence % u16::MAX + 1;
+        let command = Command { sequence: self.sequence, fence, watchdog: self.watchdog, action };
+        self.block.command(&command).await?;
+        let deadline = now() + self.seen_within;
+        while now() < deadline {
+            let (head, _) = self.block.read(status).await?;
+            match head.acknowledged {
+                seen if seen.sequence != command.sequence => sleep(LOOK).await,
+                seen if seen.result == CommandResult::Rejected => {
+                    return Err(DeviceError::Rejected { device: self.block.name().to_owned(), code: head.fault_code });
+                }
+                _ => return Ok(()),
+            }
+        }
+        Err(DeviceError::Silent { device: self.block.name().to_owned(), within: self.seen_within })
+    }
+
+    fn follow(&mut self, (head, axis): Status) -> StageReading {
+        let seen = head.acknowledged.sequence;
+        if is_newer(seen, self.sequence) {
+            self.sequence = seen;
+        }
+        StageReading {
+            actual_mm: axis.actual,
+            lower_mm: axis.lower,
+            upper_mm: axis.upper,
+            speed_mm_s: axis.speed,
+            moves: head.state.moves() || axis.state.moves(),
+            in_position: axis.in_position,
+            fault_code: head.fault_code,
+        }
+    }
+}
+
+impl Stage for ModbusStage {
+    fn name(&self) -> &str {
+        self.block.name()
+    }
+
+    fn connect(&mut self) -> Pending<'_, Result<StageReading, DeviceError>> {
+        Box::pin(async move {
+            let status = self.block.connect(status).await?;
+            Ok(self.follow(status))
+        })
+    }
+
+    fn read(&mut self) -> Pending<'_, Result<StageReading, DeviceError>> {
+        Box::pin(async move {
+            let status = self.block.read(status).await?;
+            Ok(self.follow(status))
+        })
+    }
+
+    fn move_to(&mut self, fence: u64, target_mm: f64, speed_mm_s: f64) -> Pending<'_, Result<(), DeviceError>> {
+        let only_x = |x| Axes { x, ..Axes::default() };
+        let axes = Axes { x: true, ..Axes::default() };
+        Box::pin(self.command(fence, Action::MoveTo { axes, targets: only_x(target_mm), speeds: only_x(speed_mm_s) }))
+    }
+
+    fn halt(&mut self) -> Pending<'_, Result<(), DeviceError>> {
+        Box::pin(self.command(self.gate.newest(), Action::Halt))
+    }
+}
+
+fn status(registers: StatusRegisters<'_>) -> Result<Status, MapError> {
+    Ok((registers.head()?, registers.axis(Axis::X)?))
+}

@@ -1,0 +1,182 @@
+//! Numbers of 32 bits in two registers: which word comes first, which byte, and what the bits say. Pure.
+
+use super::error::LayoutError;
+use crate::motion::Axis;
+use serde::{Deserialize, Serialize};
+
+/// Where the four bytes of a number are; A is its highest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WordOrder {
+    /// High word first: 12.5 is 0x4148, 0x0000.
+    #[default]
+    Abcd,
+    /// Low word first.
+    Cdab,
+    /// High word first, bytes swapped in each.
+    Badc,
+    /// Low word first, bytes swapped in each.
+    Dcba,
+}
+
+impl WordOrder {
+    /// All.
+    pub const ALL: [Self; 4] = [Self::Abcd, Self::Cdab, Self::Badc, Self::Dcba];
+
+    /// The two registers of a number's bits.
+    #[must_use]
+    pub fn registers(self, bits: u32) -> [u16; 2] {
+        let [a, b, c, d] = bits.to_be_bytes();
+        let word = |high: u8, low: u8| u16::from_be_bytes([high, low]);
+        match self {
+            Self::Abcd => [word(a, b), word(c, d)],
+            Self::Cdab => [word(c, d), word(a, b)],
+            Self::Badc => [word(b, a), word(d, c)],
+            Self::Dcba => [word(d, c), word(b, a)],
+        }
+    }
+
+    /// The bits of a number in two registers.
+    #[must_use]
+    pub const fn bits(self, registers: [u16; 2]) -> u32 {
+        let [first, second] = registers;
+        let ([p, q], [r, s]) = (first.to_be_bytes(), second.to_be_bytes());
+        u32::from_be_bytes(match self {
+            Self::Abcd => [p, q, r, s],
+            Self::Cdab => [r, s, p, q],
+            Self::Badc => [q, p, s, r],
+            Self::Dcba => [s, r, q, p],
+        })
+    }
+}
+
+/// What the bits of positions, limits and speeds say. On the wire they are mm and degrees (and those per second).
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Numbers {
+    /// IEEE 754 single: 0.00012 mm fine at 2 m.
+    #[default]
+    F32,
+    /// A whole number of these.
+    I32(Scales),
+}
+
+/// What one count of a whole number is.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Scales {
+    /// mm, or mm/s.
+    pub mm: f64,
+    /// Degrees, or degrees/s.
+    pub deg: f64,
+}
+
+impl Default for Scales {
+    fn default() -> Self {
+        Self { mm: 0.001, deg: 0.0001 }
+    }
+}
+
+impl Scales {
+    const fn of(self, axis: Axis) -> f64 {
+        match axis {
+            Axis::X | Axis::Y | Axis::Z => self.mm,
+            Axis::C => self.deg,
+        }
+    }
+}
+
+impl Numbers {
+    /// # Errors
+    /// [`LayoutError::Scale`].
+    pub(super) fn check(self) -> Result<(), LayoutError> {
+        let Self::I32(Scales { mm, deg }) = self else { return Ok(()) };
+        let wrong = [("mm", mm), ("deg", deg)].into_iter().find(|(_, scale)| !(*scale > 0.0 && *scale <= 1.0));
+        wrong.map_or(Ok(()), |(unit, scale)| Err(LayoutError::Scale { unit, scale }))
+    }
+
+    /// The bits of a value in the units of the wire; none where it has none.
+    #[must_use]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "the range is checked, the bits are meant"
+    )]
+    pub fn bits(self, axis: Axis, value: f64) -> Option<u32> {
+        match self {
+            Self::F32 => Some(value as f32).filter(|value| value.is_finite()).map(f32::to_bits),
+            Self::I32(scales) => {
+                let counts = (value / scales.of(axis)).round();
+                (f64::from(i32::MIN)..=f64::from(i32::MAX)).contains(&counts).then_some(counts as i32 as u32)
+            }
+        }
+    }
+
+    /// The value of bits, in the units of the wire; may be no number.
+    #[must_use]
+    pub fn value(self, axis: Axis, bits: u32) -> f64 {
+        match self {
+            Self::F32 => f64::from(f32::from_bits(bits)),
+            Self::I32(scales) => f64::from(bits.cast_signed()) * scales.of(axis),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// 12.5 = 1.1001b * 2^3: sign 0, exponent 130 = 10000010b, fraction 1001 and zeros: 0x41480000.
+    /// -0.15625 = -1.01b * 2^-3: 0xBE200000. 1.1 is the nearest single 0x3F8CCCCD, with four different bytes.
+    #[test]
+    fn every_word_order_is_what_its_letters_say() {
+        let made = |value: f64, order: WordOrder| order.registers(Numbers::F32.bits(Axis::X, value).expect("finite"));
+        assert_eq!(made(12.5, WordOrder::Abcd), [0x4148, 0x0000]);
+        assert_eq!(made(12.5, WordOrder::Cdab), [0x0000, 0x4148]);
+        assert_eq!(made(12.5, WordOrder::Badc), [0x4841, 0x0000]);
+        assert_eq!(made(12.5, WordOrder::Dcba), [0x0000, 0x4841]);
+        assert_eq!(made(-0.156_25, WordOrder::Abcd), [0xBE20, 0x0000]);
+        assert_eq!(made(1.1, WordOrder::Abcd), [0x3F8C, 0xCCCD]);
+        assert_eq!(made(1.1, WordOrder::Cdab), [0xCCCD, 0x3F8C]);
+        assert_eq!(made(1.1, WordOrder::Badc), [0x8C3F, 0xCDCC]);
+        assert_eq!(made(1.1, WordOrder::Dcba), [0xCDCC, 0x8C3F]);
+    }
+
+    /// 12.5 mm are 12500 = 0x30D4 counts of 1 µm; -1 mm is two's complement of 1000 = 0x3E8: 0xFFFFFC18.
+    #[test]
+    fn whole_numbers_are_counts_of_their_scale() {
+        let numbers = Numbers::I32(Scales::default());
+        assert_eq!(numbers.bits(Axis::X, 12.5), Some(0x30D4));
+        assert_eq!(numbers.bits(Axis::Z, -1.0), Some(0xFFFF_FC18));
+        assert_eq!(numbers.bits(Axis::C, 12.5), Some(125_000));
+        assert!((numbers.value(Axis::Z, 0xFFFF_FC18) + 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_does_not_fit_has_no_bits() {
+        for value in [f64::NAN, f64::INFINITY, 1e39] {
+            assert_eq!(Numbers::F32.bits(Axis::X, value), None);
+            assert_eq!(Numbers::I32(Scales::default()).bits(Axis::X, value), None);
+        }
+        assert_eq!(Numbers::I32(Scales::default()).bits(Axis::X, 2_147_484.0), None);
+    }
+
+    proptest! {
+        #[test]
+        fn bits_come_back_from_every_order(bits: u32) {
+            for order in WordOrder::ALL {
+                prop_assert_eq!(order.bits(order.registers(bits)), bits);
+            }
+        }
+
+        #[test]
+        fn whole_numbers_come_back_exactly(counts: i32) {
+            let numbers = Numbers::I32(Scales::default());
+            for axis in Axis::ALL {
+                let bits = counts.cast_unsigned();
+                prop_assert_eq!(numbers.bits(axis, numbers.value(axis, bits)), Some(bits));
+            }
+        }
+    }
+}

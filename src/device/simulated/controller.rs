@@ -1,0 +1,601 @@
+//! The controller of one made manipulator, as a PLC would be one: takes commands by sequence number, keeps its own limits and
+//! watchdog, moves its axes, and says how it is. In: commands, heartbeats and the caller's clock. Out: a [`Reading`], and a
+//! record of what it was told. Pure: must not know who talks to it, nor over which wire.
+//!
+//! ```text
+//! Disabled --Enable--> Standstill --MoveTo--> DiscreteMotion --arrived--> Standstill
+//!     ^                  |  ^  \---Home-----> Homing ----------done-----> Standstill
+//!     +----Disable-------+  |                   |
+//!                           +---at rest--- Stopping <--Halt, Disable
+//!                           |                   |  <--watchdog, limit switch, emergency stop
+//!                           +----Reset---- ErrorStop
+//! ```
+
+use super::mechanics::Mechanics;
+use super::record::Record;
+use super::servo::Servo;
+use crate::device::{Acknowledged, Action, AxisReading, AxisState, Command, CommandResult, Mode, Reading, Safety};
+use crate::motion::{Axes, Axis, AxisLimits, Position};
+use std::time::Duration;
+
+/// A step of simulated time, s.
+const STEP_S: f64 = 0.001;
+/// Targets and speeds may pass a limit by this share of one and of the limit: a wire may carry single precision.
+const SLACK: f64 = 1e-6;
+/// The heartbeat counts once in this time.
+const BEAT: Duration = Duration::from_millis(10);
+
+/// The codes of the controller, in [`Reading::fault_code`]: below 100 faults, which a reset acknowledges; from 100 on why
+/// the newest command was refused, until there is a newer one.
+pub mod code {
+    /// Nobody was heard for the watchdog's time while it moved.
+    pub const WATCHDOG: u32 = 1;
+    /// An axis ran onto its limit switch.
+    pub const LIMIT_SWITCH: u32 = 2;
+    /// The safety functions took the motion away.
+    pub const SAFETY: u32 = 3;
+    /// A target is outside of the limits, or not finite.
+    pub const OUT_OF_LIMITS: u32 = 101;
+    /// A speed is zero, too great or not finite.
+    pub const SPEED: u32 = 102;
+    /// The drives are not enabled.
+    pub const NOT_ENABLED: u32 = 103;
+    /// An axis has no reference.
+    pub const NOT_HOMED: u32 = 104;
+    /// A fault is latched.
+    pub const FAULTED: u32 = 105;
+    /// It is not in automatic mode.
+    pub const NOT_REMOTE: u32 = 106;
+    /// The safety functions do not allow motion.
+    pub const SAFETY_OPEN: u32 = 107;
+    /// No axis was named.
+    pub const NO_AXIS: u32 = 108;
+}
+
+/// What a controller is like. Lengths in mm, angles in rad.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ControllerSettings {
+    /// Its own limits.
+    pub limits: Axes<AxisLimits>,
+    /// Where the axes stand at first.
+    pub start: Position,
+    /// Whether the references are known at first.
+    pub homed: bool,
+    /// Simulated seconds of motion in a second of the caller's clock. Watchdog and heartbeat are not made faster.
+    pub time_factor: f64,
+    /// Greatest watchdog that it grants; a command may ask for less.
+    pub watchdog_max: Duration,
+    /// How long the finding of a reference takes, simulated s. The axes stay: distance-coded marks.
+    pub homing_s: f64,
+    /// Backlash between an axis' encoder and its clamp.
+    pub backlash: Axes<f64>,
+    /// Share of each linear axis' motion that the clamp shows along each of the other two.
+    pub coupling_ratio: f64,
+}
+
+impl ControllerSettings {
+    /// A stiff manipulator with these limits that stands at zero, or where its limits are nearest to it.
+    #[must_use]
+    pub fn exact(limits: Axes<AxisLimits>) -> Self {
+        Self {
+            limits,
+            start: limits.map(|_, own| 0.0_f64.max(own.lower).min(own.upper)),
+            homed: true,
+            time_factor: 1.0,
+            watchdog_max: Duration::from_millis(500),
+            homing_s: 0.5,
+            backlash: Axes::default(),
+            coupling_ratio: 0.0,
+        }
+    }
+}
+
+/// What became of a command on arrival.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Taken {
+    /// It is executed.
+    Executed,
+    /// It is refused, with a [`code`].
+    Refused(u32),
+    /// Its sequence number is not newer than the last one: nothing was done.
+    Ignored,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Task {
+    Rest,
+    Move,
+    Home { axes: Axes<bool>, until_step: u64 },
+    Stop { then_off: bool },
+}
+
+/// The controller of one manipulator. `now` is the time since any fixed moment by the caller's clock; it never runs back.
+#[derive(Debug, Clone)]
+pub struct Controller {
+    settings: ControllerSettings,
+    steps: u64,
+    heard: Duration,
+    watchdog: Duration,
+    powered: bool,
+    mode: Mode,
+    safety: Safety,
+    fault: Option<u32>,
+    refusal: Option<u32>,
+    refuse_next: Option<u32>,
+    acknowledged: Acknowledged,
+    task: Task,
+    servos: Axes<Servo>,
+    homed: Axes<bool>,
+    limit_hit: Axes<bool>,
+    mechanics: Mechanics,
+    record: Record,
+}
+
+impl Controller {
+    /// At rest, not enabled, in automatic mode, all safety functions content.
+    #[must_use]
+    pub fn new(settings: ControllerSettings) -> Self {
+        let servos = settings.start.map(|axis, start| Servo::at(*start, settings.limits.get(axis).acceleration));
+        Self {
+            steps: 0,
+            heard: Duration::ZERO,
+            watchdog: settings.watchdog_max,
+            powered: false,
+            mode: Mode::Automatic,
+            safety: Safety { emergency_stop_ok: true, guard_closed: true, drives_ready: true, remote_enabled: true },
+            fault: None,
+            refusal: None,
+            refuse_next: None,
+            acknowledged: Acknowledged { sequence: 0, result: CommandResult::None },
+            task: Task::Rest,
+            servos,
+            homed: Axes::from_fn(|_| settings.homed),
+            limit_hit: Axes::default(),
+            mechanics: Mechanics::new(settings.start, settings.backlash, settings.coupling_ratio),
+            record: Record::default(),
+            settings,
+        }
+    }
+
+    /// A command has arrived. It counts as a heartbeat.
+    pub fn take(&mut self, command: &Command, now: Duration) -> Taken {
+        self.beat(now);
+        if !is_newer(command.sequence, self.acknowledged.sequence) {
+            self.record.ignored(command.sequence);
+            return Taken::Ignored;
+        }
+        self.refusal = self.refusal_of(&command.action).err();
+        if let Some(code) = self.refusal {
+            // What is under way goes on; but nobody can read any more how it ends.
+            self.acknowledged = Acknowledged { sequence: command.sequence, result: CommandResult::Rejected };
+            if matches!(code, code::OUT_OF_LIMITS | code::SPEED) {
+                self.record.out_of_limits(command);
+            }
+            return Taken::Refused(code);
+        }
+        self.acknowledged = Acknowledged { sequence: command.sequence, result: CommandResult::Accepted };
+        self.watchdog = command.watchdog.min(self.settings.watchdog_max);
+        self.record.executed(command, now);
+        self.execute(&command.action);
+        Taken::Executed
+    }
+
+    /// Somebody who commands it lives.
+    pub fn beat(&mut self, now: Duration) {
+        self.advance(now);
+        self.heard = self.heard.max(now);
+    }
+
+    /// How it is. Does not count as a heartbeat.
+    #[must_use]
+    pub fn reading(&mut self, now: Duration) -> Reading {
+        self.advance(now);
+        Reading {
+            state: self.state(),
+            mode: self.mode,
+            safety: self.safety,
+            acknowledged: self.acknowledged,
+            fault_code: self.fault.or(self.refusal).unwrap_or(0),
+            heartbeat: (now.as_millis() / BEAT.as_millis() % 0x1_0000) as u16,
+            axes: self.settings.limits.map(|axis, limits| self.axis_reading(axis, limits)),
+        }
+    }
+
+    /// Where the clamp really is by backlash and cross-coupling, in the manipulator's axes.
+    #[must_use]
+    pub fn clamp(&mut self, now: Duration) -> Position {
+        self.advance(now);
+        self.mechanics.clamp()
+    }
+
+    /// What it was told so far.
+    #[must_use]
+    pub const fn record(&self) -> &Record {
+        &self.record
+    }
+
+    /// Refuses the next command that is newer, with this code; nothing is done then.
+    pub const fn refuse_next(&mut self, code: u32) {
+        self.refuse_next = Some(code);
+    }
+
+    /// Runs an axis onto its limit switch: it stops, and needs a reset.
+    pub fn hit_limit(&mut self, axis: Axis, now: Duration) {
+        self.advance(now);
+        *self.limit_hit.get_mut(axis) = true;
+        self.fail(code::LIMIT_SWITCH);
+    }
+
+    /// Sets what the safety functions say. What they no longer allow stops.
+    pub fn set_safety(&mut self, safety: Safety, now: Duration) {
+        self.advance(now);
+        self.safety = safety;
+        if !safety.allows_motion() && self.powered {
+            self.fail(code::SAFETY);
+        }
+    }
+
+    /// Turns the switch for the mode. What moves stops when it leaves automatic.
+    pub fn set_mode(&mut self, mode: Mode, now: Duration) {
+        self.advance(now);
+        self.mode = mode;
+        if mode != Mode::Automatic && self.task != Task::Rest {
+            self.abort();
+        }
+    }
+
+    /// Lets simulated time run on to `now`. In even steps, so that it does not matter how often anyone looks.
+    pub(super) fn advance(&mut self, now: Duration) {
+        let due = (now.as_secs_f64() * self.settings.time_factor / STEP_S + 1e-6) as u64;
+        while self.steps < due {
+            if self.task == Task::Rest {
+                self.steps = due;
+                return;
+            }
+            self.steps += 1;
+            self.step();
+        }
+    }
+
+    fn step(&mut self) {
+        let deadline_s = (self.heard + self.watchdog).as_secs_f64() * self.settings.time_factor;
+        let moves = matches!(self.task, Task::Move | Task::Home { .. });
+        if moves && self.steps as f64 * STEP_S > deadline_s {
+            self.fail(code::WATCHDOG);
+        }
+        if self.acknowledged.result == CommandResult::Accepted {
+            self.acknowledged.result = CommandResult::Running;
+        }
+        for axis in Axis::ALL {
+            self.servos.get_mut(axis).step(STEP_S);
+        }
+        self.mechanics.follow(&self.servos.map(|_, servo| servo.position()));
+        if self.servos.iter().all(|(_, servo)| servo.rests()) {
+            self.arrive();
+        }
+    }
+
+    /// All axes stand: ends what was to be done.
+    fn arrive(&mut self) {
+        match self.task {
+            Task::Home { until_step, .. } if self.steps < until_step => return,
+            Task::Home { axes, .. } => self.homed = self.homed.map(|axis, homed| *homed || *axes.get(axis)),
+            Task::Stop { then_off: true } => self.powered = false,
+            Task::Rest | Task::Move | Task::Stop { then_off: false } => {}
+        }
+        self.task = Task::Rest;
+        if matches!(self.acknowledged.result, CommandResult::Accepted | CommandResult::Running) {
+            self.acknowledged.result = CommandResult::Done;
+        }
+    }
+
+    /// Latches a fault; stops what moves.
+    fn fail(&mut self, code: u32) {
+        self.fault = Some(code);
+        self.abort();
+    }
+
+    /// Stops what moves, and says that what was asked has not come to its end.
+    fn abort(&mut self) {
+        if matches!(self.acknowledged.result, CommandResult::Accepted | CommandResult::Running) {
+            self.acknowledged.result = CommandResult::Aborted;
+        }
+        self.stop(false);
+    }
+
+    fn stop(&mut self, then_off: bool) {
+        for axis in Axis::ALL {
+            self.servos.get_mut(axis).brake();
+        }
+        self.task = Task::Stop { then_off };
+    }
+
+    fn execute(&mut self, action: &Action) {
+        match *action {
+            Action::Enable => self.powered = true,
+            Action::Disable => self.stop(true),
+            Action::Reset => (self.fault, self.limit_hit) = (None, Axes::default()),
+            Action::Halt => self.stop(false),
+            Action::Home { axes } => {
+                let until_step = self.steps + (self.settings.homing_s / STEP_S) as u64;
+                self.homed = self.homed.map(|axis, homed| *homed && !*axes.get(axis));
+                self.task = Task::Home { axes, until_step };
+            }
+            Action::MoveTo { axes, targets, speeds } => {
+                for axis in Axis::ALL.into_iter().filter(|axis| *axes.get(*axis)) {
+                    self.servos.get_mut(axis).go(*targets.get(axis), *speeds.get(axis));
+                }
+                self.task = Task::Move;
+            }
+        }
+        if matches!(action, Action::Enable | Action::Reset) && self.task == Task::Rest {
+            self.acknowledged.result = CommandResult::Done;
+        }
+    }
+
+    fn refusal_of(&mut self, action: &Action) -> Result<(), u32> {
+        if let Some(code) = self.refuse_next.take() {
+            return Err(code);
+        }
+        // Whoever wants it to stop is not asked for more.
+        let wants_motion = match action {
+            Action::Halt | Action::Disable => return Ok(()),
+            Action::Reset => false,
+            Action::Enable | Action::Home { .. } | Action::MoveTo { .. } => true,
+        };
+        if self.mode != Mode::Automatic {
+            return Err(code::NOT_REMOTE);
+        }
+        if wants_motion && !self.safety.allows_motion() {
+            return Err(code::SAFETY_OPEN);
+        }
+        if wants_motion && self.fault.is_some() {
+            return Err(code::FAULTED);
+        }
+        match action {
+            Action::Home { axes } => self.may_move(axes),
+            Action::MoveTo { axes, targets, speeds } => self.may_go(axes, targets, speeds),
+            Action::Enable | Action::Disable | Action::Reset | Action::Halt => Ok(()),
+        }
+    }
+
+    fn may_move(&self, axes: &Axes<bool>) -> Result<(), u32> {
+        if !self.powered || matches!(self.task, Task::Stop { then_off: true }) {
+            return Err(code::NOT_ENABLED);
+        }
+        if axes.iter().any(|(_, named)| *named) { Ok(()) } else { Err(code::NO_AXIS) }
+    }
+
+    /// The limits come first: a target that is wrong is told, and recorded, whatever else is wrong.
+    fn may_go(&self, axes: &Axes<bool>, targets: &Position, speeds: &Position) -> Result<(), u32> {
+        for (axis, limits) in self.settings.limits.iter().filter(|(axis, _)| *axes.get(*axis)) {
+            let (target, speed, here) = (*targets.get(axis), *speeds.get(axis), self.servos.get(axis).position());
+            let slack = |limit: f64| SLACK * (1.0 + limit.abs());
+            if !(limits.lower - slack(limits.lower)..=limits.upper + slack(limits.upper)).contains(&target) {
+                return Err(code::OUT_OF_LIMITS);
+            }
+            let stays = (target - here).abs() <= slack(here);
+            let lowest_ok = speed > 0.0 || (stays && speed == 0.0);
+            if !(lowest_ok && speed <= limits.speed + SLACK * limits.speed) {
+                return Err(code::SPEED);
+            }
+        }
+        self.may_move(axes)?;
+        let known = axes.iter().all(|(axis, named)| !named || *self.homed.get(axis));
+        if known { Ok(()) } else { Err(code::NOT_HOMED) }
+    }
+
+    fn state(&self) -> AxisState {
+        match self.task {
+            Task::Stop { .. } => AxisState::Stopping,
+            _ if self.fault.is_some() => AxisState::ErrorStop,
+            _ if !self.powered => AxisState::Disabled,
+            Task::Home { .. } => AxisState::Homing,
+            Task::Move => AxisState::DiscreteMotion,
+            Task::Rest => AxisState::Standstill,
+        }
+    }
+
+    fn axis_reading(&self, axis: Axis, limits: &AxisLimits) -> AxisReading {
+        let servo = self.servos.get(axis);
+        let device = self.state();
+        let concerned = match self.task {
+            Task::Home { axes, .. } => *axes.get(axis),
+            Task::Rest | Task::Move | Task::Stop { .. } => !servo.rests(),
+        };
+        AxisReading {
+            actual: servo.position(),
+            commanded: servo.position(),
+            lower: limits.lower,
+            upper: limits.upper,
+            speed: limits.speed,
+            state: if device.moves() && !concerned { AxisState::Standstill } else { device },
+            homed: *self.homed.get(axis),
+            in_position: servo.rests(),
+            fault: *self.limit_hit.get(axis),
+            limit_hit: *self.limit_hit.get(axis),
+        }
+    }
+}
+
+/// Whether `sequence` comes after `last` on the circle of the numbers 1 to 65535: up to half of it ahead. 0 as `last` is
+/// none; 0 is no number.
+#[must_use]
+pub const fn is_newer(sequence: u16, last: u16) -> bool {
+    const CIRCLE: u32 = 65_535;
+    if sequence == 0 || last == 0 {
+        return sequence != 0;
+    }
+    let ahead = (sequence as u32 + CIRCLE - last as u32) % CIRCLE;
+    ahead != 0 && ahead <= CIRCLE / 2
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WATCHDOG: Duration = Duration::from_millis(400);
+
+    fn limits() -> Axes<AxisLimits> {
+        let linear = AxisLimits { lower: -50.0, upper: 50.0, speed: 10.0, acceleration: 50.0, jerk: 500.0, step: 50.0 };
+        let turn = AxisLimits { lower: -0.2, upper: 0.2, speed: 0.1, acceleration: 0.5, jerk: 5.0, step: 0.2 };
+        Axes { x: linear, y: linear, z: linear, c: turn }
+    }
+
+    fn command(sequence: u16, action: Action) -> Command {
+        Command { sequence, fence: 1, watchdog: WATCHDOG, action }
+    }
+
+    fn y_to(target: f64) -> Action {
+        let axes = Axes { y: true, ..Axes::default() };
+        let speeds = Axes { y: 10.0, ..Axes::default() };
+        Action::MoveTo { axes, targets: Axes { y: target, ..Axes::default() }, speeds }
+    }
+
+    const fn ms(ms: u64) -> Duration {
+        Duration::from_millis(ms)
+    }
+
+    fn enabled() -> Controller {
+        let mut controller = Controller::new(ControllerSettings::exact(limits()));
+        assert_eq!(controller.take(&command(1, Action::Enable), ms(0)), Taken::Executed);
+        controller
+    }
+
+    /// Heard every 100 ms from one time to the other.
+    fn run(controller: &mut Controller, from_ms: u64, to_ms: u64) {
+        for at in (from_ms..=to_ms).step_by(100) {
+            controller.beat(ms(at));
+        }
+    }
+
+    #[test]
+    fn a_move_is_accepted_runs_and_is_done_exactly_at_its_target() {
+        let mut controller = enabled();
+        controller.take(&command(2, y_to(5.0)), ms(10));
+        assert_eq!(controller.reading(ms(10)).acknowledged.result, CommandResult::Accepted);
+        run(&mut controller, 100, 300);
+        let under_way = controller.reading(ms(300));
+        assert_eq!(under_way.acknowledged, Acknowledged { sequence: 2, result: CommandResult::Running });
+        assert_eq!((under_way.state, under_way.axes.y.state), (AxisState::DiscreteMotion, AxisState::DiscreteMotion));
+        assert_eq!(under_way.axes.x.state, AxisState::Standstill);
+        // 5 mm at 10 mm/s and 50 mm/s²: 0.7 s.
+        run(&mut controller, 400, 730);
+        let there = controller.reading(ms(730));
+        assert_eq!((there.state, there.acknowledged.result), (AxisState::Standstill, CommandResult::Done));
+        assert!(there.axes.y.actual == 5.0 && there.axes.y.in_position, "{:?}", there.axes.y);
+    }
+
+    #[test]
+    fn only_a_newer_sequence_number_is_executed_also_where_the_numbers_begin_again() {
+        for (sequence, last, newer) in [
+            (1, 0, true),
+            (0, 0, false),
+            (0, 9, false),
+            (9, 9, false),
+            (10, 9, true),
+            (8, 9, false),
+            (1, 65_535, true),
+            (65_535, 1, false),
+            (32_768, 1, true),
+            (32_769, 1, false),
+            (32_768, 65_535, false),
+            (32_767, 65_535, true),
+        ] {
+            assert_eq!(is_newer(sequence, last), newer, "{sequence} after {last}");
+        }
+        let mut controller = enabled();
+        controller.take(&command(2, y_to(1.0)), ms(10));
+        run(&mut controller, 100, 500);
+        assert_eq!(controller.take(&command(2, y_to(9.0)), ms(510)), Taken::Ignored);
+        assert_eq!(controller.take(&command(1, y_to(9.0)), ms(520)), Taken::Ignored);
+        run(&mut controller, 600, 2_000);
+        assert_eq!(controller.reading(ms(2_000)).axes.y.actual, 1.0);
+        assert_eq!(controller.record().all_ignored().collect::<Vec<_>>(), [2, 1]);
+        assert_eq!(controller.record().all_executed().map(|entry| entry.sequence).collect::<Vec<_>>(), [1, 2]);
+    }
+
+    #[test]
+    fn it_stops_by_itself_when_nobody_is_heard_and_needs_a_reset_then() {
+        let mut controller = enabled();
+        controller.take(&command(2, y_to(40.0)), ms(0));
+        // It notices at 400 ms, and brakes for v/a = 0.2 s.
+        let stopped = controller.reading(ms(610));
+        assert_eq!((stopped.state, stopped.fault_code), (AxisState::ErrorStop, code::WATCHDOG));
+        assert_eq!(stopped.acknowledged, Acknowledged { sequence: 2, result: CommandResult::Aborted });
+        // v·t − v²/2a on the way up, v²/2a down: 3 mm + 1 mm.
+        assert!((stopped.axes.y.actual - 4.0).abs() < 0.05, "{}", stopped.axes.y.actual);
+        assert_eq!(controller.take(&command(3, y_to(40.0)), ms(700)), Taken::Refused(code::FAULTED));
+        assert_eq!(controller.take(&command(4, Action::Reset), ms(710)), Taken::Executed);
+        let reset = controller.reading(ms(2_000));
+        assert_eq!((reset.state, reset.fault_code), (AxisState::Standstill, 0));
+        assert_eq!(reset.axes.y.actual, stopped.axes.y.actual);
+    }
+
+    #[test]
+    fn what_it_must_not_do_is_refused_and_recorded() {
+        let mut controller = Controller::new(ControllerSettings::exact(limits()));
+        assert_eq!(controller.take(&command(1, y_to(1.0)), ms(0)), Taken::Refused(code::NOT_ENABLED));
+        controller.take(&command(2, Action::Enable), ms(0));
+        for (sequence, target) in [(3, 50.01), (4, f64::NAN), (5, f64::INFINITY)] {
+            assert_eq!(controller.take(&command(sequence, y_to(target)), ms(1)), Taken::Refused(code::OUT_OF_LIMITS));
+        }
+        let axes = Axes { y: true, ..Axes::default() };
+        let too_fast = Action::MoveTo { axes, targets: Axes::default(), speeds: Axes::from_fn(|_| 10.1) };
+        assert_eq!(controller.take(&command(6, too_fast), ms(1)), Taken::Refused(code::SPEED));
+        let reading = controller.reading(ms(1_000));
+        assert_eq!(reading.acknowledged, Acknowledged { sequence: 6, result: CommandResult::Rejected });
+        assert_eq!((reading.fault_code, reading.position()), (code::SPEED, Position::default()));
+        assert_eq!(controller.record().all_out_of_limits().len(), 4);
+        // Single precision on the wire is no violation.
+        assert_eq!(controller.take(&command(7, y_to(f64::from(50.000_001_f32))), ms(1_001)), Taken::Executed);
+    }
+
+    #[test]
+    fn a_halt_stops_and_holds_and_a_limit_switch_latches() {
+        let mut controller = enabled();
+        controller.take(&command(2, y_to(40.0)), ms(0));
+        controller.take(&command(3, Action::Halt), ms(300));
+        assert_eq!(controller.reading(ms(310)).state, AxisState::Stopping);
+        let held = controller.reading(ms(510));
+        assert_eq!((held.state, held.acknowledged.result), (AxisState::Standstill, CommandResult::Done));
+        controller.take(&command(4, y_to(40.0)), ms(600));
+        controller.hit_limit(Axis::Y, ms(900));
+        let hit = controller.reading(ms(1_200));
+        assert_eq!((hit.state, hit.fault_code), (AxisState::ErrorStop, code::LIMIT_SWITCH));
+        assert!(hit.axes.y.limit_hit && !hit.axes.x.limit_hit);
+    }
+
+    #[test]
+    fn it_does_not_matter_how_often_anyone_looks() {
+        let (mut often, mut once) = (enabled(), enabled());
+        for controller in [&mut often, &mut once] {
+            controller.take(&command(2, y_to(40.0)), ms(3));
+        }
+        for at in 4..350 {
+            let _ = often.reading(ms(at));
+        }
+        assert_eq!(often.reading(ms(350)), once.reading(ms(350)));
+    }
+
+    #[test]
+    fn a_faster_cell_moves_sooner_and_keeps_its_watchdog() {
+        let settings = ControllerSettings { time_factor: 10.0, ..ControllerSettings::exact(limits()) };
+        let mut controller = Controller::new(settings);
+        controller.take(&command(1, Action::Enable), ms(0));
+        controller.take(&command(2, y_to(20.0)), ms(0));
+        // 2.2 s of motion in 220 ms, less than the watchdog.
+        let there = controller.reading(ms(230));
+        assert_eq!((there.acknowledged.result, there.axes.y.actual), (CommandResult::Done, 20.0));
+    }
+
+    #[test]
+    fn switching_to_manual_ends_a_move_before_its_end() {
+        let mut controller = enabled();
+        controller.take(&command(2, y_to(40.0)), ms(0));
+        controller.set_mode(Mode::Manual, ms(200));
+        assert_eq!(controller.reading(ms(600)).acknowledged.result, CommandResult::Aborted);
+        assert_eq!(controller.take(&command(3, y_to(0.0)), ms(700)), Taken::Refused(code::NOT_REMOTE));
+        assert_eq!(controller.take(&command(4, Action::Halt), ms(700)), Taken::Executed);
+    }
+}
