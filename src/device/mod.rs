@@ -5,6 +5,8 @@ mod error;
 mod fence;
 mod manipulator;
 pub mod modbus;
+#[cfg(feature = "opcua")]
+pub mod opcua;
 mod sensor;
 pub mod simulated;
 mod stage;

@@ -1,0 +1,236 @@
+//! Where a PLC keeps what we read and write: a browse path for each value, below the manipulator's own node. Positions lie
+//! as OPC 40010-1 (robotics) has them; what that leaves out, commands above all, lies below `Status` and `Command`.
+//! Takes a node's meaning, gives its path. Must not know values, nor any server.
+//!
+//! A path is written `alias:Name/alias:Name/…`; the alias stands for a namespace's URI, none for OPC UA's own. Indices of
+//! namespaces are nowhere: a server may give them anew at every start.
+
+use crate::motion::Axis;
+
+/// Something that is read or written, by what it means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) enum Node {
+    /// Counts before and after every change of the status; odd between.
+    Snapshot,
+    /// Counts while the device lives.
+    Heartbeat,
+    /// State of the device, by the code table.
+    State,
+    /// Who commands.
+    Mode,
+    /// Bits of the safety functions.
+    Safety,
+    /// Newest command seen.
+    AckSequence,
+    /// What became of it.
+    Result,
+    /// The device's own code.
+    FaultCode,
+    /// State of every axis, by the code table.
+    AxisStates,
+    /// References known.
+    Homed,
+    /// Axes at their targets.
+    InPosition,
+    /// Axes with a fault.
+    AxisFaults,
+    /// Axes at a limit.
+    LimitsHit,
+    /// Where the axes are told to be.
+    Commanded,
+    /// Greatest speeds.
+    MaxVelocities,
+    /// Where an axis is.
+    Actual(Axis),
+    /// Its limits: the range of [`Node::Actual`].
+    Range(Axis),
+    /// Its unit: that of [`Node::Actual`].
+    Unit(Axis),
+    /// Our sign of life.
+    Pulse,
+    /// Fence of the lease that commands.
+    Fence,
+    /// How long the device moves on without our sign of life.
+    WatchdogMs,
+    /// What to do.
+    Code,
+    /// Which axes.
+    Mask,
+    /// Where to.
+    Targets,
+    /// How fast at most.
+    Velocities,
+    /// The command's number; the device acts when it changes.
+    Sequence,
+}
+
+use Node::{
+    AckSequence, Actual, AxisFaults, AxisStates, Code, Commanded, FaultCode, Fence, Heartbeat, Homed, InPosition,
+    LimitsHit, Mask, MaxVelocities, Mode, Pulse, Range, Result, Safety, Sequence, Snapshot, State, Targets, Unit,
+    Velocities, WatchdogMs,
+};
+
+/// Whole-device values of the status, in the order in which they are read.
+const STATUS: [Node; 15] = [
+    Snapshot,
+    Heartbeat,
+    State,
+    Mode,
+    Safety,
+    AckSequence,
+    Result,
+    FaultCode,
+    AxisStates,
+    Homed,
+    InPosition,
+    AxisFaults,
+    LimitsHit,
+    Commanded,
+    MaxVelocities,
+];
+
+impl Node {
+    /// What a command writes, in this order: the number comes last, since the device acts on it.
+    pub(super) const COMMAND: [Self; 7] = [Fence, WatchdogMs, Code, Mask, Targets, Velocities, Sequence];
+
+    /// What one reading reads, in this order: the snapshot's counter stands at both ends.
+    pub(super) fn reading() -> impl Iterator<Item = Self> {
+        let axes = Axis::ALL.into_iter().flat_map(|axis| [Actual(axis), Range(axis)]);
+        STATUS.into_iter().chain(axes).chain([Snapshot])
+    }
+
+    /// Every node there is, each once.
+    pub(super) fn all() -> impl Iterator<Item = Self> {
+        let axes = Axis::ALL.into_iter().flat_map(|axis| [Actual(axis), Range(axis), Unit(axis)]);
+        STATUS.into_iter().chain(axes).chain([Pulse]).chain(Self::COMMAND)
+    }
+
+    /// The name by which the configuration may move it elsewhere.
+    pub(super) fn key(self) -> String {
+        match self {
+            Actual(axis) => format!("axes.{}.actual_position", axis.name()),
+            Range(axis) => format!("axes.{}.range", axis.name()),
+            Unit(axis) => format!("axes.{}.unit", axis.name()),
+            Pulse | Fence | WatchdogMs | Code | Mask | Targets | Velocities | Sequence => {
+                format!("command.{}", snake(self.word()))
+            }
+            _ => format!("status.{}", snake(self.word())),
+        }
+    }
+
+    /// Where it lies below the manipulator's node, where the configuration says nothing else.
+    pub(super) fn path(self) -> String {
+        let axis = |axis: Axis| {
+            format!("robotics:Axes/own:{}/di:ParameterSet/robotics:ActualPosition", axis.name().to_uppercase())
+        };
+        match self {
+            Actual(of) => axis(of),
+            Range(of) => format!("{}/EURange", axis(of)),
+            Unit(of) => format!("{}/EngineeringUnits", axis(of)),
+            Pulse | Fence | WatchdogMs | Code | Mask | Targets | Velocities | Sequence => {
+                format!("own:Command/own:{}", self.word())
+            }
+            _ => format!("own:Status/own:{}", self.word()),
+        }
+    }
+
+    /// Its browse name.
+    pub(super) const fn word(self) -> &'static str {
+        match self {
+            Snapshot => "Snapshot",
+            Heartbeat | Pulse => "Heartbeat",
+            State => "State",
+            Mode => "Mode",
+            Safety => "Safety",
+            AckSequence => "AckSequence",
+            Result => "Result",
+            FaultCode => "FaultCode",
+            AxisStates => "AxisStates",
+            Homed => "Homed",
+            InPosition => "InPosition",
+            AxisFaults => "AxisFaults",
+            LimitsHit => "LimitsHit",
+            Commanded => "CommandedPositions",
+            MaxVelocities => "MaxVelocities",
+            Actual(_) => "ActualPosition",
+            Range(_) => "EURange",
+            Unit(_) => "EngineeringUnits",
+            Fence => "Fence",
+            WatchdogMs => "WatchdogMs",
+            Code => "Code",
+            Mask => "Mask",
+            Targets => "Targets",
+            Velocities => "Velocities",
+            Sequence => "Sequence",
+        }
+    }
+}
+
+fn snake(word: &str) -> String {
+    let mut text = String::with_capacity(word.len() + 2);
+    for (place, letter) in word.chars().enumerate() {
+        if letter.is_uppercase() && place > 0 {
+            text.push('_');
+        }
+        text.extend(letter.to_lowercase());
+    }
+    text
+}
+
+/// One step of a browse path.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Step<'a> {
+    /// Alias of the namespace; none is OPC UA's own.
+    pub(super) alias: Option<&'a str>,
+    /// Browse name.
+    pub(super) name: &'a str,
+}
+
+/// The most steps that a path may have: as deep as anything should lie.
+const STEPS_MAX: usize = 32;
+
+/// The steps of a written path, or nothing where it is no path.
+pub(super) fn steps(path: &str) -> Option<Vec<Step<'_>>> {
+    let steps: Option<Vec<_>> = path
+        .split('/')
+        .map(|step| match step.split_once(':') {
+            Some((alias, name)) => Some(Step { alias: Some(alias), name }),
+            None => Some(Step { alias: None, name: step }),
+        })
+        .map(|step| step.filter(|step| !step.name.is_empty() && step.alias.is_none_or(|alias| !alias.is_empty())))
+        .collect();
+    steps.filter(|steps| steps.len() <= STEPS_MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::HashSet;
+
+    #[test]
+    fn every_node_has_its_own_name_and_its_own_path() {
+        let keys: HashSet<_> = Node::all().map(Node::key).collect();
+        let paths: HashSet<_> = Node::all().map(Node::path).collect();
+        assert_eq!((keys.len(), paths.len()), (Node::all().count(), Node::all().count()));
+        assert!(Node::all().all(|node| steps(&node.path()).is_some()));
+        assert_eq!(Node::WatchdogMs.key(), "command.watchdog_ms");
+        assert_eq!(Node::Actual(Axis::C).path(), "robotics:Axes/own:C/di:ParameterSet/robotics:ActualPosition");
+    }
+
+    #[test]
+    fn the_number_of_a_command_is_written_last_and_a_reading_is_framed_by_its_counter() {
+        assert_eq!(Node::COMMAND.last(), Some(&Node::Sequence));
+        let reading: Vec<_> = Node::reading().collect();
+        assert_eq!((reading.first(), reading.last()), (Some(&Node::Snapshot), Some(&Node::Snapshot)));
+        assert!(reading.iter().all(|node| !Node::COMMAND.contains(node)));
+    }
+
+    #[test]
+    fn a_path_with_an_empty_step_is_none() {
+        assert_eq!(steps("di:Set/Value").map(|steps| steps.len()), Some(2));
+        for wrong in ["", "/", "di:", ":Name", "di:Set//own:M1", "di:Set/"] {
+            assert_eq!(steps(wrong), None, "{wrong}");
+        }
+        assert_eq!(steps(&["a"; 33].join("/")), None);
+    }
+}

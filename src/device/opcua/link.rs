@@ -1,0 +1,195 @@
+//! The manipulator at the other end of a session. Every call has a deadline; what fails or is given up half-way costs the
+//! session, and only [`Manipulator::connect`] makes a new one. Nothing is ever sent twice. Must not know the cell.
+
+use super::clock::now;
+use super::codec::{self, Unspeakable};
+use super::layout::Node;
+use super::nodes::Odd;
+use super::opening::{client, open};
+use super::plausible;
+use super::session::{Failure, Open, Values};
+use super::settings::{SettingRefusal, Settings};
+use crate::device::{Command, DeviceError, FenceGate, Manipulator, Pending, Reading};
+use opcua::types::{AttributeId, StatusCode, Variant};
+use std::time::Duration;
+use tokio::time::{Instant, timeout};
+
+/// A torn reading is read again, this often in all.
+const READINGS_MAX: u32 = 4;
+/// Longest wait for a farewell to a server that still answers.
+const FAREWELL: Duration = Duration::from_millis(200);
+
+/// A manipulator behind an OPC UA server.
+pub struct OpcuaManipulator {
+    name: String,
+    settings: Settings,
+    gate: FenceGate,
+    open: Option<Open>,
+    /// Our own sign of life; counts.
+    pulse: u16,
+    /// The device's heartbeat, and since when it has that value.
+    heartbeat: Option<(u16, Instant)>,
+}
+
+impl OpcuaManipulator {
+    /// Connects nothing yet.
+    ///
+    /// # Errors
+    /// [`SettingRefusal`] names what cannot be.
+    pub fn new(name: &str, settings: &Settings) -> Result<Self, SettingRefusal> {
+        settings.check()?;
+        Ok(Self {
+            name: name.to_owned(),
+            settings: settings.clone(),
+            gate: FenceGate::default(),
+            open: None,
+            pulse: 0,
+            heartbeat: None,
+        })
+    }
+
+    fn lost(&self, cause: impl ToString) -> DeviceError {
+        DeviceError::LinkLost { device: self.name.clone(), cause: cause.to_string() }
+    }
+
+    fn silent(&self, within: Duration) -> DeviceError {
+        DeviceError::Silent { device: self.name.clone(), within }
+    }
+
+    fn implausible(&self, what: impl ToString) -> DeviceError {
+        DeviceError::Implausible { device: self.name.clone(), what: what.to_string() }
+    }
+
+    /// In the words of the contract.
+    fn error(&self, failure: &Failure, within: Duration) -> DeviceError {
+        match failure {
+            Failure::Said { status, .. } if *status == StatusCode::BadTimeout => self.silent(within),
+            Failure::NoNode { .. } | Failure::Namespace(_) | Failure::Length { .. } => self.implausible(failure),
+            Failure::Said { .. } | Failure::Security(_) | Failure::Keys { .. } | Failure::Stranger => {
+                self.lost(failure)
+            }
+        }
+    }
+
+    /// Takes the session, so that whoever gives up waiting has none any more.
+    fn take(&mut self) -> Result<Open, DeviceError> {
+        self.open.take().ok_or_else(|| self.lost("not connected"))
+    }
+
+    async fn establish(&mut self) -> Result<Reading, DeviceError> {
+        self.heartbeat = None;
+        if let Some(old) = self.open.take() {
+            let _ = timeout(FAREWELL, old.close()).await;
+        }
+        let within = self.settings.connect_within();
+        let settings = self.settings.clone();
+        // To make a key takes seconds, once, and is no fault of the device: outside its deadline.
+        let made = tokio::task::spawn_blocking(move || client(&settings)).await;
+        let mut client = made.map_err(|error| self.lost(error))?.map_err(|failure| self.error(&failure, within))?;
+        let opened = timeout(within, async {
+            let open = open(&mut client, &self.settings).await?;
+            let units = open.read(&plausible::asked_of_units()).await?;
+            let commands = open.read(&plausible::asked_of_commands()).await?;
+            Ok::<_, Failure>((open, units, commands))
+        });
+        let (open, units, commands) =
+            opened.await.map_err(|_| self.silent(within))?.map_err(|failure| self.error(&failure, within))?;
+        plausible::units(&units.values).map_err(|odd| self.implausible(odd))?;
+        plausible::writable(&commands.values).map_err(|odd| self.implausible(odd))?;
+        self.open = Some(open);
+        self.look().await
+    }
+
+    async fn look(&mut self) -> Result<Reading, DeviceError> {
+        let open = self.take()?;
+        let within = self.settings.read_within();
+        self.pulse = self.pulse.wrapping_add(1);
+        let answered = timeout(within, exchange(&open, self.pulse)).await;
+        let answer = answered.map_err(|_| self.silent(within))?.map_err(|failure| self.error(&failure, within))?;
+        self.open = Some(open);
+        let values = answer.map_err(|odd| self.implausible(odd))?;
+        let age = codec::age(&values.values, &values.answered).map_err(|odd| self.implausible(odd))?;
+        let reading = codec::reading(&values.values, &self.settings.states).map_err(|odd| self.implausible(odd))?;
+        self.hear(age, reading.heartbeat)?;
+        Ok(reading)
+    }
+
+    /// The device lives where its heartbeat is young and counts.
+    fn hear(&mut self, age: Duration, heartbeat: u16) -> Result<(), DeviceError> {
+        let stale = self.settings.stale_after();
+        let now = now();
+        let since = match self.heartbeat {
+            Some((last, since)) if last == heartbeat => since,
+            _ => now,
+        };
+        self.heartbeat = Some((heartbeat, since));
+        if age > stale || now.duration_since(since) > stale { Err(self.silent(stale)) } else { Ok(()) }
+    }
+
+    async fn hand_over(&mut self, command: &Command) -> Result<(), DeviceError> {
+        self.gate.admit(&self.name, command.fence)?;
+        let unspeakable =
+            |Unspeakable(what)| DeviceError::Unsupported { device: self.name.clone(), what: what.to_owned() };
+        let values = codec::command(command).map_err(unspeakable)?;
+        let open = self.take()?;
+        let within = self.settings.send_within();
+        let answered = timeout(within, open.write(&values)).await;
+        let results = answered.map_err(|_| self.silent(within))?.map_err(|failure| self.error(&failure, within))?;
+        self.open = Some(open);
+        self.judge(&results)
+    }
+
+    /// A command has arrived whole, or not at all, or its sender must not go on as if nothing had happened.
+    fn judge(&self, results: &[StatusCode]) -> Result<(), DeviceError> {
+        let refused = Node::COMMAND.into_iter().zip(results).find(|(_, status)| **status != StatusCode::Good);
+        match (refused, results.last()) {
+            (None, _) => Ok(()),
+            // Without its number the device does not act.
+            (Some(_), Some(number)) if number.is_bad() => {
+                Err(DeviceError::Rejected { device: self.name.clone(), code: number.bits() })
+            }
+            (Some((node, status)), _) => Err(self.implausible(format!(
+                "the command was taken without {}, which the server answered {status}",
+                node.key()
+            ))),
+        }
+    }
+}
+
+/// Says that we live, then reads everything in one call, again where the device changed it meanwhile.
+async fn exchange(open: &Open, pulse: u16) -> Result<Result<Values, Odd>, Failure> {
+    let wanted: Vec<_> = Node::reading().map(|node| (node, AttributeId::Value)).collect();
+    let heard = open.write(&[(Node::Pulse, Variant::UInt16(pulse))]).await?;
+    if let Some(quality) = heard.into_iter().find(|status| *status != StatusCode::Good) {
+        return Ok(Err(Odd::Quality { node: Node::Pulse, quality }));
+    }
+    for _ in 0..READINGS_MAX {
+        let values = open.read(&wanted).await?;
+        match codec::whole(&values.values) {
+            Ok(Ok(())) => return Ok(Ok(values)),
+            Ok(Err(codec::Torn)) => {}
+            Err(odd) => return Ok(Err(odd)),
+        }
+    }
+    let why = "changed during every reading";
+    Ok(Err(Odd::Value { node: Node::Snapshot, value: "a counter".to_owned(), why }))
+}
+
+impl Manipulator for OpcuaManipulator {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn connect(&mut self) -> Pending<'_, Result<Reading, DeviceError>> {
+        Box::pin(self.establish())
+    }
+
+    fn read(&mut self) -> Pending<'_, Result<Reading, DeviceError>> {
+        Box::pin(self.look())
+    }
+
+    fn send(&mut self, command: &Command) -> Pending<'_, Result<(), DeviceError>> {
+        let command = command.clone();
+        Box::pin(async move { self.hand_over(&command).await })
+    }
+}

@@ -1,0 +1,33 @@
+//! Manipulators behind an OPC UA server, as most PLCs have one. `settings` and `layout` say where things are, `codec` what
+//! they mean (pure), `session` and `link` talk, `server` is the other side, for trying without a machine.
+//! Must not know the cell, nor who asks.
+//!
+//! ```text
+//! Settings -> layout (browse paths) -> session (connected, node ids) -> link (Manipulator)
+//!                                                                          |
+//!                               Command, Reading <----- codec -----> values of nodes
+//! ```
+
+mod clock;
+mod codec;
+mod layout;
+mod link;
+mod nodes;
+mod opening;
+mod plausible;
+mod security;
+mod session;
+mod settings;
+
+pub use link::OpcuaManipulator;
+pub use settings::{Policy, Security, SettingRefusal, Settings, StateCodes};
+
+use super::Manipulator;
+
+/// A manipulator that is reached over OPC UA. Connects nothing yet.
+///
+/// # Errors
+/// [`SettingRefusal`] names what cannot be.
+pub fn open(name: &str, settings: &Settings) -> Result<Box<dyn Manipulator>, SettingRefusal> {
+    Ok(Box::new(OpcuaManipulator::new(name, settings)?))
+}

@@ -1,0 +1,205 @@
+//! One open session: finds the nodes by their browse paths, reads and writes lists of them in one service call each. Used until
+//! it fails once, then thrown away. Must not know what the values mean.
+
+use super::layout::{Node, Step, steps};
+use super::security::Trouble;
+use super::settings::Settings;
+use opcua::client::services::Read;
+use opcua::client::{Session, UARequest};
+use opcua::types::{
+    AttributeId, BrowsePath, BrowsePathResult, DataValue, DateTime, Error, NamespaceMap, NodeId, ObjectId,
+    QualifiedName, ReadValueId, ReferenceTypeId, RelativePath, RelativePathElement, StatusCode, TimestampsToReturn,
+    VariableId, Variant, WriteValue,
+};
+use std::collections::HashMap;
+use std::sync::Arc;
+use tokio::task::AbortHandle;
+
+/// Why there is no session, or no answer in it.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub(super) enum Failure {
+    /// What the library, or the server, says.
+    #[error("{cause}")]
+    Said {
+        /// OPC UA's code.
+        status: StatusCode,
+        /// In words.
+        cause: String,
+    },
+    /// The password or the certificate cannot be read.
+    #[error(transparent)]
+    Security(#[from] Trouble),
+    /// The folder of keys cannot be made, or no key in it.
+    #[error("no key and certificate of our own in {folder}: {cause}")]
+    Keys {
+        /// Folder.
+        folder: String,
+        /// What was said.
+        cause: String,
+    },
+    /// The server shows a certificate that is not the one that is trusted.
+    #[error("the server shows another certificate than the one in security.server_certificate")]
+    Stranger,
+    /// The server does not know a namespace of ours.
+    #[error("the server has no namespace {0}")]
+    Namespace(String),
+    /// The server does not have a node.
+    #[error("the server has no node {path} ({key}): {status}")]
+    NoNode {
+        /// Path.
+        path: String,
+        /// Name.
+        key: String,
+        /// As the server says.
+        status: StatusCode,
+    },
+    /// The answer is not of the length of the question.
+    #[error("the answer has {found} values where {wanted} were asked for")]
+    Length {
+        /// Values that came.
+        found: usize,
+        /// Values that were asked for.
+        wanted: usize,
+    },
+}
+
+impl From<Error> for Failure {
+    fn from(error: Error) -> Self {
+        Self::Said { status: error.status(), cause: error.to_string() }
+    }
+}
+
+/// The task that moves the session's bytes; it ends with its owner, and the connection with it.
+pub(super) struct Pump(AbortHandle);
+
+impl Pump {
+    pub(super) const fn new(task: AbortHandle) -> Self {
+        Self(task)
+    }
+}
+
+impl Drop for Pump {
+    fn drop(&mut self) {
+        self.0.abort();
+    }
+}
+
+/// A session that is open, or was.
+pub(super) struct Open {
+    session: Arc<Session>,
+    nodes: HashMap<Node, NodeId>,
+    _pump: Pump,
+}
+
+/// Values, and when the server gave them by its own clock.
+pub(super) struct Values {
+    pub(super) values: Vec<(Node, DataValue)>,
+    pub(super) answered: DateTime,
+}
+
+impl Open {
+    /// Asks for the node ids of every path, in one call.
+    pub(super) async fn find(session: Arc<Session>, pump: Pump, settings: &Settings) -> Result<Self, Failure> {
+        let namespaces = namespaces(&session).await?;
+        let wanted: Vec<(Node, String)> = Node::all().map(|node| (node, settings.path(node))).collect();
+        let paths: Result<Vec<_>, _> =
+            wanted.iter().map(|(_, path)| browse_path(path, settings, &namespaces)).collect();
+        let found = session.translate_browse_paths_to_node_ids(&paths?).await?;
+        same_length(found.len(), wanted.len())?;
+        let nodes: Result<HashMap<_, _>, _> = wanted
+            .into_iter()
+            .zip(&found)
+            .map(|((node, path), result)| match only_target(result) {
+                Ok(id) => Ok((node, id)),
+                Err(status) => Err(Failure::NoNode { path, key: node.key(), status }),
+            })
+            .collect();
+        Ok(Self { session, nodes: nodes?, _pump: pump })
+    }
+
+    fn id(&self, node: Node) -> NodeId {
+        self.nodes.get(&node).cloned().unwrap_or_else(NodeId::null)
+    }
+
+    /// Attributes of nodes, in one call and in this order.
+    pub(super) async fn read(&self, wanted: &[(Node, AttributeId)]) -> Result<Values, Failure> {
+        let nodes = wanted.iter().map(|(node, attribute)| ReadValueId::new(self.id(*node), *attribute)).collect();
+        let question = Read::new(&self.session).nodes_to_read(nodes).timestamps_to_return(TimestampsToReturn::Both);
+        let answer = question.send(self.session.channel()).await?;
+        let values = answer.results.unwrap_or_default();
+        same_length(values.len(), wanted.len())?;
+        let values = wanted.iter().map(|(node, _)| *node).zip(values).collect();
+        Ok(Values { values, answered: answer.response_header.timestamp })
+    }
+
+    /// Writes values, in one call and in this order. Says what became of each.
+    pub(super) async fn write(&self, values: &[(Node, Variant)]) -> Result<Vec<StatusCode>, Failure> {
+        let list: Vec<_> = values
+            .iter()
+            .map(|(node, value)| WriteValue {
+                node_id: self.id(*node),
+                attribute_id: AttributeId::Value as u32,
+                value: DataValue { value: Some(value.clone()), ..DataValue::null() },
+                ..WriteValue::default()
+            })
+            .collect();
+        let results = self.session.write(&list).await?;
+        same_length(results.len(), values.len())?;
+        Ok(results)
+    }
+
+    /// Ends the session as it should be ended, so that the server need not keep it until its time is over.
+    pub(super) async fn close(self) {
+        // Whether the server heard it makes no difference: the connection ends in any case.
+        let _ = self.session.disconnect().await;
+    }
+}
+
+const fn same_length(found: usize, wanted: usize) -> Result<(), Failure> {
+    if found == wanted { Ok(()) } else { Err(Failure::Length { found, wanted }) }
+}
+
+/// The server's namespaces, as it counts them today.
+async fn namespaces(session: &Session) -> Result<NamespaceMap, Failure> {
+    let node = ReadValueId::from(NodeId::from(VariableId::Server_NamespaceArray));
+    let values = session.read(&[node], TimestampsToReturn::Neither, 0.0).await?;
+    let none = || Failure::Namespace("list".to_owned());
+    let Some(Some(Variant::Array(array))) = values.into_iter().next().map(|value| value.value) else {
+        return Err(none());
+    };
+    NamespaceMap::new_from_variant_array(&array.values).map_err(|_| none())
+}
+
+fn browse_path(path: &str, settings: &Settings, namespaces: &NamespaceMap) -> Result<BrowsePath, Failure> {
+    let element = |step: Step<'_>| {
+        let index = match step.alias.map(|alias| settings.namespaces.get(alias).map_or(alias, String::as_str)) {
+            None => 0,
+            Some(uri) => namespaces.get_index(uri).ok_or_else(|| Failure::Namespace(uri.to_owned()))?,
+        };
+        Ok(RelativePathElement {
+            reference_type_id: ReferenceTypeId::HierarchicalReferences.into(),
+            is_inverse: false,
+            include_subtypes: true,
+            target_name: QualifiedName::new(index, step.name),
+        })
+    };
+    let elements: Result<Vec<_>, Failure> = steps(path).unwrap_or_default().into_iter().map(element).collect();
+    Ok(BrowsePath {
+        starting_node: ObjectId::ObjectsFolder.into(),
+        relative_path: RelativePath { elements: Some(elements?) },
+    })
+}
+
+/// The one node at the end of a path. Two are none: nobody could say which one moves.
+fn only_target(result: &BrowsePathResult) -> Result<NodeId, StatusCode> {
+    if result.status_code.is_bad() {
+        return Err(result.status_code);
+    }
+    match result.targets.as_deref().unwrap_or_default() {
+        [target] if target.remaining_path_index == u32::MAX && target.target_id.server_index == 0 => {
+            Ok(target.target_id.node_id.clone())
+        }
+        [] => Err(StatusCode::BadNoMatch),
+        _ => Err(StatusCode::BadTooManyMatches),
+    }
+}

@@ -1,0 +1,339 @@
+//! How a manipulator behind OPC UA is set up: where its server is, how it is trusted, where the nodes lie, how long we wait.
+//! Takes the configuration's text, gives checked values. Must not connect.
+
+use super::layout::{Node, steps};
+use super::security::Trouble;
+use crate::device::AxisState;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// A manipulator behind an OPC UA server.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Address of the server: `opc.tcp://host:port` and a path where it has one.
+    pub endpoint: String,
+    /// Browse path of the manipulator's node, from Objects: `alias:Name/alias:Name/…`.
+    pub device: String,
+    /// Namespaces by the aliases that the paths use.
+    pub namespaces: BTreeMap<String, String>,
+    /// Nodes that lie elsewhere than docs/opcua.md says: name of the node, path below the manipulator's node.
+    pub nodes: BTreeMap<String, String>,
+    /// Which number says which state.
+    pub states: StateCodes,
+    /// Encryption, and who we are.
+    pub security: Security,
+    /// Longest time until connected, checked and read.
+    pub connect_ms: u64,
+    /// Longest time of a reading.
+    pub read_ms: u64,
+    /// Longest time until a command has arrived.
+    pub send_ms: u64,
+    /// Age from which a value is none: of the device's heartbeat, by its time stamp and by whether it counts.
+    pub stale_ms: u64,
+    /// How long the server keeps a session of which it hears nothing.
+    pub session_ms: u64,
+}
+
+/// Which number says which state of PLCopen; vendors differ.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct StateCodes {
+    /// [`AxisState::Disabled`].
+    pub disabled: u16,
+    /// [`AxisState::Standstill`].
+    pub standstill: u16,
+    /// [`AxisState::Homing`].
+    pub homing: u16,
+    /// [`AxisState::DiscreteMotion`].
+    pub discrete_motion: u16,
+    /// [`AxisState::ContinuousMotion`].
+    pub continuous_motion: u16,
+    /// [`AxisState::SynchronizedMotion`].
+    pub synchronized_motion: u16,
+    /// [`AxisState::Stopping`].
+    pub stopping: u16,
+    /// [`AxisState::ErrorStop`].
+    pub error_stop: u16,
+}
+
+/// How messages are protected, and who we are.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Security {
+    /// How messages are signed and encrypted.
+    pub policy: Policy,
+    /// The server's certificate, .der or .pem. No other is accepted. Needed where there is a policy.
+    pub server_certificate: Option<PathBuf>,
+    /// Name by which we log in; anonymous where there is none.
+    pub user: Option<String>,
+    /// File with the password, one line.
+    pub password_file: Option<PathBuf>,
+    /// Variable of the environment with the password.
+    pub password_variable: Option<String>,
+    /// Folder of our own key and certificate (own/cert.der, which the server must trust); made where it is missing.
+    pub pki: Option<PathBuf>,
+}
+
+/// How messages are signed and encrypted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Policy {
+    /// Not at all.
+    #[default]
+    None,
+    /// Signed and encrypted.
+    Basic256Sha256,
+    /// Signed and encrypted.
+    Aes256Sha256RsaPss,
+}
+
+/// A setting that cannot be.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum SettingRefusal {
+    /// No address of an OPC UA server.
+    #[error("endpoint must be an address such as opc.tcp://192.168.0.10:4840, got {0:?}")]
+    Endpoint(String),
+    /// No path of nodes.
+    #[error("{name} must be a path such as di:DeviceSet/own:Cell, got {path:?}")]
+    Path {
+        /// Of the setting.
+        name: String,
+        /// As given.
+        path: String,
+    },
+    /// A path uses an alias that stands for nothing.
+    #[error("{name} uses the alias {alias:?}, which namespaces does not have")]
+    Alias {
+        /// Of the setting.
+        name: String,
+        /// As used.
+        alias: String,
+    },
+    /// There is no node of that name.
+    #[error("nodes has no {0:?}; docs/opcua.md lists the names")]
+    Node(String),
+    /// Two states have one number.
+    #[error("states gives the number {0} to two states")]
+    State(u16),
+    /// A time outside what can work.
+    #[error("{name} must be between {least} and {most}, got {value}")]
+    Time {
+        /// Of the setting.
+        name: &'static str,
+        /// ms.
+        least: u64,
+        /// ms.
+        most: u64,
+        /// ms.
+        value: u64,
+    },
+    /// Security that is none.
+    #[error(transparent)]
+    Security(#[from] Trouble),
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        let namespaces = [
+            ("di", "http://opcfoundation.org/UA/DI/"),
+            ("robotics", "http://opcfoundation.org/UA/Robotics/"),
+            ("own", "urn:coaxis:manipulators"),
+        ];
+        Self {
+            endpoint: "opc.tcp://127.0.0.1:4840".to_owned(),
+            device: "di:DeviceSet/own:Cell/robotics:MotionDevices/own:M1".to_owned(),
+            namespaces: namespaces.map(|(alias, uri)| (alias.to_owned(), uri.to_owned())).into(),
+            nodes: BTreeMap::new(),
+            states: StateCodes::default(),
+            security: Security::default(),
+            connect_ms: 5_000,
+            read_ms: 300,
+            send_ms: 300,
+            stale_ms: 500,
+            session_ms: 5_000,
+        }
+    }
+}
+
+impl Default for StateCodes {
+    /// As Beckhoff's Tc2_MC2 counts them.
+    fn default() -> Self {
+        Self {
+            disabled: 1,
+            standstill: 2,
+            error_stop: 3,
+            stopping: 4,
+            homing: 5,
+            discrete_motion: 6,
+            continuous_motion: 7,
+            synchronized_motion: 8,
+        }
+    }
+}
+
+impl StateCodes {
+    const fn table(&self) -> [(AxisState, u16); 8] {
+        [
+            (AxisState::Disabled, self.disabled),
+            (AxisState::Standstill, self.standstill),
+            (AxisState::Homing, self.homing),
+            (AxisState::DiscreteMotion, self.discrete_motion),
+            (AxisState::ContinuousMotion, self.continuous_motion),
+            (AxisState::SynchronizedMotion, self.synchronized_motion),
+            (AxisState::Stopping, self.stopping),
+            (AxisState::ErrorStop, self.error_stop),
+        ]
+    }
+
+    /// The state of a number.
+    pub(super) fn state(&self, code: u16) -> Option<AxisState> {
+        self.table().into_iter().find(|(_, of)| *of == code).map(|(state, _)| state)
+    }
+
+    /// The number of a state.
+    pub(super) fn code(&self, state: AxisState) -> u16 {
+        match state {
+            AxisState::Disabled => self.disabled,
+            AxisState::Standstill => self.standstill,
+            AxisState::Homing => self.homing,
+            AxisState::DiscreteMotion => self.discrete_motion,
+            AxisState::ContinuousMotion => self.continuous_motion,
+            AxisState::SynchronizedMotion => self.synchronized_motion,
+            AxisState::Stopping => self.stopping,
+            AxisState::ErrorStop => self.error_stop,
+        }
+    }
+
+    fn check(&self) -> Result<(), SettingRefusal> {
+        let mut codes = self.table().map(|(_, code)| code);
+        codes.sort_unstable();
+        match codes.windows(2).find_map(|pair| matches!(pair, [a, b] if a == b).then(|| pair.first().copied())) {
+            Some(twice) => Err(SettingRefusal::State(twice.unwrap_or_default())),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Settings {
+    /// Checks every value.
+    ///
+    /// # Errors
+    /// [`SettingRefusal`] names the first that cannot be.
+    pub fn check(&self) -> Result<(), SettingRefusal> {
+        let host = self.endpoint.strip_prefix("opc.tcp://").unwrap_or_default();
+        if host.is_empty() || host.starts_with(['/', ':']) || self.endpoint.len() > 1024 {
+            return Err(SettingRefusal::Endpoint(self.endpoint.clone()));
+        }
+        self.check_path("device", &self.device)?;
+        for (key, path) in &self.nodes {
+            if !Node::all().any(|node| node.key() == *key) {
+                return Err(SettingRefusal::Node(key.clone()));
+            }
+            self.check_path(&format!("nodes.{key:?}"), path)?;
+        }
+        for node in Node::all() {
+            self.check_path(&node.key(), &self.path(node))?;
+        }
+        self.states.check()?;
+        self.check_times()?;
+        self.security.check()?;
+        Ok(())
+    }
+
+    fn check_path(&self, name: &str, path: &str) -> Result<(), SettingRefusal> {
+        let wrong = || SettingRefusal::Path { name: name.to_owned(), path: path.to_owned() };
+        let unknown = |alias: &str| SettingRefusal::Alias { name: name.to_owned(), alias: alias.to_owned() };
+        let aliases = steps(path).ok_or_else(wrong)?;
+        match aliases.iter().filter_map(|step| step.alias).find(|alias| !self.namespaces.contains_key(*alias)) {
+            Some(alias) => Err(unknown(alias)),
+            None => Ok(()),
+        }
+    }
+
+    fn check_times(&self) -> Result<(), SettingRefusal> {
+        let times = [
+            ("connect_ms", self.connect_ms, 100, 60_000),
+            ("read_ms", self.read_ms, 10, 300),
+            ("send_ms", self.send_ms, 10, 300),
+            ("stale_ms", self.stale_ms, 50, 5_000),
+            ("session_ms", self.session_ms, 1_000, 600_000),
+        ];
+        match times.into_iter().find(|(_, value, least, most)| !(least..=most).contains(&value)) {
+            Some((name, value, least, most)) => Err(SettingRefusal::Time { name, least, most, value }),
+            None => Ok(()),
+        }
+    }
+
+    /// Where a node lies, from Objects.
+    pub(super) fn path(&self, node: Node) -> String {
+        let below = self.nodes.get(&node.key()).cloned().unwrap_or_else(|| node.path());
+        format!("{}/{below}", self.device)
+    }
+
+    pub(super) const fn connect_within(&self) -> Duration {
+        Duration::from_millis(self.connect_ms)
+    }
+
+    pub(super) const fn read_within(&self) -> Duration {
+        Duration::from_millis(self.read_ms)
+    }
+
+    pub(super) const fn send_within(&self) -> Duration {
+        Duration::from_millis(self.send_ms)
+    }
+
+    pub(super) const fn stale_after(&self) -> Duration {
+        Duration::from_millis(self.stale_ms)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refused(change: impl Fn(&mut Settings)) -> String {
+        let mut settings = Settings::default();
+        change(&mut settings);
+        settings.check().expect_err("refused").to_string()
+    }
+
+    #[test]
+    fn the_default_holds_and_waits_for_no_reading_longer_than_the_cell_allows() {
+        let settings = Settings::default();
+        assert_eq!(settings.check(), Ok(()));
+        assert!(settings.read_ms <= 300 && settings.send_ms <= 300);
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_by_name() {
+        assert!(refused(|s| s.endpoint = "http://plc".into()).starts_with("endpoint must be"));
+        assert!(refused(|s| s.endpoint = "opc.tcp://".into()).starts_with("endpoint must be"));
+        assert!(refused(|s| s.device = "di:Set//x".into()).starts_with("device must be a path"));
+        assert!(refused(|s| s.device = "siemens:Set".into()).contains("the alias \"siemens\""));
+        assert!(refused(|s| drop(s.namespaces.remove("di"))).contains("the alias \"di\""));
+        assert!(refused(|s| drop(s.nodes.insert("status.nothing".into(), "own:A".into()))).contains("status.nothing"));
+        assert!(refused(|s| drop(s.nodes.insert("status.state".into(), "x:A".into()))).contains("alias"));
+        assert!(refused(|s| s.states.homing = 1).contains("the number 1 to two states"));
+        assert!(refused(|s| s.read_ms = 301).contains("read_ms must be between 10 and 300, got 301"));
+    }
+
+    #[test]
+    fn a_node_may_lie_elsewhere() {
+        let mut settings = Settings { device: "own:Plc".into(), ..Settings::default() };
+        settings.nodes.insert("status.state".into(), "own:Db7/own:AxisState".into());
+        assert_eq!(settings.check(), Ok(()));
+        assert_eq!(settings.path(Node::State), "own:Plc/own:Db7/own:AxisState");
+        assert_eq!(settings.path(Node::Mode), "own:Plc/own:Status/own:Mode");
+    }
+
+    #[test]
+    fn an_unknown_key_is_refused() {
+        let wrong: Result<Settings, _> = toml::from_str("endpont = \"opc.tcp://plc\"");
+        assert!(wrong.expect_err("refused").to_string().contains("endpont"));
+        let right: Settings = toml::from_str("[security]\npolicy = \"basic256_sha256\"").expect("settings");
+        assert_eq!(right.security.policy, Policy::Basic256Sha256);
+    }
+}
