@@ -1,6 +1,7 @@
 //! What devices promise, and the adaptors that keep it: a folder each, codec (bytes and frames, pure) apart from link
 //! (sockets, deadlines). Knows geometry, scan and motion; holds no business rules and must not know who asks.
 
+pub mod contract;
 mod error;
 mod fence;
 mod manipulator;

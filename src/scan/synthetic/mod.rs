@@ -7,12 +7,14 @@
 mod edge;
 mod interference;
 mod noise;
+mod profile;
 mod several;
 mod surroundings;
 mod truth;
 
 pub use edge::{Edge, Edges, Neighbour};
 pub use interference::{Bead, ClampShape, Feature, Interference};
+pub use profile::make_profile;
 pub use several::make_several;
 pub use surroundings::Surroundings;
 pub use truth::{Bound, Truth};
@@ -181,9 +183,8 @@ pub fn make(part: &Part) -> Result<(Scan, Truth), ScanError> {
             if chance.random_bool(part.drop_out_ratio.clamp(0.0, 1.0)) {
                 continue;
             }
-            let spike = chance.random_bool(part.spike_ratio.clamp(0.0, 1.0));
-            let thrown = if spike { chance.random_range(-SPIKE_MM..SPIKE_MM) } else { 0.0 };
-            let Some((true_point, inner)) = place(part, &edges, x, index, seen, thrown) else { continue };
+            let thrown = thrown(part, &mut chance);
+            let Some((true_point, inner)) = place(part, &edges, x, part.feature(index), seen, thrown) else { continue };
             let ([true_y, true_z], [off_y, off_z]) = (true_point, noise.next(&mut chance));
             y.push(true_y + off_y);
             z.push(true_z + off_z);
@@ -212,15 +213,21 @@ enum Seen {
     Beside([f64; 2]),
 }
 
+/// How far a point is thrown off; mostly not at all.
+fn thrown(part: &Part, chance: &mut ChaCha8Rng) -> f64 {
+    let spike = chance.random_bool(part.spike_ratio.clamp(0.0, 1.0));
+    if spike { chance.random_range(-SPIKE_MM..SPIKE_MM) } else { 0.0 }
+}
+
 /// Where the point lies but for its noise, and whether that is on the part; `None` where nothing is seen.
-fn place(part: &Part, edges: &Prepared, x: f64, index: usize, seen: Seen, thrown: f64) -> Option<([f64; 2], bool)> {
+fn place(part: &Part, edges: &Prepared, x: f64, feature: Feature, seen: Seen, thrown: f64) -> Option<([f64; 2], bool)> {
     match seen {
         Seen::Beside([y, z]) => Some(([y, z + thrown], false)),
         Seen::OnPart(column) => {
             let place = (column as f64 + 0.5) / part.points_count as f64;
             let direction = part.direction(place);
             let angle = direction - part.direction(0.5 + part.interference.shift);
-            let offset = part.interference.offset_mm(part.feature(index), place, angle, part.radius_mm) + thrown;
+            let offset = part.interference.offset_mm(feature, place, angle, part.radius_mm) + thrown;
             let offset = edges.offset(x, column, [-direction.sin(), direction.cos()], offset)?;
             Some((on_surface(part, x, direction, offset), offset == 0.0))
         }

@@ -1,0 +1,221 @@
+//! Faults on demand: at which exchange with which device something goes wrong, and what. Planned, held, or by chance from a
+//! seed. In: exchanges, one after the other. Out: the fault that strikes each. Must not know what a fault does.
+
+use crate::device::ScanFault;
+use crate::motion::{Axis, Carrier, Pair};
+use rand::seq::IndexedRandom;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// Faults that struck and are remembered; the oldest go first.
+const STRUCK_MAX: usize = 4096;
+
+/// A device of the made cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Device {
+    /// One of the two.
+    Manipulator(Carrier),
+    /// The profile sensor.
+    Sensor,
+    /// The linear stage.
+    Stage,
+}
+
+/// What can go wrong in an exchange with a device. An exchange is a request and its answer; connecting takes two.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Fault {
+    /// The link goes down, before the device has the request or after.
+    LinkLost {
+        /// The device has got it.
+        arrives: bool,
+    },
+    /// There is no answer.
+    Silence {
+        /// The device has got it.
+        arrives: bool,
+    },
+    /// The answer comes so much later.
+    Late {
+        /// By how much.
+        by: Duration,
+    },
+    /// The answer makes no sense; the device has got the request.
+    Corrupt,
+    /// The device refuses; it did nothing.
+    Rejected {
+        /// As it says why.
+        code: u32,
+    },
+    /// The other end is dead and nobody has told us: connecting works, and nothing is answered.
+    HalfOpen,
+    /// An axis of the manipulator runs onto its limit switch. The exchange itself goes well.
+    LimitHit {
+        /// Which.
+        axis: Axis,
+    },
+    /// The stage stays where it is until [`super::FaultSwitch::free_stage`]. The exchange itself goes well.
+    Stall,
+    /// The sensor has lost something. The next profiles that are asked for do not come.
+    Scan(ScanFault),
+}
+
+/// A fault that struck.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Struck {
+    /// In an exchange with this.
+    pub device: Device,
+    /// Its number, from 1.
+    pub step: u64,
+    /// What.
+    pub fault: Fault,
+}
+
+/// Whether an exchange opens the link.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Step {
+    Open,
+    Ask,
+}
+
+#[derive(Debug, Clone, Default)]
+struct Plan {
+    steps: u64,
+    next: Option<Fault>,
+    planned: BTreeMap<u64, Fault>,
+    held: Option<Fault>,
+}
+
+/// Everything that is to go wrong.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Faults {
+    manipulators: Pair<Plan>,
+    sensor: Plan,
+    stage: Plan,
+    random: Option<(ChaCha8Rng, f64)>,
+    struck: Vec<Struck>,
+}
+
+impl Faults {
+    fn plan(&mut self, device: Device) -> &mut Plan {
+        match device {
+            Device::Manipulator(carrier) => self.manipulators.get_mut(carrier),
+            Device::Sensor => &mut self.sensor,
+            Device::Stage => &mut self.stage,
+        }
+    }
+
+    pub(super) fn next(&mut self, device: Device, fault: Fault) {
+        self.plan(device).next = Some(fault);
+    }
+
+    pub(super) fn at(&mut self, device: Device, step: u64, fault: Fault) {
+        self.plan(device).planned.insert(step, fault);
+    }
+
+    pub(super) fn hold(&mut self, device: Device, fault: Fault) {
+        self.plan(device).held = Some(fault);
+    }
+
+    pub(super) fn clear(&mut self, device: Device) {
+        let plan = self.plan(device);
+        *plan = Plan { steps: plan.steps, ..Plan::default() };
+    }
+
+    pub(super) fn by_chance(&mut self, seed: u64, ratio: f64) {
+        let random = ChaCha8Rng::seed_from_u64(seed);
+        self.random = (ratio > 0.0).then(|| (random, ratio.min(1.0)));
+    }
+
+    pub(super) fn steps(&mut self, device: Device) -> u64 {
+        self.plan(device).steps
+    }
+
+    pub(super) fn struck(&self) -> &[Struck] {
+        &self.struck
+    }
+
+    /// Counts an exchange, and says what goes wrong in it.
+    pub(super) fn strike(&mut self, device: Device, kind: Step) -> Option<Fault> {
+        let plan = self.plan(device);
+        plan.steps += 1;
+        let step = plan.steps;
+        // A dead peer is not noticed while connecting.
+        let waits = kind == Step::Open && plan.next == Some(Fault::HalfOpen);
+        let due = if waits { None } else { plan.next.take() };
+        let due = due.or_else(|| plan.planned.remove(&step)).or_else(|| plan.held.clone());
+        let fault = due.or_else(|| self.draw(device)).filter(|fault| kind == Step::Ask || *fault != Fault::HalfOpen)?;
+        if self.struck.len() == STRUCK_MAX {
+            self.struck.remove(0);
+        }
+        self.struck.push(Struck { device, step, fault: fault.clone() });
+        Some(fault)
+    }
+
+    fn draw(&mut self, device: Device) -> Option<Fault> {
+        let (chance, ratio) = self.random.as_mut()?;
+        if !chance.random_bool(*ratio) {
+            return None;
+        }
+        let own = match device {
+            Device::Manipulator(_) => Fault::LimitHit { axis: Axis::ALL.choose(chance).copied()? },
+            Device::Sensor => Fault::Scan(ScanFault::TriggerDrops { count: 1 }),
+            Device::Stage => Fault::Stall,
+        };
+        let late = Duration::from_millis(chance.random_range(1..500));
+        let kinds = [
+            Fault::LinkLost { arrives: false },
+            Fault::LinkLost { arrives: true },
+            Fault::Silence { arrives: false },
+            Fault::Silence { arrives: true },
+            Fault::Late { by: late },
+            Fault::Corrupt,
+            Fault::Rejected { code: 1 },
+            Fault::HalfOpen,
+            own,
+        ];
+        kinds.choose(chance).cloned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const M1: Device = Device::Manipulator(Carrier::M1);
+
+    #[test]
+    fn a_planned_fault_strikes_once_at_its_step_and_only_its_device() {
+        let mut faults = Faults::default();
+        faults.at(M1, 3, Fault::Corrupt);
+        let struck: Vec<_> =
+            (0..4).map(|_| (faults.strike(M1, Step::Ask), faults.strike(Device::Stage, Step::Ask))).collect();
+        assert_eq!(struck, [(None, None), (None, None), (Some(Fault::Corrupt), None), (None, None)]);
+        assert_eq!(faults.struck(), [Struck { device: M1, step: 3, fault: Fault::Corrupt }]);
+    }
+
+    #[test]
+    fn a_dead_peer_lets_itself_be_connected_to() {
+        let mut faults = Faults::default();
+        faults.hold(M1, Fault::HalfOpen);
+        let seen = [Step::Open, Step::Ask, Step::Open, Step::Ask].map(|step| faults.strike(M1, step));
+        assert_eq!(seen, [None, Some(Fault::HalfOpen), None, Some(Fault::HalfOpen)]);
+        faults.clear(M1);
+        assert_eq!((faults.strike(M1, Step::Ask), faults.steps(M1)), (None, 5));
+    }
+
+    #[test]
+    fn chance_comes_from_its_seed_and_strikes_as_often_as_asked() {
+        let run = |seed: u64| {
+            let mut faults = Faults::default();
+            faults.by_chance(seed, 0.1);
+            (0..10_000).map(|_| faults.strike(Device::Stage, Step::Ask)).collect::<Vec<_>>()
+        };
+        assert_eq!(run(5), run(5));
+        assert_ne!(run(5), run(6));
+        // 1000 ± 30 (binomial), four standard deviations.
+        let count = run(5).into_iter().flatten().count();
+        assert!((880..1120).contains(&count), "{count}");
+    }
+}

@@ -1,0 +1,106 @@
+//! The part on its two clamps: where it really lies. In: where the clamps were and are. Out: its axis, ends and roll. Must
+//! not know how the clamps move, nor who looks.
+
+use super::settings::PartSettings;
+use crate::geometry::AxisLine;
+use crate::motion::{Pair, Position};
+use nalgebra::{Rotation3, Vector3};
+
+/// The part as it lay when it was put on the clamps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct HeldPart {
+    /// Where its axis met its two end planes.
+    ends: [Vector3<f64>; 2],
+    mounts: Pair<[f64; 3]>,
+    start: Pair<Position>,
+}
+
+/// Where the part is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Place {
+    /// Where its axis meets its near end plane, rail frame, mm.
+    pub(super) near: Vector3<f64>,
+    /// Where its axis meets its far end plane, rail frame, mm.
+    pub(super) far: Vector3<f64>,
+    /// Turned about its axis since the start, rad, from +Y towards +Z.
+    pub(super) roll: f64,
+}
+
+impl HeldPart {
+    /// Puts the part on clamps at `start`.
+    pub(super) fn put(part: &PartSettings, mounts: Pair<[f64; 3]>, start: Pair<Position>) -> Self {
+        let axis = AxisLine {
+            p: part.deflection_deg.to_radians().tan(),
+            q: part.pitch_deg.to_radians().tan(),
+            y0: part.y_c0_mm,
+            z0: part.z_c0_mm,
+        };
+        let [y, z] = axis.at(part.near_end_mm);
+        let near = Vector3::new(part.near_end_mm, y, z);
+        let far = near + Vector3::from(axis.direction()) * part.length_mm;
+        Self { ends: [near, far], mounts, start }
+    }
+
+    /// Where it lies when the clamps are at `now`: it goes with the line of the clamps as a rigid body, by the smallest
+    /// rotation from one line to the other and with the middle of the clamps; it turns about its own axis by the mean turn.
+    pub(super) fn at(&self, now: &Pair<Position>) -> Place {
+        let ([from_1, from_2], [to_1, to_2]) = (self.clamps(&self.start), self.clamps(now));
+        let rotation = Rotation3::rotation_between(&(from_2 - from_1), &(to_2 - to_1)).unwrap_or_default();
+        let (from, to) = ((from_1 + from_2) * 0.5, (to_1 + to_2) * 0.5);
+        let [near, far] = self.ends.map(|end| to + rotation * (end - from));
+        let turn = |at: &Pair<Position>| 0.5 * (at.m1.c + at.m2.c);
+        Place { near, far, roll: turn(now) - turn(&self.start) }
+    }
+
+    fn clamps(&self, at: &Pair<Position>) -> [Vector3<f64>; 2] {
+        let clamp = |mount: [f64; 3], at: Position| Vector3::from(mount) + Vector3::new(at.x, at.y, at.z);
+        [clamp(self.mounts.m1, at.m1), clamp(self.mounts.m2, at.m2)]
+    }
+}
+
+impl Place {
+    /// The axis.
+    pub(super) fn axis(&self) -> AxisLine {
+        let along = self.far - self.near;
+        AxisLine::through(self.near.into(), along.y / along.x, along.z / along.x)
+    }
+
+    /// How far the plane at `x` is along the part: 0 where the axis meets the near end, 1 where it meets the far one.
+    pub(super) fn along(&self, x: f64) -> f64 {
+        (x - self.near.x) / (self.far.x - self.near.x)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::Axes;
+
+    fn held(part: &PartSettings) -> HeldPart {
+        HeldPart::put(part, Pair { m1: [100.0, 0.0, -250.0], m2: [700.0, 0.0, -250.0] }, Pair::default())
+    }
+
+    #[test]
+    fn both_clamps_up_lift_it_and_one_clamp_up_tilts_it_about_the_other() {
+        let straight =
+            PartSettings { deflection_deg: 0.0, pitch_deg: 0.0, y_c0_mm: 0.0, z_c0_mm: 0.0, ..Default::default() };
+        // The clamps hold the axis itself.
+        let held = HeldPart::put(&straight, Pair { m1: [100.0, 0.0, 0.0], m2: [700.0, 0.0, 0.0] }, Pair::default());
+        let up = Axes { z: 6.0, ..Axes::default() };
+        let lifted = held.at(&Pair { m1: up, m2: up }).axis();
+        assert!((lifted.z0 - 6.0).abs() < 1e-12 && lifted.q.abs() < 1e-12);
+        let tilted = held.at(&Pair { m1: Axes::default(), m2: up }).axis();
+        // The line through (100, 0) and (700, 6): 6/600 a millimetre, and 3 mm in its middle.
+        assert!((tilted.q - 0.01).abs() < 1e-12 && (tilted.at(400.0)[1] - 3.0).abs() < 1e-9, "{tilted:?}");
+    }
+
+    #[test]
+    fn it_stays_as_long_as_it_is_and_turns_by_the_mean_of_both() {
+        let part = PartSettings::default();
+        let now = Pair { m1: Axes { x: 1.0, y: 3.0, z: -2.0, c: 0.02 }, m2: Axes { x: 1.0, y: -4.0, z: 5.0, c: 0.04 } };
+        let place = held(&part).at(&now);
+        assert!(((place.far - place.near).norm() - part.length_mm).abs() < 1e-9);
+        assert!((place.roll - 0.03).abs() < 1e-12);
+        assert!((place.along(place.near.x), place.along(place.far.x)) == (0.0, 1.0));
+    }
+}
