@@ -1,19 +1,6 @@
-//! Where a manipulator stands and how far its axes may go. Must not know its adaptor.
+//! How far the axes of a manipulator may go, and how exactly. Must not know its adaptor.
 
-use crate::motion::Carrier;
 use serde::{Deserialize, Serialize};
-
-/// A manipulator as a support of the part.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Support {
-    /// Where its clamp's centre is in the rail frame while all its axes are at zero: x, y, z.
-    pub mount_mm: [f64; 3],
-    /// How far its body reaches along the rail on both sides of the clamp.
-    pub half_span_mm: f64,
-    /// How far its axes may go; the device has limits of its own, and the narrower ones hold.
-    pub limits: SupportLimits,
-}
 
 /// How far the four axes of a manipulator may go.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -67,7 +54,7 @@ pub struct TurnLimits {
 
 /// How close to its target an axis counts as there.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct Tolerances {
     /// Along the rail.
     pub x_mm: f64,
@@ -82,17 +69,6 @@ pub struct Tolerances {
 impl Default for Tolerances {
     fn default() -> Self {
         Self { x_mm: 0.1, y_mm: 0.1, z_mm: 0.1, c_deg: 0.05 }
-    }
-}
-
-impl Support {
-    /// One of the two of the simulated cell.
-    pub(super) fn of(carrier: Carrier) -> Self {
-        let x = match carrier {
-            Carrier::M1 => 100.0,
-            Carrier::M2 => 400.0,
-        };
-        Self { mount_mm: [x, 0.0, 0.0], half_span_mm: 60.0, limits: SupportLimits::default() }
     }
 }
 
