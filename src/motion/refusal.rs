@@ -70,11 +70,13 @@ pub enum MotionRefusal {
         /// How fast it may; mm/s or deg/s.
         max: f64,
     },
-    /// The share of the greatest speed is none.
-    #[error("the share of the greatest speed is {share}; it must be above 0 and at most 1")]
+    /// The share of the greatest speed is no share.
+    #[error("the share of the greatest speed is {share}; it must be from {min} to 1")]
     ShareOutOfRange {
         /// What was asked for.
         share: f64,
+        /// The least that may be.
+        min: f64,
     },
     /// The bodies of the manipulators would come too near to each other.
     #[error("{gap_mm} mm would be left along x between the two manipulators, and at least {min_mm} mm must be")]

@@ -1,0 +1,162 @@
+//! From what is wanted to a path, or to the reason why not: [`plan_alignment`] for a part, [`plan_move`] for axes. A plan moves
+//! nothing. Must not know who asks, or when it will be executed.
+
+use super::check::{burden, check_burden, check_gap, check_target, each};
+use super::course::Course;
+use super::kinematics::{ClampLine, clamps_for};
+use super::strain::Step;
+use super::waypoints::{check_start, cut};
+use super::{Arrangement, Axes, MotionRefusal, Pair, PartPose, Path, PoseTarget, Position, carried};
+use serde::{Deserialize, Serialize};
+
+/// Least share of the greatest speeds.
+const SHARE_MIN: f64 = 1e-3;
+
+/// What one axis would do.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct AxisTravel {
+    /// Where it starts; mm, or rad.
+    pub from: f64,
+    /// Where it ends; mm, or rad.
+    pub to: f64,
+    /// `to` - `from`; mm, or rad.
+    pub travel: f64,
+    /// How far it is from its nearest limit at the end; mm, or rad. Below zero where it stays and stands outside.
+    pub margin: f64,
+}
+
+/// What would move, and what it would do to the part.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// Each axis.
+    pub axes: Pair<Axes<AxisTravel>>,
+    /// Of the path by itself, s; the settling at every set-point comes on top.
+    pub duration_s: f64,
+    /// The set-points.
+    pub path: Path,
+    /// Largest change of the distance of the clamps along the path; mm.
+    pub strain_mm: f64,
+    /// Largest change of c1 - c2 along the path; rad.
+    pub twist: f64,
+    /// Where the part's axis and its reference point are in the end. None for a move of axes, which knows no part.
+    pub predicted: Option<PartPose>,
+}
+
+/// Targets of a move of axes: absolute, mm or rad. What is None stays where it is.
+pub type MoveTargets = Pair<Option<Axes<Option<f64>>>>;
+
+/// Plans the motion that takes the part from `measured` to `target`, the clamps being at `from`.
+///
+/// `share` is that of the axes' greatest speeds, from 0.001 to 1.
+///
+/// # Errors
+/// Why the part cannot go there.
+pub fn plan_alignment(
+    arrangement: &Arrangement,
+    from: &Pair<Position>,
+    measured: &PartPose,
+    target: &PoseTarget,
+    share: f64,
+) -> Result<Plan, MotionRefusal> {
+    check_request(arrangement, from, share)?;
+    let PartPose { axis, x_ref } = *measured;
+    check_finite("measured pose", &[axis.p, axis.q, axis.y0, axis.z0, x_ref])?;
+    let PoseTarget { axis, axial_shift, roll } = *target;
+    check_finite("target", &[axis.p, axis.q, axis.y0, axis.z0, axial_shift, roll])?;
+    check_clamps(arrangement, from)?;
+    let (to, pose) = clamps_for(arrangement, from, measured, target);
+    check_finite("target", &values(&to))?;
+    let course = Course::rigid(arrangement, from, &to);
+    let axis = carried(arrangement, from, &to, &measured.axis);
+    plan(arrangement, &course, share, Some(PartPose { axis, ..pose }))
+}
+
+/// Plans a straight, synchronous move of axes to absolute targets. A part is taken to be held by both manipulators.
+///
+/// `share` is that of the axes' greatest speeds, from 0.001 to 1.
+///
+/// # Errors
+/// Why the axes cannot go there.
+pub fn plan_move(
+    arrangement: &Arrangement,
+    from: &Pair<Position>,
+    targets: &MoveTargets,
+    share: f64,
+) -> Result<Plan, MotionRefusal> {
+    check_request(arrangement, from, share)?;
+    let to = from.map(|carrier, axes| {
+        let wanted = targets.get(carrier).unwrap_or_default();
+        axes.map(|axis, actual| wanted.get(axis).unwrap_or(*actual))
+    });
+    check_finite("target", &values(&to))?;
+    let course = Course::straight(from, &to);
+    check_ends(arrangement, &course)?;
+    // Exact for straight ways, and a better answer than that the path would be too long.
+    let (origin, whole) = (Step::new(arrangement, from, from), Step::new(arrangement, from, &to));
+    check_burden(arrangement, &origin, &whole)?;
+    plan(arrangement, &course, share, None)
+}
+
+fn plan(
+    arrangement: &Arrangement,
+    course: &Course,
+    share: f64,
+    predicted: Option<PartPose>,
+) -> Result<Plan, MotionRefusal> {
+    check_ends(arrangement, course)?;
+    let path = cut(arrangement, course, share)?;
+    let burden = burden(arrangement, &path)?;
+    let (from, to) = (course.at(0.0), course.at(1.0));
+    let axes = to.map(|carrier, axes| {
+        axes.map(|axis, &to| {
+            let (from, limits) = (*from.get(carrier).get(axis), arrangement.supports.get(carrier).limits.get(axis));
+            AxisTravel { from, to, travel: to - from, margin: (to - limits.lower).min(limits.upper - to) }
+        })
+    });
+    let duration_s = path.waypoints.last().map_or(0.0, |waypoint| waypoint.at_s);
+    Ok(Plan { axes, duration_s, path, strain_mm: burden.strain_mm, twist: burden.twist, predicted })
+}
+
+fn check_request(arrangement: &Arrangement, from: &Pair<Position>, share: f64) -> Result<(), MotionRefusal> {
+    arrangement.check()?;
+    if !(SHARE_MIN..=1.0).contains(&share) {
+        return Err(MotionRefusal::ShareOutOfRange { share, min: SHARE_MIN });
+    }
+    check_finite("positions", &values(from))
+}
+
+/// A part lies along the rail only between clamps that stand along it.
+fn check_clamps(arrangement: &Arrangement, from: &Pair<Position>) -> Result<(), MotionRefusal> {
+    if ClampLine::new(arrangement, from).direction.x > 0.0 {
+        return Ok(());
+    }
+    let (gap_mm, min_mm) = (Step::new(arrangement, from, from).gap(arrangement), arrangement.clearance_min_mm);
+    Err(MotionRefusal::SpansMeet { gap_mm, min_mm })
+}
+
+/// What can be said before the way is cut: whether there is a way at all, and whether its ends are allowed.
+fn check_ends(arrangement: &Arrangement, course: &Course) -> Result<(), MotionRefusal> {
+    let (from, to) = (course.at(0.0), course.at(1.0));
+    let settled = |axis, way: f64| way.abs() <= *arrangement.settle_tolerance.get(axis);
+    if each(&from).all(|(carrier, axis, start)| settled(axis, to.get(carrier).get(axis) - start)) {
+        return Err(MotionRefusal::NothingToMove);
+    }
+    for (carrier, axis, start) in each(&from) {
+        check_start(arrangement, course, (carrier, axis, start))?;
+        if course.moves(carrier, axis) {
+            let limits = arrangement.supports.get(carrier).limits.get(axis);
+            check_target(carrier, axis, limits, start, *to.get(carrier).get(axis))?;
+        }
+    }
+    let (origin, end) = (Step::new(arrangement, &from, &from), Step::new(arrangement, &to, &to));
+    check_gap(arrangement, &origin, &end)
+}
+
+fn values(positions: &Pair<Position>) -> Vec<f64> {
+    each(positions).map(|(.., value)| value).collect()
+}
+
+/// Beyond 1e9 mm or rad nothing is meant, and squares would lose what matters.
+fn check_finite(what: &'static str, numbers: &[f64]) -> Result<(), MotionRefusal> {
+    if numbers.iter().all(|number| number.abs() < 1e9) { Ok(()) } else { Err(MotionRefusal::NotFinite { what }) }
+}

@@ -1,0 +1,104 @@
+//! What a step from one set-point to the next does to the part: how the distance of the clamps and the difference of their
+//! turns change when all axes go together, and by how much more when they do not. Must not know what is allowed.
+//!
+//! Devices do not start at the same moment, and one may stop dead while the other goes on. So a step is also looked at with
+//! every axis anywhere between its two ends, independently. The difference of the two centres is then anywhere in a box, whose
+//! nearest and farthest point from zero are known in closed form: no order of arrival can strain the part more.
+
+use super::kinematics::clamp_centre;
+use super::{Arrangement, Pair, Position};
+use nalgebra::Vector3;
+
+/// Least and greatest of something.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Range {
+    pub(super) least: f64,
+    pub(super) most: f64,
+}
+
+impl Range {
+    fn of(a: f64, b: f64) -> Self {
+        Self { least: a.min(b), most: a.max(b) }
+    }
+
+    /// What can lie between something of `self` and something of `other`: self - other.
+    fn minus(self, other: Self) -> Self {
+        Self { least: self.least - other.most, most: self.most - other.least }
+    }
+
+    /// Square of the least value's size, and of the greatest one's.
+    fn squares(self) -> (f64, f64) {
+        let (a, b) = (self.least * self.least, self.most * self.most);
+        let holds_zero = self.least <= 0.0 && self.most >= 0.0;
+        (if holds_zero { 0.0 } else { a.min(b) }, a.max(b))
+    }
+
+    /// By how much `wider` goes beyond it, on either side.
+    fn exceeded_by(self, wider: Self) -> f64 {
+        (wider.most - self.most).max(self.least - wider.least)
+    }
+
+    /// Largest difference from a value.
+    pub(super) fn away_from(self, value: f64) -> f64 {
+        (self.most - value).max(value - self.least)
+    }
+}
+
+/// A step between two set-points.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Step {
+    start: Pair<Position>,
+    end: Pair<Position>,
+    /// The clamps' centres at both ends.
+    centres: [Pair<Vector3<f64>>; 2],
+}
+
+impl Step {
+    pub(super) fn new(arrangement: &Arrangement, start: &Pair<Position>, end: &Pair<Position>) -> Self {
+        let centres =
+            [start, end].map(|at| arrangement.supports.map(|carrier, support| clamp_centre(support, at.get(carrier))));
+        Self { start: *start, end: *end, centres }
+    }
+
+    /// Distance of the clamps while all axes go together, mm. The difference of the centres goes along a line then: farthest
+    /// at an end, nearest at the foot of the perpendicular.
+    pub(super) fn distance(&self) -> Range {
+        let [a, b] = self.centres.map(|centres| centres.m2 - centres.m1);
+        let way = b - a;
+        let foot = -a.dot(&way) / way.norm_squared();
+        let mut range = Range::of(a.norm(), b.norm());
+        if foot > 0.0 && foot < 1.0 {
+            range.least = range.least.min((a + way * foot).norm());
+        }
+        range
+    }
+
+    /// c1 - c2 while all axes go together, rad.
+    pub(super) fn twist(&self) -> Range {
+        Range::of(self.start.m1.c - self.start.m2.c, self.end.m1.c - self.end.m2.c)
+    }
+
+    /// By how much the distance of the clamps can go beyond that of the two set-points when axes come late, mm.
+    pub(super) fn distance_lead(&self) -> f64 {
+        let [a, b] = &self.centres;
+        let axis = |of: fn(&Vector3<f64>) -> f64| {
+            Range::of(of(&a.m2), of(&b.m2)).minus(Range::of(of(&a.m1), of(&b.m1))).squares()
+        };
+        let (x, y, z) = (axis(|v| v.x), axis(|v| v.y), axis(|v| v.z));
+        let apart = Range { least: (x.0 + y.0 + z.0).sqrt(), most: (x.1 + y.1 + z.1).sqrt() };
+        Range::of((a.m2 - a.m1).norm(), (b.m2 - b.m1).norm()).exceeded_by(apart)
+    }
+
+    /// By how much c1 - c2 can go beyond that of the two set-points when an axis comes late, rad.
+    pub(super) fn twist_lead(&self) -> f64 {
+        let apart = Range::of(self.start.m1.c, self.end.m1.c).minus(Range::of(self.start.m2.c, self.end.m2.c));
+        self.twist().exceeded_by(apart)
+    }
+
+    /// Least free way along x between the bodies, in whatever order the axes arrive; mm.
+    pub(super) fn gap(&self, arrangement: &Arrangement) -> f64 {
+        let [a, b] = &self.centres;
+        let spans = arrangement.supports.m1.half_span_mm + arrangement.supports.m2.half_span_mm;
+        a.m2.x.min(b.m2.x) - a.m1.x.max(b.m1.x) - spans
+    }
+}
