@@ -137,6 +137,26 @@ impl Service {
         *self.closing.borrow()
     }
 
+    /// Has a task hand on what the cell tells, as long as both live.
+    pub(super) fn follow_cell(&self) {
+        let Some(side) = &self.cell else { return };
+        let (cell, log, clock) = (side.cell.clone(), Arc::clone(&self.events), self.clock);
+        tokio::spawn(async move {
+            let mut newest = cell.newest_event();
+            let mut seen = 0;
+            loop {
+                newest.borrow_and_update();
+                for event in cell.events(seen).events {
+                    seen = event.number;
+                    log.add(clock.wall(event.at), Happening::Cell(event.kind));
+                }
+                if newest.changed().await.is_err() {
+                    return;
+                }
+            }
+        });
+    }
+
     /// Tells of something that has happened now.
     pub(super) fn tell(&self, what: Happening) {
         self.events.add(self.clock.now(), what);

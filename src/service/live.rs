@@ -2,7 +2,7 @@
 //! the commands to single devices. Must not know how any of it is sent.
 
 use super::jobs::{Beginning, Ending, JobStanding, Kind, whole};
-use super::{Clock, Commander, Service, ServiceError};
+use super::{Clock, Commander, Equipment, Service, ServiceError};
 use crate::cell::{Cell, Lease, LeaseRequest, Manual, Refusal, Snapshot, StopReport, Taken};
 use crate::config::Cell as CellConfig;
 use crate::motion::{Arrangement, Carrier, Pair, Position};
@@ -59,8 +59,11 @@ pub(super) struct ActOrder {
 }
 
 impl CellSide {
-    pub(super) const fn new(cell: Cell, config: CellConfig, arrangement: Arrangement) -> Self {
-        Self { cell, config, arrangement, moved_at: Mutex::new(None) }
+    /// Starts the cell on its devices; every fence to come is above `fence_floor`.
+    pub(super) fn start(equipment: Equipment, fence_floor: u64) -> Self {
+        let Equipment { devices, config, .. } = equipment;
+        let (settings, arrangement) = (config.settings(), config.arrangement());
+        Self { cell: Cell::start(devices, settings, fence_floor), config, arrangement, moved_at: Mutex::new(None) }
     }
 
     /// Something that moves the part begins.

@@ -5,7 +5,7 @@ use super::answer::fingerprint_of;
 use super::jobs::{self, Beginning, Ending, JobStanding, Kind, Recorded, Started, whole};
 use super::{Commander, Happening, Service, ServiceError};
 use crate::cell::{Job, JobState};
-use crate::motion::{Axes, Pair, Plan, plan_move};
+use crate::motion::{MoveTargets, Plan, plan_move};
 use crate::store::{Listing, Page, RequestKey};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -14,9 +14,6 @@ use std::time::Duration;
 /// What is told of a job's progress: every so much of it.
 const PROGRESS_STEP: f64 = 0.1;
 
-/// Targets of some axes; absolute; mm, rad.
-pub type Targets = Pair<Option<Axes<Option<f64>>>>;
-
 /// What is asked of a move.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MoveRequest {
@@ -24,7 +21,7 @@ pub struct MoveRequest {
     #[serde(skip)]
     pub lease_id: String,
     /// Where to; axes that are not named stay.
-    pub targets: Targets,
+    pub targets: MoveTargets,
     /// Share of the greatest speeds; above 0, at most 1.
     pub speed_ratio: f64,
     /// So that a repeated request gets the first answer again.
@@ -77,7 +74,7 @@ impl Service {
             return Ok(Started { job: jobs::read_back(&row)?, replayed: true });
         }
         let from = side.positions().ok_or(ServiceError::PositionsUnknown)?;
-        let plan = plan_move(&side.arrangement, from, request.targets, request.speed_ratio)?;
+        let plan = plan_move(&side.arrangement, &from, &request.targets, request.speed_ratio)?;
         let (by, speed_ratio) = (self.commander(), request.speed_ratio);
         let order = MoveOrder { by, measurement_id: None, speed_ratio, plan };
         self.depart(Departure { lease_id: request.lease_id, plan_id: None, request: key, order }).await
