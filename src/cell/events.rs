@@ -94,6 +94,15 @@ pub enum EventKind {
         /// Its verb.
         verb: &'static str,
     },
+    /// A manual command was not taken; nothing was done.
+    ManualRefused {
+        /// The device's name in the configuration.
+        device: String,
+        /// Its verb.
+        verb: &'static str,
+        /// Why.
+        cause: String,
+    },
     /// The faults were acknowledged and every device read.
     Reset,
     /// The cell was shut down.

@@ -80,6 +80,14 @@ pub enum Failure {
         /// How long was waited.
         within: Duration,
     },
+    /// A manipulator has not found its references in time.
+    #[error("{}: has not found its references within {} ms", carrier.name(), within.as_millis())]
+    NotHomed {
+        /// Which.
+        carrier: Carrier,
+        /// How long was waited.
+        within: Duration,
+    },
     /// Something was read before a set-point that does not let the devices move; the set-point was not sent.
     #[error("before the next set-point: {0}")]
     NotReady(Box<Refusal>),
@@ -155,6 +163,7 @@ impl Failure {
             Self::Aborted { .. } => "aborted",
             Self::Overridden { .. } => "overridden",
             Self::NotArrived { .. } | Self::StageNotArrived { .. } => "not_arrived",
+            Self::NotHomed { .. } => "not_homed",
             Self::NotReady(_) => "not_ready",
             Self::NotReadBack { .. } => "not_read_back",
             Self::NotAtRest { .. } => "not_at_rest",
@@ -190,6 +199,7 @@ impl Failure {
             | Self::CellGone => true,
             Self::Aborted { .. }
             | Self::NotArrived { .. }
+            | Self::NotHomed { .. }
             | Self::NotReady(_)
             | Self::DeviceFault { .. }
             | Self::StageNotArrived { .. }

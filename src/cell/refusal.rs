@@ -76,19 +76,7 @@ pub enum Refusal {
         /// Which.
         axis: Axis,
     },
-    /// The path does not start where the axis is: something has moved since it was planned.
-    #[error("axis {} of {} is at {actual} {unit}, and the plan starts at {planned} {unit}; plan again", axis.name(), carrier.name(), unit = axis.unit())]
-    PlanStale {
-        /// Which.
-        carrier: Carrier,
-        /// Which.
-        axis: Axis,
-        /// Where it is; mm or degrees.
-        actual: f64,
-        /// Where the path starts; mm or degrees.
-        planned: f64,
-    },
-    /// The path itself is not allowed.
+    /// The path is not allowed, or does not start where the devices are.
     #[error(transparent)]
     Motion(#[from] crate::motion::MotionRefusal),
     /// There is no stage, or no sensor, in this cell.
@@ -96,6 +84,38 @@ pub enum Refusal {
     NotThere {
         /// What.
         what: &'static str,
+    },
+    /// A job with this id was started before.
+    #[error("the job {job} was started before; it is not started again")]
+    Repeated {
+        /// Its id.
+        job: String,
+    },
+    /// The stage cannot go there, or not as fast.
+    #[error("{what} of {given} is outside of {least} to {most}")]
+    ScanOutOfRange {
+        /// Which number of the order, with its unit.
+        what: &'static str,
+        /// As ordered.
+        given: f64,
+        /// Least.
+        least: f64,
+        /// Most.
+        most: f64,
+    },
+    /// A device moves that nobody here has told to.
+    #[error("{device} moves")]
+    Moves {
+        /// Its name in the configuration.
+        device: String,
+    },
+    /// A device reports a fault.
+    #[error("{device} reports fault {code}; see to it, then reset")]
+    DeviceFault {
+        /// Its name in the configuration.
+        device: String,
+        /// As the device gives it.
+        code: u32,
     },
     /// The cell is being shut down.
     #[error("the service is stopping")]

@@ -48,8 +48,12 @@ pub struct Settings {
     pub lease_most: Duration,
     /// Between two readings of the sensor outside scans.
     pub sensor_poll: Duration,
+    /// Longest wait for an answer of the sensor, which moves nothing.
+    pub sensor_reply: Duration,
     /// Longest time without a profile while the stage carries the sensor along.
     pub scan_stall: Duration,
+    /// Longest time for a manipulator to find its references.
+    pub homing: Duration,
     /// How near to its target the stage has arrived, mm.
     pub stage_tolerance_mm: f64,
 }
@@ -74,7 +78,9 @@ impl Settings {
             lease_least: Duration::from_secs(1),
             lease_most: Duration::from_secs(60),
             sensor_poll: Duration::from_secs(1),
+            sensor_reply: Duration::from_secs(2),
             scan_stall: Duration::from_secs(1),
+            homing: Duration::from_secs(120),
             stage_tolerance_mm: 0.05,
         }
     }
@@ -99,6 +105,8 @@ impl Settings {
             ("lease_least", self.lease_least, 100, 600_000),
             ("lease_most", self.lease_most, 100, 600_000),
             ("sensor_poll", self.sensor_poll, 50, 60_000),
+            ("homing", self.homing, 100, 3_600_000),
+            ("sensor_reply", self.sensor_reply, 20, 60_000),
             ("scan_stall", self.scan_stall, 50, 60_000),
         ];
         for (what, given, least, most) in bounds {

@@ -1,0 +1,75 @@
+//! One manipulator finds its references: sent once, over when the device says it is done, every reference is known and it
+//! stands. Pure. Must not know devices, links or leases.
+
+use super::driver::{Handling, Outcome, moves};
+use super::run::Step;
+use super::{Failure, Settings};
+use crate::device::{Action, CommandResult, Reading};
+use crate::motion::{Axes, Carrier};
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// A homing under way.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Homing {
+    carrier: Carrier,
+    begun_at: Instant,
+    within: Duration,
+    sequence: Option<u16>,
+}
+
+impl Homing {
+    pub(super) const fn new(carrier: Carrier, settings: &Settings, now: Instant) -> Self {
+        Self { carrier, begun_at: now, within: settings.homing, sequence: None }
+    }
+
+    /// The one order.
+    pub(super) fn begin(&self) -> Step {
+        let axes = Axes::from_fn(|_| true);
+        Step::Order(vec![(self.carrier, Handling::Send(Action::Home { axes }))])
+    }
+
+    /// When the time is to be told at the latest.
+    pub(super) fn deadline(&self) -> Instant {
+        self.begun_at + self.within
+    }
+
+    /// What became of the order.
+    pub(super) fn told(&mut self, carrier: Carrier, outcome: Outcome) -> Step {
+        match outcome {
+            _ if carrier != self.carrier => Step::Wait,
+            Outcome::Taken { sequence } => {
+                self.sequence = Some(sequence);
+                Step::Wait
+            }
+            Outcome::Refused(error) => Step::Fail(Failure::Device(error)),
+            Outcome::Overtaken => Step::Wait,
+            Outcome::Unknown(failure) => Step::Fail(failure),
+        }
+    }
+
+    /// A manipulator was read.
+    pub(super) fn read(&self, carrier: Carrier, reading: &Reading) -> Step {
+        let Some(sequence) = self.sequence.filter(|_| carrier == self.carrier) else { return Step::Wait };
+        let acknowledged = reading.acknowledged;
+        if acknowledged.sequence != sequence {
+            return Step::Fail(Failure::Overridden { carrier, sequence, found: acknowledged.sequence });
+        }
+        if acknowledged.result == CommandResult::Aborted {
+            return Step::Fail(Failure::Aborted { carrier, sequence });
+        }
+        let known = reading.axes.iter().all(|(_, axis)| axis.homed);
+        if acknowledged.result == CommandResult::Done && known && !moves(reading) {
+            return Step::Finished;
+        }
+        Step::Wait
+    }
+
+    /// Time has passed.
+    pub(super) fn time(&self, now: Instant) -> Step {
+        if now < self.deadline() {
+            return Step::Wait;
+        }
+        Step::Fail(Failure::NotHomed { carrier: self.carrier, within: self.within })
+    }
+}

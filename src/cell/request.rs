@@ -1,0 +1,30 @@
+//! What is asked of the cell's task. A request is a message: whoever sent it may hang up, and nothing about it changes.
+
+use super::{Job, Lease, LeaseRequest, Manual, Refusal, ScanOrder, Taken};
+use crate::device::Profile;
+use crate::motion::{Carrier, Path};
+use tokio::sync::{mpsc, oneshot};
+
+/// Where the answer goes.
+pub(super) type Reply<T> = oneshot::Sender<Result<T, Refusal>>;
+
+/// A scan that has begun, and its profiles as they come.
+pub(super) type ScanBegun = (Job, mpsc::Receiver<Vec<Profile>>);
+
+/// What is asked.
+#[derive(Debug)]
+pub(super) enum Request {
+    TakeLease(LeaseRequest, Reply<Lease>),
+    RenewLease(String, Reply<Lease>),
+    ReleaseLease(String, Reply<()>),
+    Act { lease: String, carrier: Carrier, manual: Manual, reply: Reply<Taken> },
+    Move { lease: String, job: String, path: Path, reply: Reply<Job> },
+    Scan { lease: String, job: String, order: ScanOrder, reply: Reply<ScanBegun> },
+    Reset { lease: String, reply: Reply<Taken> },
+    Close(oneshot::Sender<()>),
+}
+
+/// Answers; where nobody waits for it any more, that is all right.
+pub(super) fn answer<T>(reply: Reply<T>, result: Result<T, Refusal>) {
+    let _nobody_waits = reply.send(result);
+}

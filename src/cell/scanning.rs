@@ -1,0 +1,218 @@
+//! Takes a scan: the stage to the start, the sensor armed, the stage to the end at its speed, profiles counted as they come.
+//! Pure: readings, outcomes, counts and the time go in, orders come out. The profiles themselves go from the sensor's driver to
+//! whoever ordered them, and not through here.
+//!
+//! ```text
+//!  stage to start --there--> arm sensor --ready--> stage to end, profiles come --all came, stage there--> finished
+//!                                                     \-- a gap, a drop, none for too long --> fail, by name
+//! ```
+
+use super::driver::{Outcome, Travel};
+use super::{Failure, ScanOrder, Settings};
+use crate::device::{DeviceError, ScanFault, StageReading};
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// What is to be done next.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum ScanStep {
+    /// Nothing yet.
+    Wait,
+    /// Send the stage.
+    Carry(Travel),
+    /// Make the sensor ready for the profiles.
+    Arm,
+    /// All profiles came, and the stage stands.
+    Finished,
+    /// It cannot go on.
+    Fail(Failure),
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Phase {
+    /// The stage goes to the start.
+    Approach { since: Option<Instant>, until: Instant },
+    /// The sensor gets ready.
+    Arm,
+    /// The stage goes to the end.
+    Travel { since: Option<Instant>, until: Instant, there: bool },
+}
+
+/// A scan under way.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Scanning {
+    order: ScanOrder,
+    stage: String,
+    sensor: String,
+    tolerance_mm: f64,
+    stall: Duration,
+    arrival: Duration,
+    /// Where the stage was, and its greatest speed, when the scan began.
+    from: StageReading,
+    phase: Phase,
+    received_count: u64,
+    whole: bool,
+    /// The last profile; before there was one, the start of the travel.
+    heard_at: Instant,
+}
+
+impl Scanning {
+    /// A scan that was checked against the stage's limits.
+    pub(super) fn new(
+        order: ScanOrder,
+        names: (String, String),
+        from: StageReading,
+        settings: &Settings,
+        now: Instant,
+    ) -> Self {
+        let way_s = (order.x_from_mm - from.actual_mm).abs() / from.speed_mm_s;
+        let gap_s = (order.x_to_mm - order.x_from_mm).abs() / order.speed_mm_s / order.profiles_count as f64;
+        Self {
+            order,
+            stage: names.0,
+            sensor: names.1,
+            tolerance_mm: settings.stage_tolerance_mm,
+            stall: settings.scan_stall + 2 * seconds(gap_s),
+            arrival: settings.arrival,
+            from,
+            phase: Phase::Approach { since: None, until: now + settings.arrival + seconds(way_s) },
+            received_count: 0,
+            whole: false,
+            heard_at: now,
+        }
+    }
+
+    /// The first order.
+    pub(super) fn begin(&self) -> ScanStep {
+        ScanStep::Carry(Travel::To { target_mm: self.order.x_from_mm, speed_mm_s: self.from.speed_mm_s })
+    }
+
+    /// The part of the profiles that came, 0 to 1.
+    pub(super) fn progress(&self) -> f64 {
+        self.received_count as f64 / self.order.profiles_count.max(1) as f64
+    }
+
+    /// When the time is to be told at the latest.
+    pub(super) fn deadline(&self) -> Instant {
+        match self.phase {
+            Phase::Approach { until, .. } => until,
+            // The driver of the sensor has its own deadline; this one is behind it.
+            Phase::Arm => self.heard_at + self.arrival + self.stall,
+            Phase::Travel { until, .. } if self.whole => until,
+            Phase::Travel { until, .. } => until.min(self.heard_at + self.stall),
+        }
+    }
+
+    /// What became of an order to the stage.
+    pub(super) fn stage_told(&mut self, now: Instant, outcome: Outcome) -> ScanStep {
+        match outcome {
+            Outcome::Taken { .. } => {
+                match &mut self.phase {
+                    Phase::Approach { since, .. } | Phase::Travel { since, .. } => *since = Some(now),
+                    Phase::Arm => {}
+                }
+                ScanStep::Wait
+            }
+            Outcome::Overtaken => ScanStep::Wait,
+            Outcome::Refused(error) => ScanStep::Fail(Failure::Device(error)),
+            Outcome::Unknown(failure) => ScanStep::Fail(failure),
+        }
+    }
+
+    /// What became of the order to the sensor.
+    pub(super) fn sensor_told(&mut self, now: Instant, outcome: Outcome) -> ScanStep {
+        match outcome {
+            Outcome::Taken { .. } if self.phase == Phase::Arm => {
+                let ScanOrder { x_from_mm, x_to_mm, speed_mm_s, .. } = self.order;
+                let way_s = (x_to_mm - x_from_mm).abs() / speed_mm_s;
+                self.heard_at = now;
+                self.phase = Phase::Travel { since: None, until: now + self.arrival + seconds(way_s), there: false };
+                ScanStep::Carry(Travel::To { target_mm: x_to_mm, speed_mm_s })
+            }
+            Outcome::Taken { .. } | Outcome::Overtaken => ScanStep::Wait,
+            Outcome::Refused(error) => ScanStep::Fail(Failure::Device(error)),
+            Outcome::Unknown(failure) => ScanStep::Fail(failure),
+        }
+    }
+
+    /// The stage was read.
+    pub(super) fn read(&mut self, now: Instant, asked_at: Instant, reading: &StageReading) -> ScanStep {
+        let order = self.order;
+        let fresh = |since: Option<Instant>| since.is_some_and(|since| asked_at >= since);
+        match &mut self.phase {
+            Phase::Approach { since, .. } if fresh(*since) && self.tolerance_mm >= off(reading, order.x_from_mm) => {
+                (self.phase, self.heard_at) = (Phase::Arm, now);
+                ScanStep::Arm
+            }
+            Phase::Travel { since, there, .. } if fresh(*since) && self.tolerance_mm >= off(reading, order.x_to_mm) => {
+                *there = true;
+                self.conclude()
+            }
+            Phase::Approach { .. } | Phase::Arm | Phase::Travel { .. } => ScanStep::Wait,
+        }
+    }
+
+    /// Profiles have come, so many so far.
+    pub(super) fn received(&mut self, now: Instant, received_count: u64) -> ScanStep {
+        (self.received_count, self.heard_at) = (received_count, now);
+        ScanStep::Wait
+    }
+
+    /// The sensor has ended.
+    pub(super) fn ended(&mut self, result: Result<(), Failure>) -> ScanStep {
+        match result {
+            Ok(()) => {
+                self.whole = true;
+                self.conclude()
+            }
+            Err(failure) => ScanStep::Fail(failure),
+        }
+    }
+
+    /// Time has passed.
+    pub(super) fn time(&self, now: Instant, last: Option<&StageReading>) -> ScanStep {
+        if now < self.deadline() {
+            return ScanStep::Wait;
+        }
+        let ScanOrder { x_from_mm, x_to_mm, profiles_count: expected_count, .. } = self.order;
+        let received_count = self.received_count;
+        ScanStep::Fail(match self.phase {
+            Phase::Approach { .. } => self.not_arrived(last, x_from_mm),
+            Phase::Arm => Failure::Device(DeviceError::Silent {
+                device: self.sensor.clone(),
+                within: now.saturating_duration_since(self.heard_at),
+            }),
+            Phase::Travel { .. } if self.whole => self.not_arrived(last, x_to_mm),
+            Phase::Travel { there: true, .. } => {
+                let fault = ScanFault::Incomplete { received_count, expected_count };
+                Failure::Device(DeviceError::ScanFault { device: self.sensor.clone(), fault })
+            }
+            Phase::Travel { there: false, .. } => {
+                let (device, within) = (self.sensor.clone(), self.stall);
+                Failure::ScanStalled { device, received_count, expected_count, within }
+            }
+        })
+    }
+
+    fn conclude(&self) -> ScanStep {
+        match self.phase {
+            Phase::Travel { there: true, .. } if self.whole => ScanStep::Finished,
+            Phase::Approach { .. } | Phase::Arm | Phase::Travel { .. } => ScanStep::Wait,
+        }
+    }
+
+    fn not_arrived(&self, last: Option<&StageReading>, target_mm: f64) -> Failure {
+        let actual_mm = last.map_or(f64::NAN, |reading| reading.actual_mm);
+        Failure::StageNotArrived { device: self.stage.clone(), actual_mm, target_mm, within: self.arrival }
+    }
+}
+
+/// How far off its target a stage stands, mm; infinitely while it moves.
+fn off(reading: &StageReading, target_mm: f64) -> f64 {
+    if reading.moves { f64::INFINITY } else { (reading.actual_mm - target_mm).abs() }
+}
+
+/// A time that was calculated; a year where it makes no sense.
+fn seconds(seconds: f64) -> Duration {
+    Duration::try_from_secs_f64(seconds).unwrap_or(Duration::from_secs(31_536_000)).min(Duration::from_secs(31_536_000))
+}

@@ -1,0 +1,92 @@
+//! Starts the cell: a driver for each device, then the task that they report to. Must not decide anything.
+
+use super::driver::{
+    HaltFlag, ManipulatorDriver, Order, Post, Report, SensorDriver, StageDriver, Taking, Timing, Travel,
+};
+use super::events::EventLog;
+use super::snapshot::Live;
+use super::state::Member;
+use super::stop::StopDoor;
+use super::task::{Lines, Task};
+use super::{Cell, Devices, Settings, now};
+use crate::device::{Manipulator, ProfileSensor, Stage};
+use crate::motion::{Carrier, Pair};
+use std::sync::Arc;
+use tokio::sync::{mpsc, watch};
+
+/// Requests that may wait; a client that sends faster is slowed.
+const REQUESTS_WAITING: usize = 64;
+/// Reports that may wait; the task takes them as they come.
+const REPORTS_WAITING: usize = 256;
+/// Orders that may wait at a driver; the task gives the next one after the word on the last.
+const ORDERS_WAITING: usize = 8;
+
+/// Starts everything.
+pub(super) fn start(devices: Devices, settings: Settings, fence_floor: u64) -> Cell {
+    let flag = Arc::new(HaltFlag::new(fence_floor));
+    let (reports, reported) = mpsc::channel(REPORTS_WAITING);
+    let mut hire = Hire { settings: &settings, flag: &flag, reports, watched: Vec::new() };
+    let Devices { manipulators: Pair { m1, m2 }, sensor, stage } = devices;
+    let live = Pair { m1: live(m1.name(), &settings), m2: live(m2.name(), &settings) };
+    let live_stage = stage.as_ref().map(|stage| live_of(stage.name(), settings.poll));
+    let live_sensor = sensor.as_ref().map(|sensor| live_of(sensor.name(), settings.sensor_poll));
+    let orders = Pair { m1: hire.manipulator(Carrier::M1, m1), m2: hire.manipulator(Carrier::M2, m2) };
+    let stage = stage.map(|stage| hire.stage(stage));
+    let sensor = sensor.map(|sensor| hire.sensor(sensor));
+    let Hire { watched, .. } = hire;
+
+    let log = Arc::new(EventLog::new());
+    let lines = Lines { manipulators: orders, stage, sensor };
+    let (requests, requested) = mpsc::channel(REQUESTS_WAITING);
+    let task = Task::new(settings, lines, (live, live_stage, live_sensor), &flag, Arc::clone(&log), fence_floor);
+    let (published, snapshots) = watch::channel(Arc::new(task.snapshot(0, now())));
+    tokio::spawn(task.run(requested, reported, published));
+    Cell { requests, stops: Arc::new(StopDoor::new(flag, watched)), snapshots, log }
+}
+
+fn live<R>(name: &str, settings: &Settings) -> Live<R> {
+    live_of(name, settings.poll)
+}
+
+fn live_of<R>(name: &str, poll: std::time::Duration) -> Live<R> {
+    Live::unknown(name.to_owned(), poll * 3)
+}
+
+/// Starts drivers.
+struct Hire<'a> {
+    settings: &'a Settings,
+    flag: &'a HaltFlag,
+    reports: mpsc::Sender<Report>,
+    watched: Vec<(Member, String, watch::Receiver<super::driver::Halted>)>,
+}
+
+impl Hire<'_> {
+    fn manipulator(
+        &mut self,
+        carrier: Carrier,
+        device: Box<dyn Manipulator>,
+    ) -> mpsc::Sender<Order<super::driver::Handling>> {
+        let member = Member::Manipulator(carrier);
+        let (post, halted) = Post::new(member, self.reports.clone(), self.flag, Timing::of(self.settings));
+        self.watched.push((member, device.name().to_owned(), halted));
+        let (orders, ordered) = mpsc::channel(ORDERS_WAITING);
+        tokio::spawn(ManipulatorDriver::new(carrier, device, post, ordered).run());
+        orders
+    }
+
+    fn stage(&mut self, device: Box<dyn Stage>) -> mpsc::Sender<Order<Travel>> {
+        let (post, halted) = Post::new(Member::Stage, self.reports.clone(), self.flag, Timing::of(self.settings));
+        self.watched.push((Member::Stage, device.name().to_owned(), halted));
+        let (orders, ordered) = mpsc::channel(ORDERS_WAITING);
+        tokio::spawn(StageDriver::new(device, post, ordered).run());
+        orders
+    }
+
+    fn sensor(&mut self, device: Box<dyn ProfileSensor>) -> mpsc::Sender<Order<Taking>> {
+        let timing = Timing::of_sensor(self.settings);
+        let (post, _halted) = Post::new(Member::Sensor, self.reports.clone(), self.flag, timing);
+        let (orders, ordered) = mpsc::channel(ORDERS_WAITING);
+        tokio::spawn(SensorDriver::new(device, post, ordered).run());
+        orders
+    }
+}

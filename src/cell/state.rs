@@ -1,0 +1,550 @@
+//! What the cell does, and what it may do next: requests and events go in with their time, out comes a verdict: accepted with
+//! what is to be done, already so, or refused because. Pure: no locks, no waiting, no clock. Must not know how devices are
+//! spoken to; that a path may be gone and that a device is fit for it is found out before, and comes in as `fit`.
+//!
+//! ```text
+//!            both manipulators read          start_move, home
+//!  offline ------------------------> idle ----------------------> moving ---+
+//!                                    ^ ^ \----- start_scan -----> scanning -+
+//!                                    | |                             |   |  |
+//!                                    | +---------- finished ---------+---+  | stop, lease over or given back,
+//!                                    |                                      | failed without a fault
+//!                                    +-- all seen at rest -- stopping <-----+   (from idle too: stop)
+//!                                    |
+//!                                    +-- reset with the lease, and every device read at rest -- faulted
+//!
+//!  any but offline --- a link lost, a device's fault, an outcome unknown ---> faulted (every device is told to halt)
+//! ```
+//!
+//! The good path: offline, idle, moving, idle. Words in -ing pass by themselves; `faulted` is left only by a reset.
+
+use super::lease::{Bounds, Tenancy};
+use super::{EventKind, Failure, Fault, JobEnd, Lease, LeaseRequest, Refusal, StopCause};
+use crate::motion::{Carrier, Pair};
+use tokio::time::Instant;
+
+/// How many faults are kept; what comes after them adds nothing an operator needs.
+const FAULTS_KEPT: usize = 32;
+
+/// What the cell does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum State {
+    /// A manipulator was not reached yet.
+    Offline,
+    /// Everything is at rest; a job may begin.
+    Idle,
+    /// The stage carries the sensor, profiles come.
+    Scanning,
+    /// A move, or the finding of a reference, is under way.
+    Moving,
+    /// Every device was told to stop; not all of them were seen at rest yet.
+    Stopping,
+    /// A fault is latched; nothing moves until a reset.
+    Faulted,
+}
+
+impl State {
+    /// The word used in documents.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Offline => "offline",
+            Self::Idle => "idle",
+            Self::Scanning => "scanning",
+            Self::Moving => "moving",
+            Self::Stopping => "stopping",
+            Self::Faulted => "faulted",
+        }
+    }
+}
+
+/// What a manipulator can be told by hand.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Manual {
+    /// Put the drives under control.
+    Enable,
+    /// Take the drives out of control.
+    Disable,
+    /// Find the reference of all axes. Moves.
+    Home,
+}
+
+impl Manual {
+    /// The verb used in documents.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Enable => "enable",
+            Self::Disable => "disable",
+            Self::Home => "home",
+        }
+    }
+}
+
+/// What became of a request that changes something.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Taken {
+    /// It is being done.
+    Accepted,
+    /// It was so before; nothing was sent.
+    AlreadySo,
+}
+
+/// One of the devices.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(super) enum Member {
+    /// One of the manipulators.
+    Manipulator(Carrier),
+    /// The stage.
+    Stage,
+    /// The sensor.
+    Sensor,
+}
+
+/// What moves, or is to.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Activity {
+    /// A path; by the job's id.
+    Move(String),
+    /// A scan; by the job's id.
+    Scan(String),
+    /// One manipulator finds its references.
+    Home(Carrier),
+}
+
+impl Activity {
+    /// The id of the job, where it is one.
+    pub(super) fn job(&self) -> Option<&str> {
+        match self {
+            Self::Move(job) | Self::Scan(job) => Some(job),
+            Self::Home(_) => None,
+        }
+    }
+
+    const fn state(&self) -> State {
+        match self {
+            Self::Scan(_) => State::Scanning,
+            Self::Move(_) | Self::Home(_) => State::Moving,
+        }
+    }
+
+    const fn verb(&self) -> &'static str {
+        match self {
+            Self::Move(_) => "move",
+            Self::Scan(_) => "scan",
+            Self::Home(_) => "home",
+        }
+    }
+}
+
+/// What the machine is told.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Input {
+    /// Somebody wants the lease.
+    TakeLease(LeaseRequest),
+    /// The holder lives.
+    RenewLease(String),
+    /// The holder gives it back.
+    ReleaseLease(String),
+    /// Enable or disable; `fit` says whether the manipulator can, or is so already.
+    Command { lease: String, carrier: Carrier, manual: Manual, fit: Result<Taken, Refusal> },
+    /// A job or a homing; `fit` says whether path and devices allow it.
+    Start { lease: String, activity: Activity, fit: Result<(), Refusal> },
+    /// Stop. Needs nothing.
+    Stop,
+    /// Acknowledge the faults; `fit` says whether every device answers and stands.
+    Reset { lease: String, fit: Result<(), Refusal> },
+    /// The service ends.
+    Close,
+    /// A device answers, for the first time or again.
+    Up(Member),
+    /// A device does not answer any more.
+    Lost(Member, Fault),
+    /// A device, or what was asked of it, is not as it should be.
+    Fault(Fault),
+    /// The activity has come to its end, and everything is at rest.
+    Finished,
+    /// The activity could not go on; no device is in doubt.
+    GivenUp(Failure),
+    /// After a halt, every device was seen at rest.
+    AtRest,
+    /// After a reset, every device was read at rest and without a fault.
+    Reread,
+    /// Time has passed.
+    Time,
+}
+
+/// What is to be done after an input.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Act {
+    /// Tell every device to halt.
+    Halt,
+    /// Begin the activity that was checked.
+    Begin,
+    /// Tell a manipulator.
+    Tell(Carrier, Manual),
+    /// Acknowledge the devices' own faults, and read every device.
+    Reread,
+    /// A job has ended so.
+    End(JobEnd),
+    /// Something that everybody may read.
+    Note(EventKind),
+}
+
+/// What the machine makes of an input.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Verdict {
+    /// It is taken; these are to be done, in order.
+    Accepted(Vec<Act>),
+    /// It was so before; nothing is to be done.
+    AlreadySo,
+    /// It is not taken, and nothing has changed.
+    Refused(Refusal),
+}
+
+/// What is under way, and how it will have ended where it comes to rest.
+#[derive(Debug, Clone, PartialEq)]
+struct Course {
+    activity: Option<Activity>,
+    end: JobEnd,
+}
+
+/// The machine.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Machine {
+    state: State,
+    since: Instant,
+    present: Pair<bool>,
+    course: Option<Course>,
+    tenancy: Tenancy,
+    faults: Vec<Fault>,
+    resetting: bool,
+    closing: bool,
+}
+
+impl Machine {
+    /// Offline, without a lease; every fence to come is above `fence_floor`.
+    pub(super) fn new(now: Instant, bounds: Bounds, fence_floor: u64) -> Self {
+        Self {
+            state: State::Offline,
+            since: now,
+            present: Pair::default(),
+            course: None,
+            tenancy: Tenancy::new(bounds, fence_floor),
+            faults: Vec::new(),
+            resetting: false,
+            closing: false,
+        }
+    }
+
+    pub(super) const fn state(&self) -> State {
+        self.state
+    }
+
+    pub(super) const fn since(&self) -> Instant {
+        self.since
+    }
+
+    pub(super) const fn tenancy(&self) -> &Tenancy {
+        &self.tenancy
+    }
+
+    pub(super) fn faults(&self) -> &[Fault] {
+        &self.faults
+    }
+
+    pub(super) const fn resetting(&self) -> bool {
+        self.resetting
+    }
+
+    pub(super) const fn closing(&self) -> bool {
+        self.closing
+    }
+
+    /// What is under way or coming to rest.
+    pub(super) fn activity(&self) -> Option<&Activity> {
+        self.course.as_ref()?.activity.as_ref()
+    }
+
+    /// Decides, and changes the machine where it accepts.
+    pub(super) fn put(&mut self, now: Instant, input: Input) -> Verdict {
+        match input {
+            Input::TakeLease(request) => self.take_lease(now, &request),
+            Input::RenewLease(id) => self.tenancy.renew(now, &id).map_or_else(Verdict::Refused, |_| done()),
+            Input::ReleaseLease(id) => self.release_lease(now, &id),
+            Input::Command { lease, carrier, manual, fit } => self.command(now, &lease, carrier, manual, fit),
+            Input::Start { lease, activity, fit } => self.start(now, &lease, activity, fit),
+            Input::Stop => self.halt(now, StopCause::Requested),
+            Input::Reset { lease, fit } => self.reset(now, &lease, fit),
+            Input::Close => {
+                self.closing = true;
+                self.halt(now, StopCause::Closing)
+            }
+            Input::Up(member) => self.up(now, member),
+            Input::Lost(member, fault) => self.lost(now, member, fault),
+            Input::Fault(fault) => self.fault(now, fault),
+            Input::Finished => self.finished(now),
+            Input::GivenUp(failure) => self.given_up(now, failure),
+            Input::AtRest => self.at_rest(now),
+            Input::Reread => self.reread(now),
+            Input::Time => Verdict::Accepted(self.time(now)),
+        }
+    }
+
+    fn take_lease(&mut self, now: Instant, request: &LeaseRequest) -> Verdict {
+        if self.closing {
+            return Verdict::Refused(Refusal::Closing);
+        }
+        // What the lease before has moved stops, however soon the next one comes.
+        let mut acts = self.time(now);
+        let before = self.tenancy.fence();
+        match self.tenancy.take(now, request) {
+            Ok(Lease { fence, .. }) if fence == before => Verdict::AlreadySo,
+            Ok(Lease { holder, fence, .. }) => {
+                acts.push(Act::Note(EventKind::LeaseTaken { holder, fence }));
+                Verdict::Accepted(acts)
+            }
+            Err(refusal) => Verdict::Refused(refusal),
+        }
+    }
+
+    fn release_lease(&mut self, now: Instant, id: &str) -> Verdict {
+        let held = self.tenancy.held(now).cloned();
+        match (self.tenancy.release(now, id), held) {
+            (Ok(()), Some(lease)) => Verdict::Accepted(self.lease_ended(now, lease, StopCause::LeaseReleased)),
+            (Ok(()), None) => done(),
+            (Err(refusal), _) => Verdict::Refused(refusal),
+        }
+    }
+
+    /// What the lease moved stops with it.
+    fn lease_ended(&mut self, now: Instant, lease: Lease, cause: StopCause) -> Vec<Act> {
+        let ran_out = cause == StopCause::LeaseOver;
+        let mut acts = vec![Act::Note(EventKind::LeaseEnded { holder: lease.holder, fence: lease.fence, ran_out })];
+        if matches!(self.state, State::Moving | State::Scanning) {
+            acts.extend(self.stopping(now, JobEnd::Stopped(cause), Some(cause)));
+        }
+        acts
+    }
+
+    /// What every command needs: an open cell, the lease (which this renews), no fault, and nothing under way.
+    fn admit(&mut self, now: Instant, lease: &str, verb: &'static str) -> Result<(), Refusal> {
+        self.leased(now, lease)?;
+        match self.state {
+            State::Idle => Ok(()),
+            State::Faulted => Err(Refusal::Faulted { count: self.faults.len() }),
+            State::Offline | State::Scanning | State::Moving | State::Stopping => Err(self.wrong_state(verb)),
+        }
+    }
+
+    fn leased(&self, now: Instant, lease: &str) -> Result<(), Refusal> {
+        if self.closing { Err(Refusal::Closing) } else { self.tenancy.check(now, lease) }
+    }
+
+    fn wrong_state(&self, verb: &'static str) -> Refusal {
+        let job = self.activity().and_then(Activity::job).map(str::to_owned);
+        Refusal::WrongState { state: self.state, verb, job }
+    }
+
+    fn command(
+        &mut self,
+        now: Instant,
+        lease: &str,
+        carrier: Carrier,
+        manual: Manual,
+        fit: Result<Taken, Refusal>,
+    ) -> Verdict {
+        match self.admit(now, lease, manual.name()).and(fit) {
+            Err(refusal) => Verdict::Refused(refusal),
+            Ok(taken) => {
+                self.used(now, lease);
+                match taken {
+                    Taken::AlreadySo => Verdict::AlreadySo,
+                    Taken::Accepted => Verdict::Accepted(vec![Act::Tell(carrier, manual)]),
+                }
+            }
+        }
+    }
+
+    fn start(&mut self, now: Instant, lease: &str, activity: Activity, fit: Result<(), Refusal>) -> Verdict {
+        if let Err(refusal) = self.leased(now, lease) {
+            return Verdict::Refused(refusal);
+        }
+        if self.state == State::Moving && self.activity() == Some(&activity) {
+            self.used(now, lease);
+            return Verdict::AlreadySo;
+        }
+        if let Err(refusal) = self.admit(now, lease, activity.verb()).and(fit) {
+            return Verdict::Refused(refusal);
+        }
+        self.used(now, lease);
+        let mut acts = self.enter(now, activity.state());
+        acts.extend(activity.job().map(|job| Act::Note(EventKind::JobStarted { job: job.to_owned() })));
+        acts.push(Act::Begin);
+        self.course = Some(Course { activity: Some(activity), end: JobEnd::Done });
+        Verdict::Accepted(acts)
+    }
+
+    /// Renews a lease that was checked.
+    fn used(&mut self, now: Instant, lease: &str) {
+        // It was checked at the same `now`, so it cannot be refused.
+        let _renewed = self.tenancy.renew(now, lease);
+    }
+
+    /// Halts in every state; where something can come to rest, says so.
+    fn halt(&mut self, now: Instant, cause: StopCause) -> Verdict {
+        Verdict::Accepted(match self.state {
+            State::Offline | State::Faulted => {
+                vec![Act::Halt, Act::Note(EventKind::Stopping { cause: Some(cause) })]
+            }
+            State::Idle | State::Scanning | State::Moving | State::Stopping => {
+                self.stopping(now, JobEnd::Stopped(cause), Some(cause))
+            }
+        })
+    }
+
+    /// Goes to `stopping`. Asked again on the way, it halts again and keeps the first reason.
+    fn stopping(&mut self, now: Instant, end: JobEnd, cause: Option<StopCause>) -> Vec<Act> {
+        let mut acts = vec![Act::Halt, Act::Note(EventKind::Stopping { cause })];
+        if self.state != State::Stopping {
+            let activity = self.course.take().and_then(|course| course.activity);
+            self.course = Some(Course { activity, end });
+            acts.extend(self.enter(now, State::Stopping));
+        }
+        acts
+    }
+
+    fn reset(&mut self, now: Instant, lease: &str, fit: Result<(), Refusal>) -> Verdict {
+        if let Err(refusal) = self.leased(now, lease) {
+            return Verdict::Refused(refusal);
+        }
+        if self.state != State::Faulted || self.resetting {
+            self.used(now, lease);
+            return Verdict::AlreadySo;
+        }
+        if let Err(refusal) = fit {
+            return Verdict::Refused(refusal);
+        }
+        self.used(now, lease);
+        self.resetting = true;
+        Verdict::Accepted(vec![Act::Reread])
+    }
+
+    /// All devices were read after a reset.
+    fn reread(&mut self, now: Instant) -> Verdict {
+        let there = self.present.m1 && self.present.m2;
+        if self.state != State::Faulted || !self.resetting || !there {
+            return Verdict::AlreadySo;
+        }
+        self.resetting = false;
+        self.faults.clear();
+        let mut acts = vec![Act::Note(EventKind::Reset)];
+        acts.extend(self.enter(now, State::Idle));
+        Verdict::Accepted(acts)
+    }
+
+    fn up(&mut self, now: Instant, member: Member) -> Verdict {
+        if let Member::Manipulator(carrier) = member {
+            *self.present.get_mut(carrier) = true;
+        }
+        if self.state == State::Offline && self.present.m1 && self.present.m2 {
+            return Verdict::Accepted(self.enter(now, State::Idle));
+        }
+        done()
+    }
+
+    /// A device that can move is in doubt from here on; the sensor only while it scans.
+    fn lost(&mut self, now: Instant, member: Member, fault: Fault) -> Verdict {
+        if let Member::Manipulator(carrier) = member {
+            *self.present.get_mut(carrier) = false;
+        }
+        let matters = match member {
+            Member::Manipulator(_) | Member::Stage => self.state != State::Offline,
+            Member::Sensor => self.state == State::Scanning,
+        };
+        if matters { self.fault(now, fault) } else { done() }
+    }
+
+    fn fault(&mut self, now: Instant, fault: Fault) -> Verdict {
+        self.resetting = false;
+        let known = self.faults.iter().any(|one| one.device == fault.device && one.failure == fault.failure);
+        if known && self.state == State::Faulted {
+            return Verdict::AlreadySo;
+        }
+        let mut acts = vec![Act::Halt];
+        if self.faults.len() < FAULTS_KEPT {
+            acts.push(Act::Note(EventKind::Faulted(fault.clone())));
+            self.faults.push(fault.clone());
+        }
+        if let Some(Course { activity: Some(activity), .. }) = self.course.take() {
+            acts.extend(ended(&activity, end_by(fault.failure)));
+        }
+        acts.extend(self.enter(now, State::Faulted));
+        Verdict::Accepted(acts)
+    }
+
+    fn finished(&mut self, now: Instant) -> Verdict {
+        if !matches!(self.state, State::Moving | State::Scanning) {
+            return Verdict::AlreadySo;
+        }
+        Verdict::Accepted(self.come_to_rest(now))
+    }
+
+    fn given_up(&mut self, now: Instant, failure: Failure) -> Verdict {
+        if !matches!(self.state, State::Moving | State::Scanning) {
+            return Verdict::AlreadySo;
+        }
+        Verdict::Accepted(self.stopping(now, JobEnd::Failed(failure), None))
+    }
+
+    fn at_rest(&mut self, now: Instant) -> Verdict {
+        if self.state != State::Stopping {
+            return Verdict::AlreadySo;
+        }
+        Verdict::Accepted(self.come_to_rest(now))
+    }
+
+    /// Ends what was under way, and is idle.
+    fn come_to_rest(&mut self, now: Instant) -> Vec<Act> {
+        let mut acts = Vec::new();
+        if let Some(Course { activity: Some(activity), end }) = self.course.take() {
+            acts.extend(ended(&activity, end));
+        }
+        acts.extend(self.enter(now, State::Idle));
+        acts
+    }
+
+    /// Ends a lease that has run out.
+    fn time(&mut self, now: Instant) -> Vec<Act> {
+        let over = self.tenancy.expire(now);
+        over.map_or_else(Vec::new, |lease| self.lease_ended(now, lease, StopCause::LeaseOver))
+    }
+
+    fn enter(&mut self, now: Instant, to: State) -> Vec<Act> {
+        let from = self.state;
+        if from == to {
+            return Vec::new();
+        }
+        (self.state, self.since) = (to, now);
+        vec![Act::Note(EventKind::StateChanged { from, to })]
+    }
+}
+
+/// How a fault ends what was under way.
+fn end_by(failure: Failure) -> JobEnd {
+    if failure.leaves_unknown() { JobEnd::Unknown(failure) } else { JobEnd::Failed(failure) }
+}
+
+fn ended(activity: &Activity, end: JobEnd) -> Vec<Act> {
+    match activity.job() {
+        Some(job) => {
+            let note = Act::Note(EventKind::JobEnded { job: job.to_owned(), end: end.clone() });
+            vec![note, Act::End(end)]
+        }
+        None => Vec::new(),
+    }
+}
+
+const fn done() -> Verdict {
+    Verdict::Accepted(Vec::new())
+}

@@ -1,0 +1,226 @@
+//! What every planned path keeps, seen from its set-points alone or from its course by finite differences.
+
+use super::course::Course;
+use super::progress::Progress;
+use super::*;
+
+/// What rounding adds to a distance of a metre.
+const ROUNDING_MM: f64 = 1e-9;
+
+/// A raw move that strains a little: both go alike, but for what is allowed.
+fn raw_moves() -> impl Strategy<Value = (Pair<Position>, MoveTargets)> {
+    let way = (-30.0..30.0, -30.0..30.0, -30.0..30.0, -0.4..0.4);
+    let own = (-0.05..0.05, -1.0..1.0, -1.0..1.0, -0.004..0.004);
+    // Level at the start, so that a millimetre across costs less than the strain allowed.
+    (way, own, 0..16u8).prop_map(|((x, y, z, c), (dx, dy, dz, dc), asked)| {
+        let wanted = |axis: Axis, value| (asked == 0 || asked >> (axis as u8) & 1 == 1).then_some(value);
+        let pick = |at: Position| at.map(|axis, value| wanted(axis, *value));
+        let (m1, m2) = (at(x, y, z, c), at(x + dx, y + dy, z + dz, c + dc));
+        (Pair::default(), Pair { m1: Some(pick(m1)), m2: Some(pick(m2)) })
+    })
+}
+
+fn between(a: &Pair<Position>, b: &Pair<Position>, share: impl Fn(Carrier, Axis) -> f64) -> Pair<Position> {
+    a.map(|carrier, axes| axes.map(|axis, from| from + (b.get(carrier).get(axis) - from) * share(carrier, axis)))
+}
+
+fn check_set_points(plan: &Plan, share: f64) -> Result<(), TestCaseError> {
+    let arrangement = arrangement();
+    let start = plan.path.waypoints[0];
+    prop_assert_eq!(start.at_s, 0.0);
+    for pair in plan.path.waypoints.windows(2) {
+        let time = pair[1].at_s - pair[0].at_s;
+        prop_assert!(time > 0.0);
+        for carrier in Carrier::ALL {
+            for axis in Axis::ALL {
+                let way = (pair[1].targets.get(carrier).get(axis) - pair[0].targets.get(carrier).get(axis)).abs();
+                let speed = *pair[1].speeds.get(carrier).get(axis);
+                // All arrive at the same moment, and none is too fast for it.
+                prop_assert!((speed * time - way).abs() <= 1e-12 * way);
+                prop_assert!(speed <= share * arrangement.supports.get(carrier).limits.get(axis).speed);
+            }
+        }
+    }
+    let last = plan.path.waypoints[plan.path.waypoints.len() - 1];
+    prop_assert_eq!(last.at_s, plan.duration_s);
+    prop_assert_eq!(last.targets, plan.axes.map(|_, axes| axes.map(|_, axis| axis.to)));
+    prop_assert_eq!(start.targets, plan.axes.map(|_, axes| axes.map(|_, axis| axis.from)));
+    Ok(())
+}
+
+/// Largest change of the distance of the clamps at a thousand places between the set-points, all axes going together.
+fn strain_by_sampling(plan: &Plan) -> f64 {
+    let arrangement = arrangement();
+    let waypoints = &plan.path.waypoints;
+    let origin = distance(&arrangement, &waypoints[0].targets);
+    let each = 1000 / (waypoints.len() - 1) + 2;
+    waypoints
+        .windows(2)
+        .flat_map(|pair| (0..=each).map(|i| between(&pair[0].targets, &pair[1].targets, |_, _| i as f64 / each as f64)))
+        .map(|at| (distance(&arrangement, &at) - origin).abs())
+        .fold(0.0, f64::max)
+}
+
+proptest! {
+    #[test]
+    fn an_alignment_arrives_together_within_its_speeds_and_passes_the_check(wish in wishes(), share in 0.01..1.0) {
+        let plan = planned(&wish, share);
+        check_set_points(&plan, share)?;
+        prop_assert_eq!(check_path(&arrangement(), &wish.from, &plan.path), Ok(()));
+    }
+
+    #[test]
+    fn an_alignment_keeps_the_clamps_apart_as_they_were(wish in wishes()) {
+        let plan = planned(&wish, 1.0);
+        let origin = distance(&arrangement(), &wish.from);
+        for waypoint in &plan.path.waypoints {
+            let strain = (distance(&arrangement(), &waypoint.targets) - origin).abs();
+            prop_assert!(strain < ROUNDING_MM, "{strain} mm at a set-point");
+        }
+        let sampled = strain_by_sampling(&plan);
+        prop_assert!(sampled <= arrangement().strain_max_mm + ROUNDING_MM);
+        prop_assert!(sampled <= plan.strain_mm + ROUNDING_MM, "the plan says {} mm, seen {sampled} mm", plan.strain_mm);
+    }
+
+    #[test]
+    fn an_alignment_bears_any_order_of_arrival(
+        wish in wishes(),
+        shares in proptest::collection::vec((0.0..=1.0f64, any::<[bool; 8]>()), 32),
+    ) {
+        let (arrangement, plan) = (arrangement(), planned(&wish, 1.0));
+        let origin = distance(&arrangement, &wish.from);
+        for (pair, (share, late)) in plan.path.waypoints.windows(2).zip(shares.iter().cycle()) {
+            let one = |carrier, axis| if late[carrier as usize * 4 + axis as usize] { *share } else { 1.0 - share.round() };
+            let strain = (distance(&arrangement, &between(&pair[0].targets, &pair[1].targets, one)) - origin).abs();
+            prop_assert!(strain <= arrangement.strain_max_mm + ROUNDING_MM, "{strain} mm");
+            // One manipulator has done its step, the other has not started.
+            let dead = Pair { m1: pair[1].targets.m1, m2: pair[0].targets.m2 };
+            prop_assert!((distance(&arrangement, &dead) - origin).abs() <= arrangement.strain_max_mm + ROUNDING_MM);
+            prop_assert!((dead.m1.c - dead.m2.c - (wish.from.m1.c - wish.from.m2.c)).abs() <= arrangement.twist_max + 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_raw_move_passes_the_check_or_says_why_not((from, targets) in raw_moves(), share in 0.01..1.0) {
+        let arrangement = arrangement();
+        match plan_move(&arrangement, &from, &targets, share) {
+            Ok(plan) => {
+                check_set_points(&plan, share)?;
+                prop_assert_eq!(check_path(&arrangement, &from, &plan.path), Ok(()));
+                let sampled = strain_by_sampling(&plan);
+                prop_assert!(sampled <= arrangement.strain_max_mm + ROUNDING_MM);
+                prop_assert!((sampled - plan.strain_mm).abs() < 1e-3, "plan {} mm, seen {sampled} mm", plan.strain_mm);
+                prop_assert!(plan.predicted.is_none());
+            }
+            // Both are asked for the same axes by the same ways but for these differences.
+            Err(refusal) => prop_assert!(
+                matches!(refusal, MotionRefusal::StrainTooLarge { .. } | MotionRefusal::NothingToMove),
+                "{refusal}"
+            ),
+        }
+    }
+
+    #[test]
+    fn no_axis_is_beyond_its_speed_acceleration_or_jerk(wish in wishes(), share in 0.05..1.0) {
+        let arrangement = arrangement();
+        let plan = planned(&wish, share);
+        let to = plan.axes.map(|_, axes| axes.map(|_, axis| axis.to));
+        let course = Course::rigid(&arrangement, &wish.from, &to);
+        let limits = arrangement.supports.map(|_, support| support.limits);
+        let progress = Progress::new(&course.pace(&limits, share));
+        let (n, duration) = (1000, progress.duration());
+        prop_assert!((duration - plan.duration_s).abs() < 1e-9);
+        let h = duration / f64::from(n);
+        let ways: Vec<_> = (0..=n).map(|i| course.at(progress.at(h * f64::from(i)))).collect();
+        for carrier in Carrier::ALL {
+            for axis in Axis::ALL {
+                let q = |i: usize| *ways[i].get(carrier).get(axis);
+                let limits = limits.get(carrier).get(axis);
+                // Positions of up to 100 are good to 1e-13 or so (metres of coordinates go into them).
+                let noise = 2e-12;
+                for i in 1..ways.len() - 2 {
+                    let speed = (q(i + 1) - q(i)) / h;
+                    prop_assert!(speed.abs() <= limits.speed * share + noise / h, "{axis:?}: {speed}");
+                    let acceleration = (q(i + 1) - 2.0 * q(i) + q(i - 1)) / (h * h);
+                    prop_assert!(acceleration.abs() <= limits.acceleration + 4.0 * noise / (h * h), "{acceleration}");
+                    let jerk = (q(i + 2) - 3.0 * q(i + 1) + 3.0 * q(i) - q(i - 1)) / (h * h * h);
+                    prop_assert!(jerk.abs() <= limits.jerk + 8.0 * noise / (h * h * h), "{axis:?}: {jerk}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_path_that_was_stored_is_the_same_and_passes_again(wish in wishes()) {
+        let plan = planned(&wish, 0.5);
+        let stored = serde_json::to_string(&plan).expect("finite numbers");
+        let read: Plan = serde_json::from_str(&stored).expect("our own");
+        prop_assert_eq!(check_path(&arrangement(), &wish.from, &read.path), Ok(()));
+        prop_assert_eq!(read, plan);
+    }
+}
+
+#[test]
+fn the_axis_that_needs_longest_sets_the_pace() {
+    // 20 mm at 10 mm/s, 40 mm/s², 400 mm/s³: ramps of 0.1 + 0.15 + 0.1 s over 1.75 mm each, so 0.7 s and 1.65 s of cruise.
+    let both = Some(Axes { y: Some(20.0), z: Some(5.0), ..Axes::default() });
+    let plan = plan_move(&arrangement(), &Pair::default(), &Pair { m1: both, m2: both }, 1.0).expect("allowed");
+    assert!((plan.duration_s - 2.35).abs() < 1e-6, "{} s", plan.duration_s);
+}
+
+#[test]
+fn steps_across_the_part_are_long_and_steps_along_it_short() {
+    let move_to = |wanted: Axes<Option<f64>>| {
+        let targets = Pair { m1: Some(wanted), m2: Some(wanted) };
+        plan_move(&arrangement(), &Pair::default(), &targets, 1.0).expect("allowed").path.waypoints.len() - 1
+    };
+    // Along: 0.2 mm of lead are 0.2 mm of strain. Across a metre, 20 mm of lead are √(1000² + 20²) - 1000 = 0.19998 mm.
+    assert_eq!(move_to(Axes { x: Some(10.0), ..Axes::default() }), 50);
+    assert_eq!(move_to(Axes { y: Some(20.0), ..Axes::default() }), 1);
+    assert_eq!(move_to(Axes { y: Some(40.1), ..Axes::default() }), 3);
+    // A hundredth of a radian of lead in the turns is a hundredth of twist.
+    assert_eq!(move_to(Axes { c: Some(0.5), ..Axes::default() }), 50);
+}
+
+#[test]
+fn the_rigid_way_spares_the_part_what_straight_axes_would_cost() {
+    // The part pitches by 6°: end to end the clamps keep their distance, but not half-way along straight axes.
+    let mut arrangement = arrangement();
+    arrangement.strain_max_mm = 0.01;
+    let start =
+        AxisLine { p: 0.0, q: -(3f64.to_radians().tan()), y0: 12.0, z0: -340.0 + 800.0 * 3f64.to_radians().tan() };
+    let (sin, cos) = 3f64.to_radians().sin_cos();
+    let from = Pair {
+        m1: at(500.0 - 500.0 * cos, 0.0, 500.0 * sin, 0.0),
+        m2: at(500.0 * cos - 500.0, 0.0, -500.0 * sin, 0.0),
+    };
+    let target = AxisLine { q: -start.q, z0: -340.0 - 800.0 * 3f64.to_radians().tan(), ..start };
+    let measured = PartPose { axis: start, x_ref: 800.0 };
+    let plan = plan_alignment(&arrangement, &from, &measured, &PoseTarget::axis(target), 1.0).expect("allowed");
+    assert!(plan.strain_mm <= 0.01, "{} mm", plan.strain_mm);
+    let targets = plan.axes.map(|_, axes| Some(axes.map(|_, axis| Some(axis.to))));
+    let refusal = plan_move(&arrangement, &from, &targets, 1.0).expect_err("straight axes cut the corner");
+    // 1000 mm (1 - cos 3°), the two ends being 6° apart.
+    let MotionRefusal::StrainTooLarge { strain_mm, .. } = refusal else { panic!("{refusal}") };
+    assert!((strain_mm - 1000.0 * (1.0 - cos)).abs() < 1e-9, "{strain_mm} mm");
+}
+
+#[test]
+fn only_the_manipulators_that_have_a_way_to_go_are_said_to_move() {
+    let targets = Pair { m1: None, m2: Some(Axes { y: Some(3.0), ..Axes::default() }) };
+    let plan = plan_move(&arrangement(), &Pair::default(), &targets, 1.0).expect("3 mm across strain by 0.0045 mm");
+    assert_eq!(plan.path.moves, Pair { m1: false, m2: true });
+    assert!((plan.strain_mm - (1000f64.hypot(3.0) - 1000.0)).abs() < 1e-9);
+    assert!(plan.path.waypoints.iter().all(|waypoint| waypoint.speeds.m1 == Position::default()));
+}
+
+#[test]
+fn an_axis_a_hair_beyond_its_limit_may_come_back_without_being_sent_outside() {
+    let mut from = Pair::<Position>::default();
+    (from.m1.y, from.m2.y) = (80.015, 80.0);
+    let both = Some(Axes { y: Some(60.0), ..Axes::default() });
+    let plan =
+        plan_move(&arrangement(), &from, &Pair { m1: both, m2: both }, 1.0).expect("within its tolerance of the limit");
+    assert!(plan.path.waypoints.iter().all(|waypoint| waypoint.targets.m1.y <= 80.0));
+    assert_eq!(check_path(&arrangement(), &from, &plan.path), Ok(()));
+}
