@@ -26,26 +26,6 @@ impl From<TargetsDocument> for Axes<Option<f64>> {
     }
 }
 
-/// Where all axes of a manipulator are.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
-#[schema(as = AxisPositions)]
-pub(super) struct PositionDocument {
-    /// Along the rail.
-    x_mm: f64,
-    /// Across.
-    y_mm: f64,
-    /// Up.
-    z_mm: f64,
-    /// The turn.
-    c_deg: f64,
-}
-
-impl From<&Axes<f64>> for PositionDocument {
-    fn from(position: &Axes<f64>) -> Self {
-        Self { x_mm: position.x, y_mm: position.y, z_mm: position.z, c_deg: position.c.to_degrees() }
-    }
-}
-
 /// What each axis of both manipulators would do, or does.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 #[schema(as = Travels)]

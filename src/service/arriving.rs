@@ -18,18 +18,12 @@ pub(super) struct Arriving {
     y: Vec<f32>,
     z: Vec<f32>,
     missing_count: u64,
-    profiles_count: u64,
 }
 
 impl Arriving {
     /// Without a profile yet; `limits` are those of a scan file, since it becomes one.
     pub(super) const fn new(limits: Limits) -> Self {
-        Self { limits, stripes: Vec::new(), y: Vec::new(), z: Vec::new(), missing_count: 0, profiles_count: 0 }
-    }
-
-    /// Profiles so far.
-    pub(super) const fn profiles_count(&self) -> u64 {
-        self.profiles_count
+        Self { limits, stripes: Vec::new(), y: Vec::new(), z: Vec::new(), missing_count: 0 }
     }
 
     /// Takes the next profile.
@@ -37,7 +31,6 @@ impl Arriving {
     /// # Errors
     /// [`DecodeError`] as a file of these points would be refused: too many, or too far away.
     pub(super) fn take(&mut self, profile: &Profile) -> Result<(), DecodeError> {
-        self.profiles_count += 1;
         self.missing_count = self.missing_count.saturating_add(profile.missing_count);
         // The file holds single precision; a profile's number is exact in double.
         let travel = profile.travel_mm as f32;
@@ -111,7 +104,6 @@ mod tests {
         arriving.take(&profile(0, 0.1, &[], &[1.0, 2.0])).expect("taken");
         arriving.take(&profile(1, 0.1, &[], &[3.0])).expect("taken");
         arriving.take(&profile(2, 0.2, &[0.25, 0.5], &[4.0, 5.0])).expect("taken");
-        assert_eq!(arriving.profiles_count(), 3);
         let Decoded { format, mut cloud } = arriving.finish().expect("points");
         let mut bytes = Vec::new();
         encode_cloud(&cloud, &mut bytes).expect("memory takes it");

@@ -11,7 +11,7 @@ use tokio::sync::watch;
 use tokio::time::timeout;
 
 /// How many events are kept.
-pub const EVENTS_KEPT: usize = 1024;
+pub(super) const EVENTS_KEPT: usize = 1024;
 
 /// Something that has happened.
 #[derive(Debug, Clone, PartialEq)]

@@ -304,9 +304,12 @@ impl Service {
                     Ok(Some(row)) if row.ended_at.is_none() && row.kind == kind.name() => {}
                     found => return found,
                 }
-                tokio::select! {
-                    _ = ended.changed() => {}
-                    _ = closing.wait_for(|closing| *closing) => return self.store.job(id).await,
+                let closing = tokio::select! {
+                    _ = ended.changed() => false,
+                    _ = closing.wait_for(|closing| *closing) => true,
+                };
+                if closing {
+                    return self.store.job(id).await;
                 }
             }
         };

@@ -119,7 +119,7 @@ impl Service {
             }
             side.note_motion(service.clock.now());
             let path = started.job.order.plan.path.clone();
-            match side.cell.start_move(&lease_id, started.job.id.clone(), path).await {
+            match side.cell.start_move(&lease_id, &started.job.id, path).await {
                 Ok(job) => {
                     let follower = Arc::clone(&service);
                     let recorded = started.job.clone();

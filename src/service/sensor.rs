@@ -157,7 +157,7 @@ impl Service {
         }
         let SensorOrder { x_from_mm, x_to_mm, profiles_count, speed_mm_s, .. } = order;
         let way = ScanOrder { x_from_mm, x_to_mm, profiles_count, speed_mm_s };
-        match side.cell.start_scan(&lease_id, started.job.id.clone(), way).await {
+        match side.cell.start_scan(&lease_id, &started.job.id, way).await {
             Ok((job, profiles)) => {
                 let (follower, task) = (Arc::clone(self), Task { job: started.job.clone(), accepted });
                 self.followers.add(async move { follower.follow_scan(job, profiles, task).await });

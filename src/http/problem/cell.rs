@@ -89,9 +89,9 @@ impl From<MotionRefusal> for Problem {
             R::TooFast { carrier, axis, speed, max } => {
                 on(Code::TooFast, text, carrier, axis).with("speed", speed).with("max", max)
             }
-            R::ShareOutOfRange { share } => {
-                let detail = format!("speed_ratio must be above 0 and at most 1, got {share}");
-                Self::new(Code::OptionInvalid, detail).with("field", "speed_ratio").with("value", share)
+            R::ShareOutOfRange { share, min } => {
+                let detail = format!("speed_ratio must be between {min} and 1, got {share}");
+                Self::new(Code::OptionInvalid, detail).with("field", "speed_ratio").with("value", share).with("least", min)
             }
             R::SpansMeet { gap_mm, min_mm } => {
                 Self::new(Code::SpansMeet, text).with("gap_mm", gap_mm).with("min_mm", min_mm)
