@@ -2,6 +2,7 @@
 //! (sockets, deadlines). Knows geometry, scan and motion; holds no business rules and must not know who asks.
 
 mod error;
+pub mod gocator;
 mod manipulator;
 mod sensor;
 mod stage;
