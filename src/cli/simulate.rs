@@ -1,7 +1,8 @@
-//! `coaxis simulate`: made data with their truth beside them, to try a client or a method against.
+//! `coaxis simulate`: made data with their truth beside them, to try a client or a method against; and made devices.
 
 use super::measure::format;
 use super::scene::SceneArguments;
+use super::simulate_plc::{self, PlcArguments};
 use super::{Outcome, print};
 use crate::geometry::AxisLine;
 use crate::scan::decode::Format;
@@ -18,6 +19,7 @@ use std::process::ExitCode;
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Subject {
     Scan(ScanArguments),
+    Plc(PlcArguments),
 }
 
 /// Write the scan of a made part, and its truth beside it (NAME.truth.json)
@@ -113,7 +115,13 @@ pub(super) struct ScanArguments {
 }
 
 pub(super) fn run(subject: &Subject) -> Outcome {
-    let Subject::Scan(arguments) = subject;
+    match subject {
+        Subject::Scan(arguments) => write_scan(arguments),
+        Subject::Plc(arguments) => simulate_plc::run(arguments),
+    }
+}
+
+fn write_scan(arguments: &ScanArguments) -> Outcome {
     let parts = arguments.parts()?;
     let format = arguments.format()?;
     let truth_file = write_made(&parts, format, &arguments.file)?;

@@ -296,12 +296,12 @@ pub async fn check_sensor_scan(
 ) -> Report {
     let mut report = Report::new(device.name());
     for name in ["a scan is whole", "and so is the next one"] {
-        match scan(device, stage, profiles_count, way_mm, fence).await {
-            Ok(fault) => {
-                report.note(name, fault.is_none(), fault.unwrap_or_else(|| format!("{profiles_count} profiles")))
-            }
-            Err(error) => report.note(name, false, error),
-        }
+        let (passed, words) = match scan(device, stage, profiles_count, way_mm, fence).await {
+            Ok(None) => (true, format!("{profiles_count} profiles")),
+            Ok(Some(fault)) => (false, fault),
+            Err(error) => (false, error.to_string()),
+        };
+        report.note(name, passed, words);
     }
     report
 }

@@ -13,10 +13,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_check_value_of_the_catalogue_comes_out() {
-        // CRC-16/MODBUS of the ASCII digits 1 to 9 is 0x4B37 (catalogue of parametrised CRC algorithms); nine bytes are no
-        // whole registers, so the first eight are checked against the published frame below, too.
-        // Modbus specification, example frame: 02 07 has the CRC bytes 41 12, low byte first.
+    fn the_published_frame_has_its_crc() {
+        // Modbus over serial line, V1.02, example: the frame 02 07 ends with 41 12, low byte first.
         assert_eq!(crc16([0x0207]), 0x1241);
     }
 

@@ -32,3 +32,6 @@ pub use server::{Plc, serve};
 pub use settings::{Settings, SettingsError, open, open_stage};
 pub use stage::ModbusStage;
 pub use words::{Numbers, Scales, WordOrder};
+
+#[cfg(test)]
+mod tests;

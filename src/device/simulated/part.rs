@@ -41,14 +41,13 @@ impl HeldPart {
         Self { ends: [near, far], mounts, start }
     }
 
-    /// Where it lies when the clamps are at `now`: it goes with the line of the clamps as a rigid body, by the smallest
-    /// rotation from one line to the other and with the middle of the clamps; it turns about its own axis by the mean turn.
+    /// Where it lies when the clamps are at `now`: as a rigid body with the middle of the clamps and the line through them,
+    /// about which their mean turn turns it. Held off its axis, the axis goes round that line.
     pub(super) fn at(&self, now: &Pair<Position>) -> Place {
         let ([from_1, from_2], [to_1, to_2]) = (self.clamps(&self.start), self.clamps(now));
-        let rotation = Rotation3::rotation_between(&(from_2 - from_1), &(to_2 - to_1)).unwrap_or_default();
+        let rotation = attitude(to_2 - to_1, turn(now)) * attitude(from_2 - from_1, turn(&self.start)).inverse();
         let (from, to) = ((from_1 + from_2) * 0.5, (to_1 + to_2) * 0.5);
         let [near, far] = self.ends.map(|end| to + rotation * (end - from));
-        let turn = |at: &Pair<Position>| 0.5 * (at.m1.c + at.m2.c);
         Place { near, far, roll: turn(now) - turn(&self.start) }
     }
 
@@ -56,6 +55,17 @@ impl HeldPart {
         let clamp = |mount: [f64; 3], at: Position| Vector3::from(mount) + Vector3::new(at.x, at.y, at.z);
         [clamp(self.mounts.m1, at.m1), clamp(self.mounts.m2, at.m2)]
     }
+}
+
+/// How the part stands in the rail frame: turned about the rail, then leant over by the smallest rotation that takes the
+/// rail to the line of the clamps.
+fn attitude(line: Vector3<f64>, turn: f64) -> Rotation3<f64> {
+    let lean = Rotation3::rotation_between(&Vector3::x(), &line).unwrap_or_default();
+    lean * Rotation3::from_axis_angle(&Vector3::x_axis(), turn)
+}
+
+fn turn(at: &Pair<Position>) -> f64 {
+    0.5 * (at.m1.c + at.m2.c)
 }
 
 impl Place {
@@ -92,6 +102,20 @@ mod tests {
         let tilted = held.at(&Pair { m1: Axes::default(), m2: up }).axis();
         // The line through (100, 0) and (700, 6): 6/600 a millimetre, and 3 mm in its middle.
         assert!((tilted.q - 0.01).abs() < 1e-12 && (tilted.at(400.0)[1] - 3.0).abs() < 1e-9, "{tilted:?}");
+    }
+
+    #[test]
+    fn held_off_its_axis_it_goes_round_the_line_of_the_clamps() {
+        let above =
+            PartSettings { deflection_deg: 0.0, pitch_deg: 0.0, y_c0_mm: 0.0, z_c0_mm: 10.0, ..Default::default() };
+        let held = HeldPart::put(&above, Pair { m1: [100.0, 0.0, 0.0], m2: [700.0, 0.0, 0.0] }, Pair::default());
+        let quarter = Axes { c: std::f64::consts::FRAC_PI_2, ..Axes::default() };
+        // From +Y towards +Z: what was above comes to the side of -Y.
+        let axis = held.at(&Pair { m1: quarter, m2: quarter }).axis();
+        assert!(
+            (axis.y0 + 10.0).abs() < 1e-9 && axis.z0.abs() < 1e-9 && axis.p.abs() + axis.q.abs() < 1e-12,
+            "{axis:?}"
+        );
     }
 
     #[test]

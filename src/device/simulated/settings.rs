@@ -339,8 +339,7 @@ mod tests {
         wrong.sensor.profile_pitch_mm = 0.0;
         let told = wrong.check().expect_err("no pitch").to_string();
         assert_eq!(told, "sensor.profile_pitch_mm must be between 0.01 and 1000, and is 0");
-        let mut wrong = Settings::default();
-        wrong.time_factor = f64::NAN;
+        let wrong = Settings { time_factor: f64::NAN, ..Settings::default() };
         assert!(matches!(wrong.check(), Err(SettingError::OutOfRange { name: "time_factor", .. })));
         let mut wrong = Settings::default();
         wrong.stage.lower_mm = 2000.0;
