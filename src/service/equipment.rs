@@ -6,7 +6,7 @@ use crate::config::{Cell as CellConfig, Manipulator, ManipulatorAdaptor, SensorA
 use crate::device::simulated::{SettingError, World};
 #[cfg(feature = "opcua")]
 use crate::device::opcua;
-use crate::device::{self, ProfileSensor, Stage, modbus};
+use crate::device::{self, ProfileSensor, Stage, gocator, modbus};
 use crate::motion::{Carrier, Pair};
 
 /// What a cell is made of.
@@ -42,6 +42,9 @@ pub enum EquipmentError {
         /// Why not.
         cause: opcua::SettingRefusal,
     },
+    /// The sensor.
+    #[error("cell.sensor.gocator: {0}")]
+    Gocator(#[from] gocator::SettingsError),
     /// The adaptor was left out of this program.
     #[error("cell.{key}.adaptor: this program was built without it")]
     NotBuilt {
@@ -64,7 +67,7 @@ impl Equipment {
             m1: manipulator(Carrier::M1, config, world.as_ref())?,
             m2: manipulator(Carrier::M2, config, world.as_ref())?,
         };
-        let devices = Devices { manipulators, sensor: sensor(config, world.as_ref()), stage: stage(config, world.as_ref())? };
+        let devices = Devices { manipulators, sensor: sensor(config, world.as_ref())?, stage: stage(config, world.as_ref())? };
         Ok(Some(Self { devices, config: config.clone(), world }))
     }
 }
@@ -110,10 +113,13 @@ fn stage(config: &CellConfig, world: Option<&World>) -> Result<Option<Box<dyn St
     }
 }
 
-fn sensor(config: &CellConfig, world: Option<&World>) -> Option<Box<dyn ProfileSensor>> {
+fn sensor(
+    config: &CellConfig,
+    world: Option<&World>,
+) -> Result<Option<Box<dyn ProfileSensor>>, EquipmentError> {
     match config.sensor.adaptor {
-        SensorAdaptor::Simulated => world.map(|world| Box::new(world.sensor()) as Box<dyn ProfileSensor>),
-        // Told by the configuration's check until the adaptor is there.
-        SensorAdaptor::Gocator | SensorAdaptor::None => None,
+        SensorAdaptor::Simulated => Ok(world.map(|world| Box::new(world.sensor()) as Box<dyn ProfileSensor>)),
+        SensorAdaptor::Gocator => Ok(Some(gocator::open("sensor", &config.sensor.gocator)?)),
+        SensorAdaptor::None => Ok(None),
     }
 }

@@ -1,9 +1,9 @@
 //! Which cell can be: every number within its range, every adaptor set up. What is wrong is told with its dotted key. Must not
 //! know what a value is for.
 
-use super::{Cell, Manipulator, ManipulatorAdaptor, StageAdaptor};
+use super::{Cell, Manipulator, ManipulatorAdaptor, SensorAdaptor, StageAdaptor};
 use crate::cell::SettingsError;
-use crate::device::{modbus, simulated};
+use crate::device::{gocator, modbus, simulated};
 use crate::motion::{ArrangementError, Carrier};
 
 /// Why a cell cannot be.
@@ -53,6 +53,9 @@ pub enum CellError {
         /// Why not.
         cause: crate::device::opcua::SettingRefusal,
     },
+    /// The sensor cannot be so.
+    #[error("cell.sensor.gocator: {0}")]
+    Gocator(#[from] gocator::SettingsError),
     /// This program was built without OPC UA.
     #[error("cell.{key}.adaptor = \"opcua\": this program was built without OPC UA; build it with the feature opcua")]
     OpcuaNotBuilt {
@@ -119,6 +122,9 @@ impl Cell {
         }
         if self.stage.adaptor == StageAdaptor::Modbus {
             self.stage.modbus.check().map_err(|cause| CellError::Modbus { key: "stage", cause })?;
+        }
+        if self.sensor.adaptor == SensorAdaptor::Gocator {
+            self.sensor.gocator.check()?;
         }
         Ok(())
     }

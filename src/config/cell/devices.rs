@@ -1,6 +1,7 @@
 //! Which adaptor stands behind each device, and where it finds it. Must not know how an adaptor works.
 
 use super::supports::SupportLimits;
+use crate::device::gocator;
 use crate::device::modbus;
 #[cfg(feature = "opcua")]
 use crate::device::opcua;
@@ -69,6 +70,8 @@ pub enum StageAdaptor {
 pub struct Sensor {
     /// How it is reached.
     pub adaptor: SensorAdaptor,
+    /// Where it is, behind `gocator`.
+    pub gocator: gocator::Settings,
 }
 
 /// How the sensor is reached.
@@ -111,6 +114,6 @@ impl Default for Stage {
 
 impl Default for Sensor {
     fn default() -> Self {
-        Self { adaptor: SensorAdaptor::Simulated }
+        Self { adaptor: SensorAdaptor::Simulated, gocator: gocator::Settings::default() }
     }
 }

@@ -16,10 +16,13 @@ mod nodes;
 mod opening;
 mod plausible;
 mod security;
+mod server;
 mod session;
 mod settings;
 
 pub use link::OpcuaManipulator;
+pub use security::Trouble;
+pub use server::{Plc, PlcServer, ServeError, device_path, serve};
 pub use settings::{Policy, Security, SettingRefusal, Settings, StateCodes};
 
 use super::Manipulator;

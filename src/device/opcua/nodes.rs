@@ -69,6 +69,15 @@ impl<'a> Answer<'a> {
         whole(self.good(node)?).and_then(|value| value.try_into().ok()).ok_or(Odd::Type { node, wanted })
     }
 
+    /// A count that fits 64 bits and is not negative, of whatever integer type.
+    pub(super) fn long(&self, node: Node) -> Result<u64, Odd> {
+        let wanted = Odd::Type { node, wanted: "a whole number of 64 bits" };
+        match self.good(node)? {
+            Variant::UInt64(value) => Ok(*value),
+            other => whole(other).and_then(|value| value.try_into().ok()).ok_or(wanted),
+        }
+    }
+
     /// A finite number.
     pub(super) fn number(&self, node: Node) -> Result<f64, Odd> {
         let value = number(self.good(node)?).ok_or(Odd::Type { node, wanted: "a number" })?;
