@@ -115,14 +115,20 @@ fn truth(world: &World) -> [f64; 4] {
 }
 
 fn report(plan: &Value, [(before, true_before), (after, true_after)]: [(&Value, [f64; 4]); 2]) -> String {
-    let number = |document: &Value, pointer: &str| document.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN);
+    let number =
+        |document: &Value, pointer: &str| document.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN);
     let mut text = format!(
         "\nThe made cell has scanned its part, moved it to a target by plan {} ({:.1} s, strain {:.4} mm) and scanned again:\n\
          {:<16}{:>12}{:>12}{:>12}{:>12}{:>12}",
         text(plan, "id"),
         number(plan, "/duration_s"),
         number(plan, "/strain_mm"),
-        "", "before", "truth", "target", "after", "truth"
+        "",
+        "before",
+        "truth",
+        "target",
+        "after",
+        "truth"
     );
     let rows = TARGET.iter().zip(true_before).zip(true_after);
     for (((field, wanted), true_before), true_after) in rows {

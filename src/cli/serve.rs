@@ -3,8 +3,8 @@
 use super::Outcome;
 use super::config::Sources;
 use crate::config::{Config, Log, LogFormat};
-use crate::http::{Server, Stopper};
 use crate::device::simulated::World;
+use crate::http::{Server, Stopper};
 use crate::service::{Capacity, Equipment, Service, ServiceError};
 use crate::store::StoreError;
 use std::error::Error;

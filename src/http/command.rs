@@ -72,7 +72,8 @@ pub(super) fn lease_id(said: [Option<String>; 2], headers: &HeaderMap) -> Result
         }
         Some(id) => Ok(id),
         None => {
-            let detail = "this needs the lease: POST /v1/cell/lease, then name it by the header Lease-Id or by lease_id";
+            let detail =
+                "this needs the lease: POST /v1/cell/lease, then name it by the header Lease-Id or by lease_id";
             Err(Problem::new(Code::LeaseRequired, detail))
         }
     }

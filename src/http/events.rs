@@ -215,7 +215,9 @@ fn of_cell(kind: EventKind) -> EventDocument {
             EventDocument { from: Some(from.name()), state: Some(to.name()), ..named("state_changed") }
         }
         K::LinkUp { device } => EventDocument { device: Some(device), ..named("link_up") },
-        K::LinkLost { device, cause } => EventDocument { device: Some(device), ..coded("link_lost", "link_lost", cause) },
+        K::LinkLost { device, cause } => {
+            EventDocument { device: Some(device), ..coded("link_lost", "link_lost", cause) }
+        }
         K::LeaseTaken { holder, fence } => {
             EventDocument { holder: Some(holder), fence: Some(fence), ..named("lease_taken") }
         }
@@ -232,16 +234,16 @@ fn of_cell(kind: EventKind) -> EventDocument {
             ..coded("faulted", fault.failure.code(), fault.failure.to_string())
         },
         K::Resolved { device, sequence, taken } => {
-            let text = format!("command {sequence} was {}", if taken { "taken" } else { "not taken, and never will be" });
+            let text =
+                format!("command {sequence} was {}", if taken { "taken" } else { "not taken, and never will be" });
             EventDocument { device: Some(device), text: Some(text), ..named("resolved") }
         }
         K::ManualDone { device, verb } => {
             EventDocument { device: Some(device), code: Some(verb.to_owned()), ..named("manual_done") }
         }
-        K::ManualRefused { device, verb, cause } => EventDocument {
-            device: Some(device),
-            ..coded("manual_refused", verb, cause)
-        },
+        K::ManualRefused { device, verb, cause } => {
+            EventDocument { device: Some(device), ..coded("manual_refused", verb, cause) }
+        }
         K::Reset => named("reset"),
         K::Closed => named("closed"),
     }
@@ -254,10 +256,9 @@ fn job_ended(end: &JobEnd) -> EventDocument {
     };
     match end {
         JobEnd::Done => EventDocument { state: Some("done"), ..named("job_ended") },
-        JobEnd::Stopped(cause) => EventDocument {
-            state: Some("stopped"),
-            ..coded("job_ended", stop_code(*cause), cause.text().to_owned())
-        },
+        JobEnd::Stopped(cause) => {
+            EventDocument { state: Some("stopped"), ..coded("job_ended", stop_code(*cause), cause.text().to_owned()) }
+        }
         JobEnd::Failed(failure) => ended("failed", failure),
         JobEnd::Unknown(failure) => ended("unknown", failure),
     }

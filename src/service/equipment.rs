@@ -3,9 +3,9 @@
 
 use crate::cell::Devices;
 use crate::config::{Cell as CellConfig, Manipulator, ManipulatorAdaptor, SensorAdaptor, StageAdaptor};
-use crate::device::simulated::{SettingError, World};
 #[cfg(feature = "opcua")]
 use crate::device::opcua;
+use crate::device::simulated::{SettingError, World};
 use crate::device::{self, ProfileSensor, Stage, gocator, modbus};
 use crate::motion::{Carrier, Pair};
 
@@ -67,7 +67,8 @@ impl Equipment {
             m1: manipulator(Carrier::M1, config, world.as_ref())?,
             m2: manipulator(Carrier::M2, config, world.as_ref())?,
         };
-        let devices = Devices { manipulators, sensor: sensor(config, world.as_ref())?, stage: stage(config, world.as_ref())? };
+        let devices =
+            Devices { manipulators, sensor: sensor(config, world.as_ref())?, stage: stage(config, world.as_ref())? };
         Ok(Some(Self { devices, config: config.clone(), world }))
     }
 }
@@ -91,8 +92,9 @@ fn manipulator(
     match (settings.adaptor, world) {
         (ManipulatorAdaptor::Simulated, Some(world)) => Ok(Box::new(world.manipulator(carrier))),
         (ManipulatorAdaptor::Simulated, None) => Err(EquipmentError::NotBuilt { key }),
-        (ManipulatorAdaptor::Modbus, _) => modbus::open(carrier.name(), &settings.modbus)
-            .map_err(|cause| EquipmentError::Modbus { key, cause }),
+        (ManipulatorAdaptor::Modbus, _) => {
+            modbus::open(carrier.name(), &settings.modbus).map_err(|cause| EquipmentError::Modbus { key, cause })
+        }
         #[cfg(feature = "opcua")]
         (ManipulatorAdaptor::Opcua, _) => {
             opcua::open(carrier.name(), &settings.opcua).map_err(|cause| EquipmentError::Opcua { key, cause })
@@ -113,10 +115,7 @@ fn stage(config: &CellConfig, world: Option<&World>) -> Result<Option<Box<dyn St
     }
 }
 
-fn sensor(
-    config: &CellConfig,
-    world: Option<&World>,
-) -> Result<Option<Box<dyn ProfileSensor>>, EquipmentError> {
+fn sensor(config: &CellConfig, world: Option<&World>) -> Result<Option<Box<dyn ProfileSensor>>, EquipmentError> {
     match config.sensor.adaptor {
         SensorAdaptor::Simulated => Ok(world.map(|world| Box::new(world.sensor()) as Box<dyn ProfileSensor>)),
         SensorAdaptor::Gocator => Ok(Some(gocator::open("sensor", &config.sensor.gocator)?)),

@@ -55,8 +55,7 @@ pub enum JobStanding {
 }
 
 impl JobStanding {
-    const ENDS: [Self; 6] =
-        [Self::Done, Self::Stopped, Self::Failed, Self::Unknown, Self::Interrupted, Self::Refused];
+    const ENDS: [Self; 6] = [Self::Done, Self::Stopped, Self::Failed, Self::Unknown, Self::Interrupted, Self::Refused];
 
     /// The word in documents, for jobs that are over.
     #[must_use]
@@ -324,7 +323,10 @@ impl Service {
     pub(super) async fn interrupt_jobs(&self) -> Result<(), ServiceError> {
         let interrupted = self.store.interrupt_jobs(JobStanding::Interrupted.name(), self.clock.now()).await?;
         for JobRow { id, kind, .. } in interrupted {
-            tracing::warn!(job = id, "{kind} {id} was under way when the service ended; it is interrupted, nothing is resumed");
+            tracing::warn!(
+                job = id,
+                "{kind} {id} was under way when the service ended; it is interrupted, nothing is resumed"
+            );
         }
         Ok(())
     }
@@ -343,7 +345,8 @@ fn document<T: Serialize>(order: &T, ending: Option<&Ending>) -> Result<String, 
 
 /// The job from its row.
 pub(super) fn read_back<T: DeserializeOwned>(row: &JobRow) -> Result<Recorded<T>, ServiceError> {
-    let unreadable = |source| ServiceError::RecordUnreadable { what: "job", id: row.id.clone(), source: Arc::new(source) };
+    let unreadable =
+        |source| ServiceError::RecordUnreadable { what: "job", id: row.id.clone(), source: Arc::new(source) };
     let Document { order, ending } = serde_json::from_str(&row.document).map_err(unreadable)?;
     let standing = JobStanding::of(row);
     let ending = match (standing, ending) {

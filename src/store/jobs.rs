@@ -298,7 +298,6 @@ impl FromRow<'_, SqliteRow> for JobRow {
 
 /// The request of a row that may have none.
 pub(super) fn request(row: &SqliteRow) -> Result<Option<RequestKey>, sqlx::Error> {
-    let (id, fingerprint): (Option<String>, Option<String>) =
-        (row.try_get("request_id")?, row.try_get("fingerprint")?);
+    let (id, fingerprint): (Option<String>, Option<String>) = (row.try_get("request_id")?, row.try_get("fingerprint")?);
     Ok(id.zip(fingerprint).map(|(id, fingerprint)| RequestKey { id, fingerprint }))
 }

@@ -79,7 +79,11 @@ impl Write for PlanRow {
             let earlier: Option<Self> = select.fetch_optional(&mut *database).await?;
             if let Some(earlier) = earlier {
                 let same = earlier.request.as_ref().is_some_and(|asked| asked.fingerprint == *fingerprint);
-                return Ok(if same { InsertedPlan::Replayed(Box::new(earlier)) } else { InsertedPlan::RequestMismatch });
+                return Ok(if same {
+                    InsertedPlan::Replayed(Box::new(earlier))
+                } else {
+                    InsertedPlan::RequestMismatch
+                });
             }
         }
         let (request_id, fingerprint) = self.request.as_ref().map(|r| (&r.id, &r.fingerprint)).unzip();

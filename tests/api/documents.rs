@@ -68,7 +68,9 @@ fn every_operation_is_named_summarised_and_tells_how_it_refuses() {
     for (path, method, operation) in operations(&document) {
         let id = operation["operationId"].as_str().expect("a name");
         let verb = id.split('_').next().expect("a verb");
-        let verbs = ["create", "list", "get", "put", "take", "release", "stop", "reset", "enable", "disable", "home", "execute"];
+        let verbs = [
+            "create", "list", "get", "put", "take", "release", "stop", "reset", "enable", "disable", "home", "execute",
+        ];
         assert!(verbs.contains(&verb), "{id}");
         assert!(!operation["summary"].as_str().expect("a summary").is_empty(), "{method} {path}");
         let responses = operation["responses"].as_object().expect("responses");

@@ -186,8 +186,7 @@ fn limits(key: &str, manipulator: &Manipulator, ranges: &mut Vec<Range>) {
         push("jerk_mm_s3", own.jerk_mm_s3, 1e-6, 1e8);
     }
     let turn = &limits.c;
-    let mut push =
-        |name: &str, value, least, most| ranges.push((format!("{key}.limits.c.{name}"), value, least, most));
+    let mut push = |name: &str, value, least, most| ranges.push((format!("{key}.limits.c.{name}"), value, least, most));
     push("lower_deg", turn.lower_deg, -TURNS, TURNS);
     push("upper_deg", turn.upper_deg, -TURNS, TURNS);
     push("step_deg", turn.step_deg, 1e-6, TURNS);
@@ -248,7 +247,8 @@ mod tests {
 
     #[test]
     fn what_is_said_about_one_manipulator_leaves_the_rest_as_it_is() {
-        let text = "[cell.manipulators.m2]\nadaptor = 'modbus'\nmodbus.address = '10.0.0.7:502'\nlimits.z.upper_mm = 7.5";
+        let text =
+            "[cell.manipulators.m2]\nadaptor = 'modbus'\nmodbus.address = '10.0.0.7:502'\nlimits.z.upper_mm = 7.5";
         let config = Layers::default().text("file", text).and_then(Layers::build).expect("valid");
         let (m1, m2) = (&config.cell.manipulators.m1, &config.cell.manipulators.m2);
         assert_eq!((m1.adaptor, m2.adaptor), (ManipulatorAdaptor::Simulated, ManipulatorAdaptor::Modbus));

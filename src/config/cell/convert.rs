@@ -63,10 +63,8 @@ impl Cell {
     /// What stands around the simulated devices.
     #[must_use]
     pub fn mountings(&self) -> Pair<Mounting> {
-        self.manipulators.map(|_, manipulator| Mounting {
-            mount_mm: manipulator.mount_mm,
-            limits: axes(&manipulator.limits),
-        })
+        self.manipulators
+            .map(|_, manipulator| Mounting { mount_mm: manipulator.mount_mm, limits: axes(&manipulator.limits) })
     }
 }
 

@@ -8,8 +8,8 @@ mod over;
 mod supports;
 
 pub use check::CellError;
-pub(super) use over::over_default;
 pub use devices::{Manipulator, ManipulatorAdaptor, Sensor, SensorAdaptor, Stage, StageAdaptor};
+pub(super) use over::over_default;
 pub use supports::{LinearLimits, SupportLimits, Tolerances, TurnLimits};
 
 use crate::device::simulated;

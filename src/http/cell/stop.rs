@@ -13,7 +13,8 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 /// What a stop is, and is not.
-const NOTE: &str = "operational stop (category 2): the drives hold under power. It is no emergency stop and no safety function";
+const NOTE: &str =
+    "operational stop (category 2): the drives hold under power. It is no emergency stop and no safety function";
 
 /// What a stop has brought about by the time of the answer; it goes on after it.
 #[derive(Debug, Serialize, ToSchema)]

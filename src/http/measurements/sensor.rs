@@ -162,11 +162,8 @@ pub(super) async fn measure_from_sensor(
     body: SensorOrderDocument,
     headers: &HeaderMap,
 ) -> Result<Response, Problem> {
-    let overrides = Recipe {
-        method: body.method.map(Into::into),
-        nominal_radius_mm: body.nominal_radius_mm,
-        ..Recipe::default()
-    };
+    let overrides =
+        Recipe { method: body.method.map(Into::into), nominal_radius_mm: body.nominal_radius_mm, ..Recipe::default() };
     let order = Order {
         recipe: body.recipe.map(recipe_name).transpose()?,
         overrides,

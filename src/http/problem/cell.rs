@@ -17,19 +17,24 @@ impl From<Refusal> for Problem {
         match refusal {
             R::WrongState { state, verb, job } => wrong_state(text, state, verb, job),
             R::LeaseRequired => Self::new(Code::LeaseRequired, format!("{text}: POST /v1/cell/lease")),
-            R::LeaseHeld { holder, remaining } => Self::new(Code::LeaseHeld, format!("{text}; wait for it, or ask there"))
-                .with("holder", holder)
-                .with("remaining_ms", ms(remaining))
-                .with_header(header::RETRY_AFTER, RETRY_AFTER_S),
-            R::LeaseOver => Self::new(Code::LeaseOver, format!("{text}: POST /v1/cell/lease")),
-            R::Faulted { count } => {
-                Self::new(Code::Faulted, format!("{text}: GET /v1/cell names them, POST /v1/cell/reset acknowledges them"))
-                    .with("faults_count", u64::try_from(count).unwrap_or(u64::MAX))
+            R::LeaseHeld { holder, remaining } => {
+                Self::new(Code::LeaseHeld, format!("{text}; wait for it, or ask there"))
+                    .with("holder", holder)
+                    .with("remaining_ms", ms(remaining))
+                    .with_header(header::RETRY_AFTER, RETRY_AFTER_S)
             }
-            R::DeviceStale { device, age } => Self::new(Code::DeviceUnavailable, format!("{text}; look after its link"))
-                .with("device", device)
-                .with("age_ms", ms(age))
-                .with_header(header::RETRY_AFTER, RETRY_AFTER_S),
+            R::LeaseOver => Self::new(Code::LeaseOver, format!("{text}: POST /v1/cell/lease")),
+            R::Faulted { count } => Self::new(
+                Code::Faulted,
+                format!("{text}: GET /v1/cell names them, POST /v1/cell/reset acknowledges them"),
+            )
+            .with("faults_count", u64::try_from(count).unwrap_or(u64::MAX)),
+            R::DeviceStale { device, age } => {
+                Self::new(Code::DeviceUnavailable, format!("{text}; look after its link"))
+                    .with("device", device)
+                    .with("age_ms", ms(age))
+                    .with_header(header::RETRY_AFTER, RETRY_AFTER_S)
+            }
             R::NotRemote { carrier, .. } => of(Code::NotRemote, text, carrier),
             R::SafetyOpen { carrier } => of(Code::SafetyOpen, text, carrier),
             R::NotEnabled { carrier, .. } => {
@@ -49,8 +54,9 @@ impl From<Refusal> for Problem {
                 .with("value", given)
                 .with("least", least)
                 .with("most", most),
-            R::Moves { device } => Self::new(Code::DeviceMoves, format!("{text}, and nobody here has told it to"))
-                .with("device", device),
+            R::Moves { device } => {
+                Self::new(Code::DeviceMoves, format!("{text}, and nobody here has told it to")).with("device", device)
+            }
             R::DeviceFault { device, code } => {
                 Self::new(Code::DeviceFault, text).with("device", device).with("device_code", code)
             }
@@ -76,9 +82,10 @@ impl From<MotionRefusal> for Problem {
         use MotionRefusal as R;
         let text = refusal.to_string();
         match refusal {
-            R::OutOfLimits { carrier, axis, value, lower, upper } => {
-                on(Code::OutOfLimits, text, carrier, axis).with("value", value).with("lower", lower).with("upper", upper)
-            }
+            R::OutOfLimits { carrier, axis, value, lower, upper } => on(Code::OutOfLimits, text, carrier, axis)
+                .with("value", value)
+                .with("lower", lower)
+                .with("upper", upper),
             R::StandsOutside { carrier, axis, actual, lower, upper } => on(Code::StandsOutside, text, carrier, axis)
                 .with("actual", actual)
                 .with("lower", lower)
@@ -91,7 +98,10 @@ impl From<MotionRefusal> for Problem {
             }
             R::ShareOutOfRange { share, min } => {
                 let detail = format!("speed_ratio must be between {min} and 1, got {share}");
-                Self::new(Code::OptionInvalid, detail).with("field", "speed_ratio").with("value", share).with("least", min)
+                Self::new(Code::OptionInvalid, detail)
+                    .with("field", "speed_ratio")
+                    .with("value", share)
+                    .with("least", min)
             }
             R::SpansMeet { gap_mm, min_mm } => {
                 Self::new(Code::SpansMeet, text).with("gap_mm", gap_mm).with("min_mm", min_mm)

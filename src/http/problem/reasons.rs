@@ -60,9 +60,10 @@ impl From<ServiceError> for Problem {
             E::RecordUnreadable { ref source, .. } | E::RecordUnwritable { ref source, .. } => {
                 Self::internal(format!("{text}: {source}"))
             }
-            E::CellAbsent => {
-                Self::new(Code::CellAbsent, format!("{text}; give it one with cell.enabled = true in its configuration"))
-            }
+            E::CellAbsent => Self::new(
+                Code::CellAbsent,
+                format!("{text}; give it one with cell.enabled = true in its configuration"),
+            ),
             E::Cell(cause) => cause.into(),
             E::Motion(cause) => cause.into(),
             E::Stale(cause) => cause.into(),

@@ -69,7 +69,8 @@ async fn a_migration_that_fails_leaves_the_database_as_it_was() {
         MIGRATIONS[1],
         Migration { version: 3, sql: "CREATE TABLE extra (id TEXT); INSERT INTO missing (id) VALUES (1)" },
     ];
-    const MENDED: &[Migration] = &[MIGRATIONS[0], MIGRATIONS[1], Migration { version: 3, sql: "CREATE TABLE extra (id TEXT)" }];
+    const MENDED: &[Migration] =
+        &[MIGRATIONS[0], MIGRATIONS[1], Migration { version: 3, sql: "CREATE TABLE extra (id TEXT)" }];
     let folder = TempFolder::new();
     let store = folder.open().await;
     store.insert_measurement(new_measurement("m-1", 1)).await.unwrap();

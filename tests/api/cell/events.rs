@@ -12,7 +12,10 @@ fn stream(line: &Line, resume: Option<u64>, last: &str) -> Vec<Value> {
     let mut events = Vec::new();
     let mut lines = BufReader::new(stream).lines().map(|line| line.expect("text"));
     let head: Vec<String> = lines.by_ref().take_while(|line| !line.is_empty()).collect();
-    assert!(head.iter().any(|line| line.eq_ignore_ascii_case("content-type: text/event-stream; charset=utf-8")), "{head:?}");
+    assert!(
+        head.iter().any(|line| line.eq_ignore_ascii_case("content-type: text/event-stream; charset=utf-8")),
+        "{head:?}"
+    );
     for line in lines {
         if let Some(data) = line.strip_prefix("data: ") {
             events.push(serde_json::from_str::<Value>(data).expect("JSON"));
@@ -41,7 +44,8 @@ fn polling_tells_what_happened_in_order_and_goes_on_behind_a_number() {
     let events = polled(&line, 0);
     let numbers: Vec<_> = events.iter().map(|event| event["number"].as_u64().expect("a number")).collect();
     assert_eq!(numbers, (1..=numbers.len() as u64).collect::<Vec<_>>());
-    let position = |name: &str| events.iter().position(|event| event["event"] == name).unwrap_or_else(|| panic!("{name}"));
+    let position =
+        |name: &str| events.iter().position(|event| event["event"] == name).unwrap_or_else(|| panic!("{name}"));
     let order = ["link_up", "lease_taken", "manual_done", "job_started", "job_progress", "job_ended"].map(position);
     assert!(order.is_sorted(), "{order:?}");
     assert_eq!(events[order[5]]["state"], "done");

@@ -58,7 +58,9 @@ fn fences_go_on_growing_after_a_restart() {
             let fence = taken["fence"].as_u64().expect("a number");
             assert!(fence > last, "{fence} after {last}");
             last = fence;
-            service.delete(&format!("/v1/cell/lease?lease_id={}", taken["lease_id"].as_str().expect("an id"))).expect(200);
+            service
+                .delete(&format!("/v1/cell/lease?lease_id={}", taken["lease_id"].as_str().expect("an id")))
+                .expect(200);
         }
         service.stop();
     }

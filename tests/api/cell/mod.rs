@@ -95,7 +95,11 @@ impl Line {
         let begun = self.post("/v1/measurements", &json!({"source": "sensor"})).expect(201);
         assert_eq!((begun["state"].as_str(), &begun["verdict"]), (Some("scanning"), &Value::Null));
         let measured = self.service.get(&format!("/v1/measurements/{}?wait_s=50", id(&begun))).expect(200);
-        assert_eq!((measured["state"].as_str(), measured["verdict"].as_str()), (Some("done"), Some("accepted")), "{measured}");
+        assert_eq!(
+            (measured["state"].as_str(), measured["verdict"].as_str()),
+            (Some("done"), Some("accepted")),
+            "{measured}"
+        );
         measured
     }
 

@@ -52,10 +52,16 @@ fn a_target_that_cannot_be_is_refused_with_its_numbers_before_anything_is_sent()
     let refused = |body, code| line.post("/v1/moves", &body).problem(422, code);
     let both = |x: f64, y: f64, z: f64| json!({"m1": {"x_mm": x, "y_mm": y, "z_mm": z}, "m2": {"x_mm": x, "y_mm": y, "z_mm": z}});
     let out = refused(both(0.0, 30.0, 0.0), "out_of_limits");
-    assert_eq!((&out["axis"], &out["value"], &out["upper"], &out["unit"]), (&json!("y"), &json!(30.0), &json!(25.0), &json!("mm")));
+    assert_eq!(
+        (&out["axis"], &out["value"], &out["upper"], &out["unit"]),
+        (&json!("y"), &json!(30.0), &json!(25.0), &json!("mm"))
+    );
     assert_eq!(refused(both(0.0, 0.0, 6.0), "step_too_large")["max"], 5.0);
     assert!(refused(json!({"m1": {"x_mm": 3.0}}), "strain_too_large")["strain_mm"].as_f64().is_some_and(|mm| mm > 2.9));
-    assert_eq!(refused(json!({"m1": {"c_deg": 2.0}}), "twist_too_large")["max_deg"].as_f64().map(f64::round), Some(1.0));
+    assert_eq!(
+        refused(json!({"m1": {"c_deg": 2.0}}), "twist_too_large")["max_deg"].as_f64().map(f64::round),
+        Some(1.0)
+    );
     refused(json!({}), "nothing_to_move");
     assert_eq!(refused(json!({"m1": {"y_mm": 1.0}, "speed_ratio": 1.5}), "option_invalid")["field"], "speed_ratio");
     refused(json!({"m1": {"y": 1.0}}), "json_invalid");
@@ -74,7 +80,8 @@ fn what_does_not_exist_is_not_found() {
     line.act("/v1/plans/p-1/execute").problem(404, "plan_unknown");
     line.service.get("/v1/manipulators/m3").problem(404, "manipulator_unknown");
     line.act("/v1/manipulators/m3/enable").problem(404, "manipulator_unknown");
-    let order = json!({"measurement_id": "m-1", "target": {"deflection_deg": 0, "pitch_deg": 0, "y_c0_mm": 0, "z_c0_mm": 0}});
+    let order =
+        json!({"measurement_id": "m-1", "target": {"deflection_deg": 0, "pitch_deg": 0, "y_c0_mm": 0, "z_c0_mm": 0}});
     line.service.post_json("/v1/plans", &order).problem(404, "measurement_unknown");
     line.service.get("/v1/moves/v-1?wait_s=61").problem(400, "query_invalid");
     line.service.get("/v1/measurements/m-1?wait_s=61").problem(400, "query_invalid");

@@ -15,7 +15,8 @@ fn a_repeated_move_is_one_move() {
     let other = json!({"m1": {"y_mm": 3.0}, "m2": {"y_mm": 3.0}, "request_id": "part-1"});
     line.post("/v1/moves", &other).problem(422, "request_id_reused");
     assert_eq!(line.service.get("/v1/moves").expect(200)["moves"].as_array().map(Vec::len), Some(1));
-    line.post("/v1/measurements", &json!({"source": "sensor", "request_id": "part-1"})).problem(422, "request_id_reused");
+    line.post("/v1/measurements", &json!({"source": "sensor", "request_id": "part-1"}))
+        .problem(422, "request_id_reused");
     let csv = crate::bodies::exact_csv();
     line.service.post("/v1/measurements?format=csv&request_id=part-1", &csv).problem(422, "request_id_reused");
 }
@@ -55,7 +56,10 @@ fn a_plan_is_executed_once_however_often_it_is_asked_for() {
     let first = line.act(&execute).expect(201);
     for _ in 0..2 {
         let again = line.act(&execute);
-        assert_eq!((again.expect(200)["id"].clone(), again.header("idempotency-replayed")), (first["id"].clone(), "true"));
+        assert_eq!(
+            (again.expect(200)["id"].clone(), again.header("idempotency-replayed")),
+            (first["id"].clone(), "true")
+        );
     }
     assert_eq!(line.wait_for(&first)["state"], "done");
     assert_eq!(line.act(&execute).expect(200)["id"], first["id"], "also when it is over");

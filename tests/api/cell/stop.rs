@@ -48,7 +48,8 @@ fn a_stop_ends_a_scan_and_the_measurement_says_so() {
 #[test]
 fn a_client_that_hangs_up_changes_nothing_about_its_move() {
     let line = Line::ready(FAST);
-    let body = json!({"m1": {"y_mm": 3.0}, "m2": {"y_mm": 3.0}, "lease_id": line.lease, "request_id": "gone"}).to_string();
+    let body =
+        json!({"m1": {"y_mm": 3.0}, "m2": {"y_mm": 3.0}, "lease_id": line.lease, "request_id": "gone"}).to_string();
     let mut stream = line.service.connect();
     let head = format!(
         "POST /v1/moves HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\nContent-Length: {}\r\n\r\n",

@@ -22,7 +22,8 @@ fn allowed(measured: &Value, plan: &Value) -> [f64; 4] {
     let way = |carrier: &str, axis: &str| number(plan, &format!("/axes/{carrier}/{axis}/travel_mm")).abs();
     let ways = ["m1", "m2"].map(|carrier| way(carrier, "x") + way(carrier, "y") + way(carrier, "z"));
     let error = 0.05 + 0.02 * ways[0].max(ways[1]);
-    let by_devices = [(2.0 * error / 500.0_f64).to_degrees(), (2.0 * error / 500.0_f64).to_degrees(), 1.6 * error, 1.6 * error];
+    let by_devices =
+        [(2.0 * error / 500.0_f64).to_degrees(), (2.0 * error / 500.0_f64).to_degrees(), 1.6 * error, 1.6 * error];
     let mut known = FIELDS.map(|field| number(measured, &format!("/uncertainty/{field}")));
     for (known, by_devices) in known.iter_mut().zip(by_devices) {
         *known += by_devices;
@@ -36,7 +37,8 @@ fn assert_true(line: &Line, measured: &Value) {
     // The stage is straight within 0.005 mm; over a scan of 400 mm that is 0.0015° and, at x = 0, some 0.015 mm.
     let stage = [0.0015, 0.0015, 0.02, 0.02];
     for ((field, truth), stage) in FIELDS.iter().zip(truth).zip(stage) {
-        let (value, known) = (number(measured, &format!("/pose/{field}")), number(measured, &format!("/uncertainty/{field}")));
+        let (value, known) =
+            (number(measured, &format!("/pose/{field}")), number(measured, &format!("/uncertainty/{field}")));
         assert!((value - truth).abs() <= 2.0 * known + stage, "{field}: {value} is not {truth}, ±{known}");
     }
 }
@@ -54,7 +56,10 @@ fn a_measured_part_is_planned_moved_and_found_where_it_was_wanted() {
         let begun = line.act(&format!("/v1/plans/{}/execute", id(&plan))).expect(201);
         assert_eq!((&begun["state"], &begun["plan_id"]), (&json!("moving"), &plan["id"]));
         let ended = line.wait_for(&begun);
-        assert_eq!((&ended["state"], &ended["progress"], &ended["ending"]), (&json!("done"), &json!(1.0), &Value::Null));
+        assert_eq!(
+            (&ended["state"], &ended["progress"], &ended["ending"]),
+            (&json!("done"), &json!(1.0), &Value::Null)
+        );
         measured = line.measure();
         assert_true(&line, &measured);
         for ((field, off), allowed) in FIELDS.iter().zip(off(&measured, &target())).zip(allowed(&measured, &plan)) {
@@ -89,7 +94,8 @@ fn the_kept_scan_measured_again_gives_the_same_pose_to_the_last_bit() {
 fn a_home_is_done_and_told() {
     let line = Line::ready(FAST);
     assert_eq!(line.act("/v1/manipulators/m1/home").expect(200)["result"], "accepted");
-    let cell = super::until(&line.service, "/v1/cell", |cell| cell["state"] == "idle" && cell["commands_allowed"] == true);
+    let cell =
+        super::until(&line.service, "/v1/cell", |cell| cell["state"] == "idle" && cell["commands_allowed"] == true);
     assert_eq!(cell["faults"], json!([]));
     assert_eq!(line.act("/v1/manipulators/m2/enable").expect(200)["result"], "already_so");
     let one = line.service.get("/v1/manipulators/m1").expect(200);
