@@ -14,6 +14,7 @@ mod driver;
 mod events;
 mod failure;
 mod homing;
+mod input;
 mod job;
 mod lease;
 mod obstacles;
@@ -31,12 +32,13 @@ mod work;
 
 pub use events::{EVENTS_KEPT, Event, EventKind, Events};
 pub use failure::{Failure, Fault, StopCause};
+pub use input::{Manual, Taken};
 pub use job::{Job, JobEnd, JobState};
 pub use lease::{Lease, LeaseRequest, LeaseView};
 pub use refusal::Refusal;
 pub use settings::{Devices, ScanOrder, Settings, SettingsError};
 pub use snapshot::{JobView, Link, Live, Quality, Snapshot};
-pub use state::{Manual, State, Taken};
+pub use state::State;
 pub use stop::{DeviceStop, StopReport};
 
 use crate::device::Profile;

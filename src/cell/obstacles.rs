@@ -1,8 +1,8 @@
 //! What keeps a manipulator, or the stage, from being moved: found in what was read last. Pure. Must not know leases or states.
 
 use super::driver::moves;
+use super::input::{Manual, Taken};
 use super::snapshot::Live;
-use super::state::{Manual, Taken};
 use super::{Refusal, ScanOrder};
 use crate::device::{AxisState, CommandResult, Mode, Reading, SensorReading, StageReading};
 use crate::motion::{Carrier, Pair, Position};

@@ -43,7 +43,7 @@ pub(super) struct Run {
 #[derive(Debug, Clone, PartialEq)]
 enum Phase {
     /// Readings that were asked for since are waited for.
-    Look { since: Instant, readings: Pair<Option<Reading>> },
+    Look { since: Instant, readings: Box<Pair<Option<Reading>>> },
     /// Set-points are out.
     Go { sent_at: Instant, legs: Pair<Leg> },
 }
@@ -100,7 +100,7 @@ impl Run {
                 if asked_at >= *since {
                     *readings.get_mut(carrier) = Some(reading.clone());
                 }
-                match readings {
+                match readings.as_ref() {
                     Pair { m1: Some(m1), m2: Some(m2) } => {
                         let readings = Pair { m1: m1.clone(), m2: m2.clone() };
                         self.send(now, &readings)
@@ -233,15 +233,14 @@ impl Run {
 }
 
 fn looking(since: Instant) -> Phase {
-    Phase::Look { since, readings: Pair { m1: None, m2: None } }
+    Phase::Look { since, readings: Box::new(Pair { m1: None, m2: None }) }
 }
 
 /// The first axis that is not where it should be, with where it is and should be; mm or degrees.
 fn away(actual: &Position, planned: &Position, tolerance: &Axes<f64>) -> Option<(Axis, f64, f64)> {
     let far = |axis: &Axis| {
         let distance = (actual.get(*axis) - planned.get(*axis)).abs();
-        // Not a number is far, too.
-        !(distance <= *tolerance.get(*axis))
+        distance.is_nan() || distance > *tolerance.get(*axis)
     };
     let axis = Axis::ALL.into_iter().find(far)?;
     Some((axis, axis.outside(*actual.get(axis)), axis.outside(*planned.get(axis))))

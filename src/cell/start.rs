@@ -4,8 +4,8 @@ use super::driver::{
     HaltFlag, ManipulatorDriver, Order, Post, Report, SensorDriver, StageDriver, Taking, Timing, Travel,
 };
 use super::events::EventLog;
+use super::input::Member;
 use super::snapshot::Live;
-use super::state::Member;
 use super::stop::StopDoor;
 use super::task::{Lines, Task};
 use super::{Cell, Devices, Settings, now};

@@ -2,8 +2,8 @@
 //! of it. Must not know leases, states or jobs.
 
 use super::driver::{HaltFlag, Halted};
+use super::input::Member;
 use super::now;
-use super::state::Member;
 use crate::motion::{Axis, Carrier};
 use std::sync::Arc;
 use std::time::Duration;

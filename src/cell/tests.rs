@@ -1,1 +1,10 @@
-//! Tests of the cell.
+//! Tests of the whole cell on the made devices, on paused time, with fixed seeds. The pure machine has its own, in `machine`.
+
+mod bench;
+mod campaign;
+mod leases;
+mod links;
+mod machine;
+mod moves;
+mod scans;
+mod stops;

@@ -14,9 +14,9 @@ use tokio::time::Instant;
 /// One of the things that can be under way.
 #[derive(Debug)]
 pub(super) enum Work {
-    Run(Run),
+    Run(Box<Run>),
     Home(Homing),
-    Scan(Scanning, Option<Taking>),
+    Scan(Box<Scanning>, Option<Taking>),
 }
 
 /// The next step of whichever it is.

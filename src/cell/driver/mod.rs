@@ -14,7 +14,7 @@ pub(super) use manipulator::{ManipulatorDriver, moves};
 pub(super) use sensor::SensorDriver;
 pub(super) use stage::StageDriver;
 
-use super::state::Member;
+use super::input::Member;
 use super::{Failure, Settings};
 use crate::device::{Action, DeviceError, Profile, Reading, SensorReading, StageReading};
 use std::time::Duration;

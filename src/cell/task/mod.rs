@@ -10,10 +10,11 @@ mod requests;
 
 use super::driver::{HaltFlag, Halts, Handling, Order, Report, Taking, Travel};
 use super::events::EventLog;
+use super::input::{Act, Input, Member, Verdict};
 use super::lease::Bounds;
 use super::request::Request;
 use super::snapshot::{Live, Snapshot};
-use super::state::{Act, Input, Machine, Member, State, Verdict};
+use super::state::{Machine, State};
 use super::work::{Course, Purpose};
 use super::{EventKind, Fault, Refusal, Settings, Taken, now};
 use crate::device::{Reading, SensorReading, StageReading};

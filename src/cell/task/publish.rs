@@ -1,8 +1,9 @@
 //! Shows the cell as it is. Decides nothing.
 
 use super::Task;
+use crate::cell::input::Activity;
 use crate::cell::snapshot::Snapshot;
-use crate::cell::state::{Activity, State};
+use crate::cell::state::State;
 use crate::cell::work::Course;
 use crate::cell::{Refusal, obstacles};
 use tokio::time::Instant;

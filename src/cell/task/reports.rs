@@ -2,9 +2,10 @@
 
 use super::Task;
 use crate::cell::driver::{News, Outcome, Report, Seen};
+use crate::cell::input::{Input, Member};
 use crate::cell::obstacles::fault_of;
 use crate::cell::snapshot::{Link, Live};
-use crate::cell::state::{Input, Member, State};
+use crate::cell::state::State;
 use crate::cell::work::{Next, Purpose};
 use crate::cell::{EventKind, Failure, Fault, now};
 use crate::device::{DeviceError, Reading};
@@ -46,7 +47,7 @@ impl Task {
     fn read(&mut self, member: Member, asked_at: Instant, seen: Seen) {
         match (member, seen) {
             (Member::Manipulator(carrier), Seen::Manipulator(reading)) => {
-                self.read_manipulator(carrier, asked_at, reading);
+                self.read_manipulator(carrier, asked_at, &reading);
             }
             (_, Seen::Stage(reading)) => {
                 keep(self.live_stage.as_mut(), asked_at, reading);
@@ -62,8 +63,8 @@ impl Task {
         }
     }
 
-    fn read_manipulator(&mut self, carrier: Carrier, asked_at: Instant, reading: Reading) {
-        let fault = fault_of(&reading);
+    fn read_manipulator(&mut self, carrier: Carrier, asked_at: Instant, reading: &Reading) {
+        let fault = fault_of(reading);
         keep(Some(self.live.get_mut(carrier)), asked_at, reading.clone());
         self.reread_of(carrier, asked_at);
         if let Some(code) = fault
@@ -72,7 +73,7 @@ impl Task {
             self.device_fault(Member::Manipulator(carrier), code);
         }
         if self.works()
-            && let Some(next) = self.course.as_mut().map(|course| course.read(now(), carrier, asked_at, &reading))
+            && let Some(next) = self.course.as_mut().map(|course| course.read(now(), carrier, asked_at, reading))
         {
             let device = self.name_of(Member::Manipulator(carrier));
             self.follow(next, &device);

@@ -3,11 +3,11 @@
 use super::Task;
 use crate::cell::driver::Taking;
 use crate::cell::homing::Homing;
+use crate::cell::input::{Activity, Input, Manual, Taken};
 use crate::cell::obstacles;
 use crate::cell::request::{Reply, Request, ScanBegun, answer};
 use crate::cell::run::Run;
 use crate::cell::scanning::Scanning;
-use crate::cell::state::{Activity, Input, Manual, Taken};
 use crate::cell::work::{Course, Work};
 use crate::cell::{Job, Lease, LeaseRequest, Refusal, ScanOrder, now};
 use crate::motion::{Carrier, Path, check_path};
@@ -73,7 +73,7 @@ impl Task {
         }
         let fit = self.fit_to_move(job, &path);
         let names = self.live.map(|_, one| one.name.clone());
-        let (course, told) = Course::job(Work::Run(Run::new(path, names, &self.settings, now())), job);
+        let (course, told) = Course::job(Work::Run(Box::new(Run::new(path, names, &self.settings, now()))), job);
         self.prepared = Some(course);
         self.put(Input::Start { lease, activity: Activity::Move(job.to_owned()), fit })?;
         self.remember(job);
@@ -127,7 +127,7 @@ impl Task {
         let taking = Taking { profiles_count: order.profiles_count, sink, patience };
         let names = (self.stage_name(), self.sensor_name());
         let scanning = Scanning::new(order, names, from, &self.settings, now());
-        let (course, told) = Course::job(Work::Scan(scanning, Some(taking)), job);
+        let (course, told) = Course::job(Work::Scan(Box::new(scanning), Some(taking)), job);
         self.prepared = Some(course);
         Ok((told, profiles))
     }

@@ -1,0 +1,144 @@
+//! Stops: in every state, without a lease, past everything.
+
+use super::bench::{Bench, LEASE, made};
+use crate::cell::{JobEnd, LeaseRequest, Refusal, State, StopCause, now};
+use crate::device::Action;
+use crate::device::simulated::{Device, Fault};
+use crate::motion::Carrier;
+use std::time::Duration;
+use tokio::time::sleep;
+
+fn halts(bench: &Bench, carrier: Carrier) -> Vec<tokio::time::Instant> {
+    bench.sent(carrier, |command| command.action == Action::Halt)
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_in_a_move_is_sent_to_all_within_50_ms_and_ends_the_job_when_all_stand() {
+    let bench = Bench::ready(&made()).await;
+    let job = bench.begin("job-1", 20.0).await;
+    sleep(Duration::from_millis(700)).await;
+    let asked_at = now();
+    let report = bench.cell.stop().await;
+    assert!(now() - asked_at <= Duration::from_millis(50), "the answer took {:?}", now() - asked_at);
+    assert!(report.sent_within <= Duration::from_millis(50), "{report:?}");
+    assert!(report.devices.len() == 3 && report.devices.iter().all(|device| device.sent), "{report:?}");
+    assert_eq!(bench.cell.snapshot().state, State::Stopping);
+    assert_eq!(job.ended().await, JobEnd::Stopped(StopCause::Requested));
+    bench.until(|now| now.state == State::Idle).await;
+    // From 10 mm/s at 100 mm/s² it takes 0.1 s; latency and one reading come on top.
+    assert!(now() - asked_at <= Duration::from_millis(200), "at rest after {:?}", now() - asked_at);
+    assert_eq!(bench.last_motion(Duration::from_secs(2)).await, None);
+    let y = bench.positions().m1.y;
+    assert!(y > 1.0 && y < 19.0, "mm, on the way: {y}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn axes_that_still_move_are_named() {
+    let bench = Bench::ready(&made()).await;
+    bench.begin("job-1", 20.0).await;
+    sleep(Duration::from_millis(700)).await;
+    let report = bench.cell.stop().await;
+    assert!(report.unconfirmed.contains(&(Carrier::M1, crate::motion::Axis::Y)), "{report:?}");
+    bench.until(|now| now.state == State::Idle).await;
+    let report = bench.cell.stop().await;
+    assert!(report.unconfirmed.is_empty() && report.devices.iter().all(|device| device.confirmed), "{report:?}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn stop_is_taken_in_every_state_without_a_lease_and_again() {
+    let bench = Bench::start(&made());
+    assert_eq!(bench.cell.snapshot().state, State::Offline);
+    bench.cell.stop().await;
+    bench.until(|now| now.state == State::Idle).await;
+    bench.until(|_| halts(&bench, Carrier::M1).len() == 1).await;
+    for round in 2..5 {
+        bench.cell.stop().await;
+        bench.until(|now| now.state == State::Idle).await;
+        assert_eq!(halts(&bench, Carrier::M2).len(), round);
+    }
+    bench.world.faults().hold(Device::Manipulator(Carrier::M1), Fault::HalfOpen);
+    bench.until(|now| now.state == State::Faulted).await;
+    let before = halts(&bench, Carrier::M2).len();
+    let report = bench.cell.stop().await;
+    assert_eq!(halts(&bench, Carrier::M2).len(), before + 1);
+    let confirmed: Vec<_> = report.devices.iter().map(|device| device.confirmed).collect();
+    assert_eq!(confirmed, [false, true, true], "m1 does not answer: {report:?}");
+    assert_eq!(report.unconfirmed.len(), 4, "all axes of m1: {report:?}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_does_not_wait_behind_a_device_that_is_slow_to_answer() {
+    let bench = Bench::ready(&made()).await;
+    bench.begin("job-1", 20.0).await;
+    sleep(Duration::from_millis(500)).await;
+    // m1's next answer comes 120 ms late: its call is dropped after the grace, and the halt goes out on a new connection.
+    bench.world.faults().next(Device::Manipulator(Carrier::M1), Fault::Late { by: Duration::from_millis(120) });
+    sleep(Duration::from_millis(30)).await;
+    let asked_at = now();
+    bench.cell.stop().await;
+    assert!(now() - asked_at <= Duration::from_millis(50), "the answer took {:?}", now() - asked_at);
+    sleep(Duration::from_millis(200)).await;
+    let sent = |carrier| *halts(&bench, carrier).last().expect("a halt") - asked_at;
+    assert!(sent(Carrier::M2) <= Duration::from_millis(20), "m2 after {:?}", sent(Carrier::M2));
+    assert!(sent(Carrier::M1) <= Duration::from_millis(60), "m1 after {:?}", sent(Carrier::M1));
+    bench.until(|now| now.state == State::Idle).await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_overtakes_requests_and_orders_that_came_before_it() {
+    let bench = Bench::ready(&made()).await;
+    let path = bench.path_to_y(20.0);
+    // Both at once; the stop has its own way in.
+    let (started, _) = tokio::join!(bench.cell.start_move(LEASE, "job-1", path), bench.cell.stop());
+    if let Ok(job) = started {
+        assert_eq!(job.ended().await, JobEnd::Stopped(StopCause::Requested));
+    }
+    bench.until(|now| now.state == State::Idle).await;
+    assert_eq!(bench.last_motion(Duration::from_secs(3)).await, None);
+    assert!(bench.sent(Carrier::M1, |command| matches!(command.action, Action::MoveTo { .. })).is_empty());
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_hundred_stops_at_once_do_not_wear_the_cell_down() {
+    let bench = Bench::ready(&made()).await;
+    bench.begin("job-1", 20.0).await;
+    for _ in 0..100 {
+        let report = bench.cell.stop().await;
+        assert!(report.sent_within <= Duration::from_millis(50), "{report:?}");
+    }
+    bench.until(|now| now.state == State::Idle).await;
+    bench.begin("job-2", 0.5).await.ended().await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn closing_stops_first_and_then_lets_go() {
+    let bench = Bench::ready(&made()).await;
+    let job = bench.begin("job-1", 20.0).await;
+    sleep(Duration::from_millis(700)).await;
+    bench.cell.close().await;
+    assert_eq!(job.state(), crate::cell::JobState::Ended(JobEnd::Stopped(StopCause::Closing)));
+    assert_eq!(bench.last_motion(Duration::from_secs(2)).await, None);
+    let request = LeaseRequest { id: "l".to_owned(), holder: "late".to_owned(), time_to_live: Duration::from_secs(5) };
+    assert_eq!(bench.cell.take_lease(request).await, Err(Refusal::Closing));
+    bench.cell.close().await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_cell_stops_when_nobody_holds_it_any_more() {
+    let Bench { world, cell, lines, arrangement } = Bench::ready(&made()).await;
+    let bench = Bench { world, cell: cell.clone(), lines, arrangement };
+    bench.begin("job-1", 20.0).await;
+    sleep(Duration::from_millis(700)).await;
+    let Bench { world, cell: last, lines, .. } = bench;
+    let watch = cell.watch();
+    drop((cell, last));
+    let mut watch = watch;
+    while watch.changed().await.is_ok() {}
+    assert_eq!(watch.borrow().state, State::Idle);
+    let halted = |carrier| {
+        let line: &std::sync::Mutex<super::bench::Line> = lines.get(carrier);
+        line.lock().expect("unpoisoned").sent.last().is_some_and(|(_, command)| command.action == Action::Halt)
+    };
+    assert!(halted(Carrier::M1) && halted(Carrier::M2));
+    drop(world);
+}
