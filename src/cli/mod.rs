@@ -10,6 +10,7 @@ mod openapi;
 mod scene;
 mod serve;
 mod simulate;
+mod simulate_gocator;
 mod table;
 
 use clap::{Parser, Subcommand};

@@ -17,7 +17,8 @@ use std::process::ExitCode;
 /// Make data with known truth
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Subject {
-    Scan(ScanArguments),
+    Scan(Box<ScanArguments>),
+    Gocator(super::simulate_gocator::Arguments),
 }
 
 /// Write the scan of a made part, and its truth beside it (NAME.truth.json)
@@ -113,7 +114,13 @@ pub(super) struct ScanArguments {
 }
 
 pub(super) fn run(subject: &Subject) -> Outcome {
-    let Subject::Scan(arguments) = subject;
+    match subject {
+        Subject::Scan(arguments) => write_scan(arguments),
+        Subject::Gocator(arguments) => super::simulate_gocator::run(arguments),
+    }
+}
+
+fn write_scan(arguments: &ScanArguments) -> Outcome {
     let parts = arguments.parts()?;
     let format = arguments.format()?;
     let truth_file = write_made(&parts, format, &arguments.file)?;
