@@ -12,6 +12,7 @@ mod openapi;
 mod scene;
 mod serve;
 mod simulate;
+mod simulate_gocator;
 mod simulate_plc;
 mod table;
 

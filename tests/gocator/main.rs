@@ -14,3 +14,4 @@ mod hostile;
 mod link;
 mod pose;
 mod sensor;
+mod stream;

@@ -1,7 +1,7 @@
 //! What the tests of the link share: a simulated sensor on loopback, and settings that reach it.
 
 use coaxis::device::gocator::codec::{Generation, Identity, Scale};
-use coaxis::device::gocator::server::{Form, ScanSource, Server, ServerSettings, Taken, View};
+use coaxis::device::gocator::server::{Form, ScanSource, Server, ServerSettings, Source, Taken, View};
 use coaxis::device::gocator::{Deadlines, Extrinsic, Gocator, Settings, Travel};
 use std::net::{IpAddr, Ipv4Addr};
 use std::time::Duration;
@@ -58,6 +58,10 @@ pub(crate) fn view(form: Form) -> View {
 }
 
 pub(crate) async fn serve(view: View, taken: Vec<Taken>, rate_hz: Option<f64>) -> Server {
+    serve_source(view, Box::new(ScanSource::new(taken, rate_hz))).await
+}
+
+pub(crate) async fn serve_source(view: View, source: Box<dyn Source>) -> Server {
     let settings = ServerSettings {
         listen: IpAddr::V4(Ipv4Addr::LOCALHOST),
         control_port: 0,
@@ -67,7 +71,7 @@ pub(crate) async fn serve(view: View, taken: Vec<Taken>, rate_hz: Option<f64>) -
         view,
         health_period: Duration::from_millis(50),
     };
-    Server::bind(settings, Box::new(ScanSource::new(taken, rate_hz))).await.expect("a port")
+    Server::bind(settings, source).await.expect("a port")
 }
 
 pub(crate) fn settings(server: &Server) -> Settings {

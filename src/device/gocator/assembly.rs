@@ -116,7 +116,11 @@ impl Assembly {
         if self.stamps.is_empty() {
             return Err(AssemblyError::Unstamped);
         }
-        if self.seen { Err(AssemblyError::TwoForms) } else { Ok(self.seen = true) }
+        if self.seen {
+            return Err(AssemblyError::TwoForms);
+        }
+        self.seen = true;
+        Ok(())
     }
 
     /// A stamp for each of so many profiles.

@@ -17,7 +17,7 @@ pub(super) struct Peer {
 }
 
 impl Peer {
-    pub(super) fn lost(&self, cause: impl ToString) -> DeviceError {
+    pub(super) fn lost(&self, cause: &impl ToString) -> DeviceError {
         DeviceError::LinkLost { device: self.device.clone(), cause: cause.to_string() }
     }
 
@@ -25,7 +25,7 @@ impl Peer {
         DeviceError::Silent { device: self.device.clone(), within }
     }
 
-    pub(super) fn senseless(&self, what: impl ToString) -> DeviceError {
+    pub(super) fn senseless(&self, what: &impl ToString) -> DeviceError {
         DeviceError::Implausible { device: self.device.clone(), what: what.to_string() }
     }
 }
@@ -48,28 +48,28 @@ impl Channel {
         let connecting = timeout(within, TcpStream::connect((peer.host.as_str(), port))).await;
         let place = format!("{}:{port}", peer.host);
         let stream = connecting
-            .map_err(|_| peer.lost(format!("no connection to {place} within {} ms", within.as_millis())))?
+            .map_err(|_| peer.lost(&format!("no connection to {place} within {} ms", within.as_millis())))?
             .and_then(|stream| stream.set_nodelay(true).map(|()| stream))
-            .map_err(|error| peer.lost(format!("no connection to {place}: {error}")))?;
+            .map_err(|error| peer.lost(&format!("no connection to {place}: {error}")))?;
         Ok(Self { peer: peer.clone(), stream, splitter: Splitter::new(frame_bytes_max) })
     }
 
     /// Waits for more bytes. Nothing is lost where it is dropped on the way.
     pub(super) async fn fill(&mut self) -> Result<(), DeviceError> {
         match self.stream.read_buf(self.splitter.room()).await {
-            Ok(0) => Err(self.peer.lost("the sensor closed the connection")),
+            Ok(0) => Err(self.peer.lost(&"the sensor closed the connection")),
             Ok(_) => Ok(()),
-            Err(error) => Err(self.peer.lost(error)),
+            Err(error) => Err(self.peer.lost(&error)),
         }
     }
 
     /// Takes the bytes that are there already; whether there were any.
     pub(super) fn fill_at_once(&mut self) -> Result<bool, DeviceError> {
         match self.stream.try_read_buf(self.splitter.room()) {
-            Ok(0) => Err(self.peer.lost("the sensor closed the connection")),
+            Ok(0) => Err(self.peer.lost(&"the sensor closed the connection")),
             Ok(_) => Ok(true),
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => Ok(false),
-            Err(error) => Err(self.peer.lost(error)),
+            Err(error) => Err(self.peer.lost(&error)),
         }
     }
 

@@ -33,12 +33,12 @@ impl Control {
             start_stop_within: duration(settings.deadlines.start_stop_ms),
         };
         let payload = control.ask(Command::ProtocolVersion).await?;
-        let Version { major, minor } = Version::decode(&payload).map_err(|error| peer.senseless(error))?;
+        let Version { major, minor } = Version::decode(&payload).map_err(|error| peer.senseless(&error))?;
         if major == VERSION_MAJOR {
             return Ok(control);
         }
         Err(peer
-            .senseless(format!("protocol version {major}.{minor}, only {VERSION_MAJOR} is spoken (firmware 4 to 6)")))
+            .senseless(&format!("protocol version {major}.{minor}, only {VERSION_MAJOR} is spoken (firmware 4 to 6)")))
     }
 
     /// Which sensor it is; in the old form where the sensor does not know the new one.
@@ -50,18 +50,18 @@ impl Control {
             }
             Err(status) => return Err(self.rejected(Command::SystemInfoV2, status)),
         };
-        identity.map_err(|error| self.channel.peer.senseless(error))
+        identity.map_err(|error| self.channel.peer.senseless(&error))
     }
 
     pub(super) async fn state(&mut self) -> Result<SensorState, DeviceError> {
         let payload = self.ask(Command::States).await?;
-        SensorState::decode(&payload).map_err(|error| self.channel.peer.senseless(error))
+        SensorState::decode(&payload).map_err(|error| self.channel.peer.senseless(&error))
     }
 
     /// A reply of eight bytes, as they are.
     pub(super) async fn ticks(&mut self, command: Command) -> Result<[u8; 8], DeviceError> {
         let payload = self.ask(command).await?;
-        let short = || self.channel.peer.senseless(format!("{} bytes in answer to {command:?}", payload.len()));
+        let short = || self.channel.peer.senseless(&format!("{} bytes in answer to {command:?}", payload.len()));
         payload.first_chunk::<8>().copied().ok_or_else(short)
     }
 
@@ -89,13 +89,13 @@ impl Control {
         let mut request = Vec::new();
         Request { id: command.id(), payload: &[] }.encode(&mut request);
         let sent = self.channel.stream.write_all(&request).await;
-        sent.map_err(|error| self.channel.peer.lost(error))?;
+        sent.map_err(|error| self.channel.peer.lost(&error))?;
         let peer = self.channel.peer.clone();
         loop {
-            if let Some(frame) = self.channel.frame().map_err(|error| peer.senseless(error))? {
-                let reply = Reply::decode(frame).map_err(|error| peer.senseless(error))?;
+            if let Some(frame) = self.channel.frame().map_err(|error| peer.senseless(&error))? {
+                let reply = Reply::decode(frame).map_err(|error| peer.senseless(&error))?;
                 if reply.id != command.id() {
-                    return Err(peer.senseless(format!("an answer to {:#06x} came to {command:?}", reply.id)));
+                    return Err(peer.senseless(&format!("an answer to {:#06x} came to {command:?}", reply.id)));
                 }
                 return Ok(if reply.status == Status::OK { Ok(reply.payload.to_vec()) } else { Err(reply.status) });
             }

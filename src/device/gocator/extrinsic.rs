@@ -81,8 +81,8 @@ impl Extrinsic {
         }
         let columns = Matrix3::from_columns(&axes.map(Vector3::from));
         let off = (columns.transpose() * columns - Matrix3::identity()).amax();
-        // Turned round so that NaN of an overflow is refused, too.
-        if !(off <= SQUARE_TOLERANCE) {
+        // Large numbers overflow into NaN.
+        if off.is_nan() || off > SQUARE_TOLERANCE {
             return Err(ExtrinsicError::NotSquare { off });
         }
         let determinant = columns.determinant();

@@ -59,8 +59,8 @@ impl HealthLink {
         let Self { channel, wellness, .. } = self;
         let peer = channel.peer.clone();
         let mut heard_count = 0;
-        while let Some(frame) = channel.frame().map_err(|error| peer.senseless(error))? {
-            if let Message::Health(health) = decode(frame).map_err(|error| peer.senseless(error))?.message {
+        while let Some(frame) = channel.frame().map_err(|error| peer.senseless(&error))? {
+            if let Message::Health(health) = decode(frame).map_err(|error| peer.senseless(&error))?.message {
                 wellness.take(&health);
                 heard_count += 1;
             }

@@ -86,7 +86,7 @@ impl Gocator {
     }
 
     fn take_control(&mut self) -> Result<Control, DeviceError> {
-        self.control.take().ok_or_else(|| self.peer.lost("not connected"))
+        self.control.take().ok_or_else(|| self.peer.lost(&"not connected"))
     }
 
     /// The control channel is kept only where the sensor has answered: an answer that comes late would pass for that of
@@ -99,7 +99,7 @@ impl Gocator {
     }
 
     fn reading(&self, state: SensorState) -> Result<SensorReading, DeviceError> {
-        let identity = self.identity.as_ref().ok_or_else(|| self.peer.lost("not connected"))?;
+        let identity = self.identity.as_ref().ok_or_else(|| self.peer.lost(&"not connected"))?;
         Ok(SensorReading {
             model: identity.model.clone(),
             serial: identity.serial.to_string(),
@@ -116,7 +116,7 @@ impl Gocator {
         let identity = control.identity().await?;
         if let Some(wanted) = settings.serial.filter(|wanted| *wanted != identity.serial) {
             let found = identity.serial;
-            return Err(peer.senseless(format!("its serial number is {found}, and {wanted} is configured")));
+            return Err(peer.senseless(&format!("its serial number is {found}, and {wanted} is configured")));
         }
         let state = control.state().await?;
         let health = HealthLink::open(peer, settings).await?;
@@ -132,7 +132,7 @@ impl Gocator {
 
     /// Hears what the health channel has to say; lost, it stays lost until the next connect.
     fn catch_up(&mut self) -> Result<(), DeviceError> {
-        let health = self.health.as_mut().ok_or_else(|| self.peer.lost("the health channel is not connected"))?;
+        let health = self.health.as_mut().ok_or_else(|| self.peer.lost(&"the health channel is not connected"))?;
         let heard = health.catch_up();
         if heard.is_err() {
             self.health = None;
@@ -146,7 +146,7 @@ impl Gocator {
         match self.state().await? {
             SensorState::Running => self.ask(Command::Stop).await?,
             SensorState::Ready => {}
-            state => return Err(self.peer.senseless(format!("its state is {state:?}, it cannot be started"))),
+            state => return Err(self.peer.senseless(&format!("its state is {state:?}, it cannot be started"))),
         }
         let mut scan = RunningScan::open(&self.peer, &self.checked, profiles_count).await?;
         if let Some(health) = self.health.as_mut() {
@@ -183,7 +183,7 @@ impl Gocator {
             });
         }
         let Some(health) = self.health.as_mut() else {
-            return Err(scan.fail(self.peer.lost("the health channel is not connected")));
+            return Err(scan.fail(self.peer.lost(&"the health channel is not connected")));
         };
         let quiet = match scan.next(health).await {
             Ok(Ok(profiles)) => return Ok(profiles),
@@ -191,7 +191,7 @@ impl Gocator {
             Err(error) => return Err(scan.fail(error)),
         };
         let state = self.state().await;
-        let scan = self.scan.as_mut().ok_or_else(|| self.peer.lost("no scan"))?;
+        let scan = self.scan.as_mut().ok_or_else(|| self.peer.lost(&"no scan"))?;
         // A sensor that has stopped by itself will send no more; one that runs may hang, or wait for its trigger.
         Err(scan.fail(match state? {
             SensorState::Ready => DeviceError::ScanFault { device: self.peer.device.clone(), fault: scan.incomplete() },
@@ -211,7 +211,7 @@ impl Gocator {
         self.ask(Command::Stop).await?;
         self.may_run = false;
         let Some(health) = self.health.as_mut() else {
-            return Err(self.peer.lost("the health channel is not connected"));
+            return Err(self.peer.lost(&"the health channel is not connected"));
         };
         // What was lost at the end is said by the first message after it; a scan that was broken off has nothing to prove.
         let mut heard = health.catch_up();

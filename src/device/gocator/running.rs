@@ -119,7 +119,7 @@ impl RunningScan {
                 Ok(true) => {}
                 Ok(false) => return Ok(assembly.take_ready()),
                 Err(AssemblyError::Fault(fault)) => return Err(DeviceError::ScanFault { device: peer.device, fault }),
-                Err(error) => return Err(peer.senseless(error)),
+                Err(error) => return Err(peer.senseless(&error)),
             }
         }
     }

@@ -81,6 +81,8 @@ impl Feed {
 
     /// The next profile, unless the sensor is stopped or has a fault there.
     async fn next(&mut self, running: &mut watch::Receiver<bool>, frame: u64) -> Option<Arc<Taken>> {
+        // A source that is never waited for, and nobody to write to: the stop must get its turn all the same.
+        tokio::task::coop::consume_budget().await;
         let Faults { stall_at, end_at, .. } = *self.shared.faults.borrow();
         if end_at == Some(frame) {
             self.shared.running.send_replace(false);
