@@ -6,7 +6,7 @@ Its nodes are those of docs/opcua.md. It says on standard output, a line each: `
 (`executed m1 3 5`: manipulator, sequence number, code), what it refuses (`rejected m1 4 101`: a code of its own) and when it
 stops by itself (`watchdog m1`). A line of its standard input it says again: all before it has been said then. It ends with
 its standard input.
-With --secure it takes only Basic256Sha256, signed and encrypted, from the user `coaxis` with the password in FOLDER/password,
+With --secure it takes only Basic256Sha256 and Aes256Sha256RsaPss, signed and encrypted, from the user `coaxis` with the password in FOLDER/password,
 and leaves its certificate in FOLDER/plc.der. --fault makes it lie in one way.
 """
 
@@ -299,7 +299,8 @@ async def secure(server, folder):
     await setup_self_signed_certificate(
         key, certificate, "urn:coaxis:test:plc", "localhost", [ExtendedKeyUsageOID.SERVER_AUTH], {"commonName": "plc"}
     )
-    server.set_security_policy([ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt])
+    policies = ua.SecurityPolicyType
+    server.set_security_policy([policies.Basic256Sha256_SignAndEncrypt, policies.Aes256Sha256RsaPss_SignAndEncrypt])
     server.set_identity_tokens([ua.UserNameIdentityToken])
     await server.load_certificate(str(certificate))
     await server.load_private_key(str(key))

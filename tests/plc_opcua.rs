@@ -4,6 +4,7 @@
 #![cfg(feature = "opcua")]
 #![expect(clippy::expect_used, clippy::panic, reason = "a test may fail")]
 
+use coaxis::device::contract::{check_manipulator, motion::check_manipulator_motion};
 use coaxis::device::opcua::{OpcuaManipulator, Policy, Security, Settings};
 use coaxis::device::{Action, AxisState, Command as Order, CommandResult, DeviceError, Manipulator, Mode, Reading};
 use coaxis::motion::{Axes, Axis};
@@ -226,6 +227,18 @@ async fn a_foreign_plc_is_commanded_from_enable_to_halt() {
 }
 
 #[tokio::test]
+async fn with_a_foreign_plc_the_adaptor_keeps_the_contract_of_all_adaptors() {
+    let (mut plc, folder) = (Plc::open(), Folder::new("contract"));
+    let mut bench = Bench::ready(&settings(&plc, &folder)).await;
+    let report = check_manipulator(&mut bench.link).await;
+    assert!(report.passed(), "{report:#?}");
+    let report = check_manipulator_motion(&mut bench.link, 8).await;
+    assert!(report.passed(), "{report:#?}");
+    let executed = plc.executed();
+    assert!(executed.windows(2).all(|pair| matches!(pair, [a, b] if a < b)), "each once: {executed:?}");
+}
+
+#[tokio::test]
 async fn signed_encrypted_and_with_a_password_it_is_the_same() {
     let folder = Folder::new("secure");
     std::fs::write(folder.0.join("password"), "kept aside\n").expect("written");
@@ -236,6 +249,10 @@ async fn signed_encrypted_and_with_a_password_it_is_the_same() {
     settings.security.user = Some("coaxis".to_owned());
     settings.security.password_file = Some(folder.0.join("password"));
     whole_life(&mut plc, &settings).await;
+    settings.security.policy = Policy::Aes256Sha256RsaPss;
+    let mut bench = Bench::connected(&settings).await;
+    bench.sequence = 7;
+    assert_eq!(bench.done(Action::Halt).await.acknowledged.result, CommandResult::Done);
 
     std::fs::write(folder.0.join("wrong"), "guessed\n").expect("written");
     settings.security.password_file = Some(folder.0.join("wrong"));

@@ -3,7 +3,11 @@
 
 use super::{Outcome, print};
 use crate::device::modbus::{Layout, Plc, serve};
+#[cfg(feature = "opcua")]
+use crate::device::opcua;
 use crate::device::simulated::{Controller, ControllerSettings};
+#[cfg(feature = "opcua")]
+use crate::motion::Pair;
 use crate::motion::{Axes, AxisLimits};
 use std::error::Error;
 use std::net::SocketAddr;
@@ -18,6 +22,10 @@ pub(super) struct PlcArguments {
     /// Serve it by Modbus TCP; port 0 takes a free one. m1 is at base 0, m2 at 256, the stage at 512, or unit ids 1, 2, 3
     #[arg(long, value_name = "ADDRESS")]
     modbus: Option<SocketAddr>,
+    /// Serve it by OPC UA, anonymous and unencrypted; port 0 takes a free one. The nodes are in docs/opcua.md; no stage
+    #[cfg(feature = "opcua")]
+    #[arg(long, value_name = "ADDRESS")]
+    opcua: Option<SocketAddr>,
 }
 
 pub(super) fn run(arguments: &PlcArguments) -> Outcome {
@@ -26,15 +34,42 @@ pub(super) fn run(arguments: &PlcArguments) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
+/// Each protocol has a PLC of its own.
 async fn serve_all(arguments: &PlcArguments) -> Result<(), Box<dyn Error>> {
-    if let Some(address) = arguments.modbus {
-        let listener =
-            TcpListener::bind(address).await.map_err(|error| format!("cannot listen on {address}: {error}"))?;
-        print(&format!("modbus {}\n", listener.local_addr()?))?;
-        let plc = Plc::new(Layout::default(), vec![manipulator(), manipulator(), stage()]);
-        serve(listener, Arc::new(plc)).await?;
-    }
-    Ok(())
+    let modbus = async {
+        match arguments.modbus {
+            Some(address) => serve_modbus(address).await,
+            None => Ok(()),
+        }
+    };
+    #[cfg(feature = "opcua")]
+    let opcua = async {
+        match arguments.opcua {
+            Some(address) => serve_opcua(address).await,
+            None => Ok(()),
+        }
+    };
+    #[cfg(not(feature = "opcua"))]
+    let opcua = std::future::ready(Ok(()));
+    tokio::try_join!(modbus, opcua).map(|_| ())
+}
+
+async fn serve_modbus(address: SocketAddr) -> Result<(), Box<dyn Error>> {
+    let listener = TcpListener::bind(address).await.map_err(|error| format!("cannot listen on {address}: {error}"))?;
+    print(&format!("modbus {}\n", listener.local_addr()?))?;
+    let plc = Plc::new(Layout::default(), vec![manipulator(), manipulator(), stage()]);
+    Ok(serve(listener, Arc::new(plc)).await?)
+}
+
+#[cfg(feature = "opcua")]
+async fn serve_opcua(address: SocketAddr) -> Result<(), Box<dyn Error>> {
+    let controllers = Pair { m1: manipulator(), m2: manipulator() };
+    let plc = Arc::new(opcua::Plc::new(controllers, opcua::StateCodes::default()));
+    // The library wants a folder for keys, although there are none.
+    let folder = std::env::temp_dir().join("coaxis-simulated-plc");
+    let server = opcua::PlcServer::listen(address, &plc, &folder).await?;
+    print(&format!("opcua opc.tcp://{}\n", server.address()))?;
+    Ok(server.run().await?)
 }
 
 /// 50 mm to both sides at 10 mm/s, 12 degrees at 6 degrees/s; references known.

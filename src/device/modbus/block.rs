@@ -8,7 +8,11 @@ use super::link::{Link, now};
 use super::pulse::Pulse;
 use super::status::StatusRegisters;
 use crate::device::{Command, DeviceError};
-use tokio::time::Instant;
+use std::time::Duration;
+use tokio::time::{Instant, sleep};
+
+/// Before a torn status is read again: at once it would be as torn, because a PLC writes it in a cycle of some ms.
+const TORN_PAUSE: Duration = Duration::from_millis(5);
 
 /// A device's block of registers.
 pub(super) struct Block {
@@ -69,7 +73,10 @@ impl Block {
                     self.alive(heartbeat)?;
                     return Ok(state);
                 }
-                Err(MapError::Torn { .. }) if torn_count < self.torn_reads_max => torn_count += 1,
+                Err(MapError::Torn { .. }) if torn_count < self.torn_reads_max => {
+                    torn_count += 1;
+                    sleep(TORN_PAUSE).await;
+                }
                 Err(error) => return Err(self.link.implausible(error.to_string())),
             }
         }

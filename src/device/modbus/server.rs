@@ -1,5 +1,6 @@
 //! The PLC side of the map, for a simulated PLC: controllers as blocks of registers. Device number n has base 256 n under the
-//! unit ids 0, 1 and 255, and base 0 under unit id n + 1. In: requests; out: responses. Must not know how a controller moves.
+//! unit ids 0, 1 and 255, and base 0 under unit id n + 1; a single device has base 0 under all. In: requests; out: responses.
+//! Must not know how a controller moves.
 
 use super::command::decode;
 use super::error::MapError;
@@ -78,8 +79,8 @@ impl Plc {
     }
 
     fn read(&self, unit: u8, at: u16, count: u16, kind: StatusFunction) -> Result<Vec<u16>, ExceptionCode> {
-        let (index, at) = place(unit, at);
         let mut devices = self.devices.lock().unwrap_or_else(PoisonError::into_inner);
+        let (index, at) = place(unit, at, devices.len());
         let device = devices.get_mut(index).ok_or(ExceptionCode::IllegalDataAddress)?;
         let (status, command) = (&self.layout.status, &self.layout.command);
         let words =
@@ -94,8 +95,8 @@ impl Plc {
     }
 
     fn write(&self, unit: u8, at: u16, words: &[u16]) -> Result<(), ExceptionCode> {
-        let (index, at) = place(unit, at);
         let mut devices = self.devices.lock().unwrap_or_else(PoisonError::into_inner);
+        let (index, at) = place(unit, at, devices.len());
         let device = devices.get_mut(index).ok_or(ExceptionCode::IllegalDataAddress)?;
         let map = &self.layout.command;
         let count = u16::try_from(words.len()).map_err(|_| ExceptionCode::IllegalDataValue)?;
@@ -137,8 +138,9 @@ impl Device {
 }
 
 /// Which device, and the register as counted from its base.
-const fn place(unit: u8, at: u16) -> (usize, u16) {
+const fn place(unit: u8, at: u16, devices_count: usize) -> (usize, u16) {
     match unit {
+        _ if devices_count == 1 => (0, at),
         0 | 1 | 255 => ((at / BLOCK_STEP) as usize, at % BLOCK_STEP),
         unit => (unit as usize - 1, at),
     }

@@ -46,7 +46,7 @@ impl Default for Settings {
             reply_timeout_ms: 200,
             // A device counts at least twice a second.
             heartbeat_stale_ms: 600,
-            torn_reads_max: 3,
+            torn_reads_max: 5,
             stage_watchdog_ms: 500,
             layout: Layout::default(),
         }

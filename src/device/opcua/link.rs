@@ -11,11 +11,14 @@ use super::session::{Failure, Open, Values};
 use super::settings::{SettingRefusal, Settings};
 use crate::device::{Command, DeviceError, FenceGate, Manipulator, Pending, Reading};
 use opcua::types::{AttributeId, StatusCode, Variant};
+use std::fmt::Display;
 use std::time::Duration;
-use tokio::time::{Instant, timeout};
+use tokio::time::{Instant, sleep, timeout};
 
 /// A torn reading is read again, this often in all.
 const READINGS_MAX: u32 = 4;
+/// Until a device that changed meanwhile has done with it.
+const TORN_WAIT: Duration = Duration::from_millis(2);
 /// Longest wait for a farewell to a server that still answers.
 const FAREWELL: Duration = Duration::from_millis(200);
 
@@ -48,7 +51,7 @@ impl OpcuaManipulator {
         })
     }
 
-    fn lost(&self, cause: impl ToString) -> DeviceError {
+    fn lost(&self, cause: &dyn Display) -> DeviceError {
         DeviceError::LinkLost { device: self.name.clone(), cause: cause.to_string() }
     }
 
@@ -56,7 +59,7 @@ impl OpcuaManipulator {
         DeviceError::Silent { device: self.name.clone(), within }
     }
 
-    fn implausible(&self, what: impl ToString) -> DeviceError {
+    fn implausible(&self, what: &dyn Display) -> DeviceError {
         DeviceError::Implausible { device: self.name.clone(), what: what.to_string() }
     }
 
@@ -73,7 +76,7 @@ impl OpcuaManipulator {
 
     /// Takes the session, so that whoever gives up waiting has none any more.
     fn take(&mut self) -> Result<Open, DeviceError> {
-        self.open.take().ok_or_else(|| self.lost("not connected"))
+        self.open.take().ok_or_else(|| self.lost(&"not connected"))
     }
 
     async fn establish(&mut self) -> Result<Reading, DeviceError> {
@@ -85,7 +88,7 @@ impl OpcuaManipulator {
         let settings = self.settings.clone();
         // To make a key takes seconds, once, and is no fault of the device: outside its deadline.
         let made = tokio::task::spawn_blocking(move || client(&settings)).await;
-        let mut client = made.map_err(|error| self.lost(error))?.map_err(|failure| self.error(&failure, within))?;
+        let mut client = made.map_err(|error| self.lost(&error))?.map_err(|failure| self.error(&failure, within))?;
         let opened = timeout(within, async {
             let open = open(&mut client, &self.settings).await?;
             let units = open.read(&plausible::asked_of_units()).await?;
@@ -94,8 +97,8 @@ impl OpcuaManipulator {
         });
         let (open, units, commands) =
             opened.await.map_err(|_| self.silent(within))?.map_err(|failure| self.error(&failure, within))?;
-        plausible::units(&units.values).map_err(|odd| self.implausible(odd))?;
-        plausible::writable(&commands.values).map_err(|odd| self.implausible(odd))?;
+        plausible::units(&units.values).map_err(|odd| self.implausible(&odd))?;
+        plausible::writable(&commands.values).map_err(|odd| self.implausible(&odd))?;
         self.open = Some(open);
         self.look().await
     }
@@ -107,9 +110,9 @@ impl OpcuaManipulator {
         let answered = timeout(within, exchange(&open, self.pulse)).await;
         let answer = answered.map_err(|_| self.silent(within))?.map_err(|failure| self.error(&failure, within))?;
         self.open = Some(open);
-        let values = answer.map_err(|odd| self.implausible(odd))?;
-        let age = codec::age(&values.values, &values.answered).map_err(|odd| self.implausible(odd))?;
-        let reading = codec::reading(&values.values, &self.settings.states).map_err(|odd| self.implausible(odd))?;
+        let values = answer.map_err(|odd| self.implausible(&odd))?;
+        let age = codec::age(&values.values, &values.answered).map_err(|odd| self.implausible(&odd))?;
+        let reading = codec::reading(&values.values, &self.settings.states).map_err(|odd| self.implausible(&odd))?;
         self.hear(age, reading.heartbeat)?;
         Ok(reading)
     }
@@ -148,7 +151,7 @@ impl OpcuaManipulator {
             (Some(_), Some(number)) if number.is_bad() => {
                 Err(DeviceError::Rejected { device: self.name.clone(), code: number.bits() })
             }
-            (Some((node, status)), _) => Err(self.implausible(format!(
+            (Some((node, status)), _) => Err(self.implausible(&format_args!(
                 "the command was taken without {}, which the server answered {status}",
                 node.key()
             ))),
@@ -167,7 +170,7 @@ async fn exchange(open: &Open, pulse: u16) -> Result<Result<Values, Odd>, Failur
         let values = open.read(&wanted).await?;
         match codec::whole(&values.values) {
             Ok(Ok(())) => return Ok(Ok(values)),
-            Ok(Err(codec::Torn)) => {}
+            Ok(Err(codec::Torn)) => sleep(TORN_WAIT).await,
             Err(odd) => return Ok(Err(odd)),
         }
     }

@@ -34,3 +34,6 @@ use super::Manipulator;
 pub fn open(name: &str, settings: &Settings) -> Result<Box<dyn Manipulator>, SettingRefusal> {
     Ok(Box::new(OpcuaManipulator::new(name, settings)?))
 }
+
+#[cfg(test)]
+mod tests;

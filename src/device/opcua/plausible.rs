@@ -75,7 +75,8 @@ pub(super) fn writable(values: &[(Node, DataValue)]) -> Result<(), Odd> {
         };
         let (data_type, rank, access) = (next()?, next()?, next()?);
         let (wanted, array) = kind(node);
-        if !matches!(data_type, Variant::NodeId(found) if **found == NodeId::from(wanted)) {
+        let wanted = NodeId::from(wanted);
+        if !matches!(data_type, Variant::NodeId(found) if **found == wanted) {
             return Err(Odd::Value { node, value: format!("of type {data_type}"), why: "docs/opcua.md has otherwise" });
         }
         // -1 is one value, 1 a list; -3, -2 and 0 leave it open.

@@ -2,6 +2,7 @@
 //! that cuts, stalls, corrupts, doubles and delays.
 
 mod campaign;
+mod contract;
 mod promises;
 mod stage;
 mod wire;

@@ -144,9 +144,9 @@ async fn a_torn_status_is_read_again_a_few_times() {
     let mut m1 = manipulator(&wire);
     m1.connect().await.expect("connects");
     let torn = Some(WireFault::ChangeRegister(63, 1));
-    wire.plan([None, torn, torn, torn]);
-    assert!(m1.read().await.is_ok(), "three times torn, then whole");
-    wire.plan([None, torn, torn, torn, torn]);
+    wire.plan([None, torn, torn, torn, torn, torn]);
+    assert!(m1.read().await.is_ok(), "five times torn, then whole");
+    wire.plan([None, torn, torn, torn, torn, torn, torn]);
     let Err(DeviceError::Implausible { what, .. }) = m1.read().await else { panic!("torn for ever") };
     assert!(what.contains("torn"), "{what}");
 }

@@ -14,7 +14,12 @@ use std::time::Duration;
 const CEFACT: &str = "http://www.opcfoundation.org/UA/units/un/cefact";
 
 /// The value of a node by a reading; nothing where the node is no status.
-pub(super) fn value(node: Node, reading: &Reading, snapshot: u32, codes: &StateCodes) -> Option<Variant> {
+pub(in crate::device::opcua) fn value(
+    node: Node,
+    reading: &Reading,
+    snapshot: u32,
+    codes: &StateCodes,
+) -> Option<Variant> {
     let axes = &reading.axes;
     let truths = |axes: Axes<bool>| Variant::from(listed(&axes).to_vec());
     let numbers = |axes: Position| Variant::from(listed(&axes.map(|axis, value| axis.outside(*value))).to_vec());
@@ -89,7 +94,7 @@ const fn result(result: CommandResult) -> u16 {
 ///
 /// # Errors
 /// [`Odd`] names the first value that cannot be.
-pub(super) fn command(written: &[(Node, DataValue)]) -> Result<Command, Odd> {
+pub(in crate::device::opcua) fn command(written: &[(Node, DataValue)]) -> Result<Command, Odd> {
     let told = Answer::new(written);
     let mask = told.word(Node::Mask)?;
     let axes = per_axis([1, 2, 4, 8].map(|bit| mask & bit != 0));

@@ -1,7 +1,7 @@
 //! A simulated PLC as an OPC UA server: the other side of the adaptor, for trying coaxis without a machine, and for its tests.
 //! Anonymous and unencrypted; a real PLC must not be. In: controllers. Out: a server. Must not know the adaptor.
 
-mod image;
+pub(super) mod image;
 mod plc;
 mod space;
 
@@ -67,31 +67,27 @@ impl PlcServer {
         let address = listener.local_addr().map_err(|cause| ServeError::Address { address, cause })?;
         let settings = Settings::default();
         let own = settings.namespaces.get("own").cloned().unwrap_or_default();
-        let metadata = NamespaceMetadata { namespace_uri: own.clone(), ..NamespaceMetadata::default() };
-        let (server, handle) = ServerBuilder::new_anonymous("coaxis simulated PLC")
+        let server = ServerBuilder::new_anonymous("coaxis simulated PLC")
             .application_uri("urn:coaxis:simulated-plc")
             .product_uri("urn:coaxis")
             .pki_dir(folder)
             .host(address.ip().to_string())
-            .port(address.port())
-            .with_node_manager(simple_node_manager(metadata, "manipulators"))
-            .build()
-            .map_err(ServeError::Ended)?;
+            .port(address.port());
+        // The library lists the namespaces of its node managers, and no others: one for each, though all nodes are in `own`.
+        let server = settings.namespaces.values().fold(server, |server, uri| {
+            let metadata = NamespaceMetadata { namespace_uri: uri.clone(), ..NamespaceMetadata::default() };
+            server.with_node_manager(simple_node_manager(metadata, uri))
+        });
+        let (server, handle) = server.build().map_err(ServeError::Ended)?;
         let built = Self { address, listener, server, handle };
         built.fill(plc, &settings, &own)?;
         Ok(built)
     }
 
     fn fill(&self, plc: &Arc<Plc>, settings: &Settings, own: &str) -> Result<(), ServeError> {
-        let namespaces = {
-            let mut types = self.handle.type_tree().write();
-            for uri in settings.namespaces.values() {
-                types.namespaces_mut().add_namespace(uri);
-            }
-            types.namespaces().clone()
-        };
+        let namespaces = self.handle.type_tree().read().namespaces().clone();
         let missing = || ServeError::Ended("its nodes have no place".to_owned());
-        let manager = self.handle.node_managers().get_of_type::<SimpleNodeManager>().ok_or_else(missing)?;
+        let manager = self.handle.node_managers().get_by_name::<SimpleNodeManager>(own).ok_or_else(missing)?;
         let own = namespaces.get_index(own).ok_or_else(missing)?;
         for carrier in Carrier::ALL {
             let settings = Settings { device: device_path(carrier), ..settings.clone() };
