@@ -1,8 +1,13 @@
 //! Every limit and default in one place: a TOML file, then the environment, then flags, each over the one before.
 //! Refuses nonsense with the key, its value and what is allowed. Must not know who uses a value.
 
+mod cell;
 mod layers;
 
+pub use cell::{
+    Cell, CellError, Lease, LinearLimits, Manipulator, ManipulatorAdaptor, ScanPath, Sensor, SensorAdaptor, Stage,
+    StageAdaptor, SupportLimits, Timing, Together, Tolerances, TurnLimits,
+};
 pub use layers::{ENVIRONMENT_PREFIX, Layers};
 
 use crate::estimation::{SettingError, Settings};
@@ -34,6 +39,9 @@ pub struct Config {
     pub timeouts: Timeouts,
     /// What holds for a measurement where neither the request nor its recipe says otherwise.
     pub estimation: Settings,
+    /// The devices that scan and move the part.
+    #[serde(deserialize_with = "cell::over_default")]
+    pub cell: Cell,
 }
 
 /// An address with a port; what is allowed is said, since a name such as localhost is none.
@@ -118,6 +126,7 @@ impl Default for Config {
             scan: ScanLimits::default(),
             timeouts: Timeouts::default(),
             estimation: Settings::default(),
+            cell: Cell::default(),
         }
     }
 }
@@ -198,6 +207,9 @@ pub enum ConfigError {
     /// A setting of the estimation beyond what it can work with.
     #[error("estimation.{0}")]
     Estimation(#[from] SettingError),
+    /// The cell cannot be so.
+    #[error(transparent)]
+    Cell(#[from] CellError),
     /// The service would be open to the network without anything to keep it.
     #[error(
         "listen = \"{listen}\" is reachable from other machines, and the service asks nobody for a token: everybody on \
@@ -232,6 +244,7 @@ impl Config {
             return Err(ConfigError::Empty { key: "log.filter" });
         }
         self.estimation.check()?;
+        self.cell.check()?;
         if !self.listen.ip().is_loopback() && !self.insecure_lan {
             return Err(ConfigError::OpenToTheNetwork { listen: self.listen });
         }

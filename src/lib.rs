@@ -3,23 +3,25 @@
 //! The way of the data, each arrow one function in one file, each noun one type:
 //!
 //! ```text
-//! bytes -> Cloud -> Scan (profiles) -> Estimate (axis, diagnostics) -> Measurement (record)
+//! bytes -> Cloud -> Scan (profiles) -> Estimate (axis, diagnostics) -> Measurement (record) -> Plan -> move
 //!
 //!                  MES / PLC / curl / browser
 //!                             |
 //! http, cli ----------------- v ---- the edges: wire types, problems, commands
 //!                             |
 //! service ------------------- v ---- the product's verbs; makes ids and times, owns the compute pool
-//!          |                  |                    |
-//!          v                  v                    v
-//!       estimation           plot                store
-//!       scan                 SVG, pure           records, raw scans; SQLite
-//!       geometry (pure)
+//!          |             |             |               |                |
+//!          v             v             v               v                v
+//!       estimation     plot         motion (pure)     cell            store
+//!       scan           SVG, pure    kinematics,       lease, moves,   records, raw scans; SQLite
+//!       geometry (pure)             limits, plans     scans, stop
+//!                                                      |
+//!                                                     device: simulated | gocator | modbus | opcua
 //! ```
 //!
-//! Read them in the order in which data pass: geometry, scan, estimation, plot, store, config, service, http, cli.
-//! Nothing points back: `tests/house.rs` reads the imports and holds us to it. Left of `store` nothing waits, logs or
-//! reads a clock, and chance comes from seeds.
+//! Read them in the order in which data pass: geometry, scan, estimation, plot, motion, device, cell, store, config, service,
+//! http, cli. Nothing points back: `tests/house.rs` reads the imports and holds us to it. What is called pure neither waits,
+//! logs nor reads a clock, and chance comes from seeds.
 
 pub mod cell;
 pub mod cli;

@@ -10,6 +10,9 @@ use tokio::time::timeout;
 /// More of an answer is not read.
 const ANSWER_BYTES_MAX: u64 = 16 << 20;
 
+/// What bytes are sent as that are no document.
+const BYTES: &str = "application/octet-stream";
+
 /// An answer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Answer {
@@ -21,25 +24,35 @@ pub(super) struct Answer {
 
 /// GET, answered within `wait`.
 pub(super) async fn get(url: &str, wait: Duration) -> Result<Answer, Box<dyn Error>> {
-    ask("GET", url, &[], wait).await
+    ask("GET", url, (BYTES, &[]), wait).await
+}
+
+/// DELETE, answered within `wait`.
+pub(super) async fn delete(url: &str, wait: Duration) -> Result<Answer, Box<dyn Error>> {
+    ask("DELETE", url, (BYTES, &[]), wait).await
+}
+
+/// POST of a JSON document, answered within `wait`.
+pub(super) async fn post_json(url: &str, body: &str, wait: Duration) -> Result<Answer, Box<dyn Error>> {
+    ask("POST", url, ("application/json", body.as_bytes()), wait).await
 }
 
 /// POST of `body`, answered within `wait`.
 pub(super) async fn post(url: &str, body: &[u8], wait: Duration) -> Result<Answer, Box<dyn Error>> {
-    ask("POST", url, body, wait).await
+    ask("POST", url, (BYTES, body), wait).await
 }
 
-async fn ask(method: &str, url: &str, body: &[u8], wait: Duration) -> Result<Answer, Box<dyn Error>> {
+async fn ask(method: &str, url: &str, body: (&str, &[u8]), wait: Duration) -> Result<Answer, Box<dyn Error>> {
     let late = |_| format!("{url} did not answer within {} ms", wait.as_millis());
     timeout(wait, exchange(method, url, body)).await.map_err(late)?
 }
 
-async fn exchange(method: &str, url: &str, body: &[u8]) -> Result<Answer, Box<dyn Error>> {
+async fn exchange(method: &str, url: &str, (kind, body): (&str, &[u8])) -> Result<Answer, Box<dyn Error>> {
     let rest = url.strip_prefix("http://").ok_or_else(|| format!("{url}: the address must begin with http://"))?;
     let (authority, path) = rest.split_once('/').unwrap_or((rest, ""));
     let mut stream = TcpStream::connect(authority).await.map_err(|error| format!("{authority}: {error}"))?;
     let head = format!(
-        "{method} /{path} HTTP/1.1\r\nHost: {authority}\r\nContent-Type: application/octet-stream\r\nContent-Length: {}\r\n\
+        "{method} /{path} HTTP/1.1\r\nHost: {authority}\r\nContent-Type: {kind}\r\nContent-Length: {}\r\n\
          Connection: close\r\n\r\n",
         body.len()
     );

@@ -1,11 +1,12 @@
-//! `coaxis demo`: the product in one command. Starts the service, sends it a made scan full of interference, and shows the
-//! pose beside the truth, where the pictures are and what to type next.
+//! `coaxis demo`: the product in one command. Starts the service, sends it a made scan full of interference, has the made cell
+//! scan its part and move it to a target, and shows the poses beside the truth, where the pictures are and what to type next.
 
 use super::config::Sources;
 use super::serve::{open_service, start_log, stop_on_signal};
 use super::simulate::write_made;
-use super::{Outcome, client, print};
+use super::{Outcome, client, demo_cell, print};
 use crate::config::Config;
+use crate::device::simulated::World;
 use crate::estimation::Method;
 use crate::http::Server;
 use crate::scan::decode::Format;
@@ -15,6 +16,7 @@ use std::error::Error;
 use std::fs;
 use std::path::Path;
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// Start the service, measure a made scan and show the pose beside the truth; then keep serving
@@ -27,6 +29,9 @@ pub(super) struct Arguments {
     once: bool,
 }
 
+/// Simulated seconds in a second.
+const TIME_FACTOR: f64 = 10.0;
+
 /// Longest that a measurement of the demonstration may take.
 const WAIT: Duration = Duration::from_secs(60);
 
@@ -36,20 +41,27 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     if config.log.filter == crate::config::Log::default().filter {
         config.log.filter = "warn".to_owned();
     }
+    // A made cell has no reason to be slow.
+    if config.cell.simulated.time_factor == crate::device::simulated::Settings::default().time_factor {
+        config.cell.simulated.time_factor = TIME_FACTOR;
+    }
     start_log(&config.log)?;
     tokio::runtime::Builder::new_multi_thread().enable_all().build()?.block_on(demonstrate(&config, arguments.once))?;
     Ok(ExitCode::SUCCESS)
 }
 
 async fn demonstrate(config: &Config, once: bool) -> Result<(), Box<dyn Error>> {
-    let service = open_service(config).await?;
+    let (service, world) = open_service(config).await?;
+    let stopped = Arc::clone(&service);
+    // Devices that are not made are not moved by a demonstration.
+    let world = world.filter(|_| demo_cell::is_made(&config.cell));
     let server = Server::bind(config, service).map_err(|error| {
         format!("cannot listen on {}: {error}; choose another port with --listen 127.0.0.1:0", config.listen)
     })?;
     let (base, stopper) = (format!("http://{}", server.address()), server.stopper());
-    tokio::spawn(stop_on_signal(stopper.clone()));
+    tokio::spawn(stop_on_signal(stopper.clone(), stopped));
     let serving = tokio::spawn(server.serve());
-    let shown = show(&base, &config.data.join("demo"), once).await;
+    let shown = show(&base, &config.data.join("demo"), world.as_ref(), once).await;
     if once || shown.is_err() {
         stopper.stop();
     }
@@ -58,7 +70,7 @@ async fn demonstrate(config: &Config, once: bool) -> Result<(), Box<dyn Error>> 
 }
 
 /// Makes a scan, has it measured by every method and prints what came out.
-async fn show(base: &str, folder: &Path, once: bool) -> Result<(), Box<dyn Error>> {
+async fn show(base: &str, folder: &Path, world: Option<&World>, once: bool) -> Result<(), Box<dyn Error>> {
     let file = folder.join("scan.ply");
     fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     let truth_file = write_made(&[Part::with_interference(1)], Format::Ply, &file)?;
@@ -73,8 +85,12 @@ async fn show(base: &str, folder: &Path, once: bool) -> Result<(), Box<dyn Error
         }
         measurements.push((method, serde_json::from_str::<Value>(&answer.body)?));
     }
+    let aligned = match world {
+        Some(world) => demo_cell::align(base, world).await?,
+        None => String::new(),
+    };
     let end = if once { "" } else { "\nCtrl-C ends the service.\n" };
-    print(&(report(base, &file, &truth, &measurements) + end))
+    print(&(report(base, &file, &truth, &measurements) + &aligned + end))
 }
 
 fn report(base: &str, file: &Path, truth: &Truth, measurements: &[(Method, Value)]) -> String {

@@ -4,12 +4,15 @@ mod bar;
 mod client;
 mod config;
 mod demo;
+mod demo_cell;
+mod devices;
 mod health;
 mod measure;
 mod openapi;
 mod scene;
 mod serve;
 mod simulate;
+mod simulate_gocator;
 mod simulate_plc;
 mod table;
 
@@ -36,6 +39,8 @@ enum Command {
     Openapi(openapi::Arguments),
     Config(config::Arguments),
     Health(health::Arguments),
+    #[command(subcommand)]
+    Devices(devices::Subject),
 }
 
 /// Anything but fine (0) and refused (2).
@@ -62,6 +67,7 @@ pub fn run() -> ExitCode {
         Command::Openapi(arguments) => openapi::run(&arguments),
         Command::Config(arguments) => config::run(&arguments),
         Command::Health(arguments) => health::run(&arguments),
+        Command::Devices(subject) => devices::run(&subject),
     };
     outcome.unwrap_or_else(|error| {
         // Who closed the pipe knows why the output ends; nobody else is there to be told.

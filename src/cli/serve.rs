@@ -3,8 +3,9 @@
 use super::Outcome;
 use super::config::Sources;
 use crate::config::{Config, Log, LogFormat};
+use crate::device::simulated::World;
 use crate::http::{Server, Stopper};
-use crate::service::{Capacity, Service, ServiceError};
+use crate::service::{Capacity, Equipment, Service, ServiceError};
 use crate::store::StoreError;
 use std::error::Error;
 use std::io::IsTerminal;
@@ -12,7 +13,11 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::signal::unix::{SignalKind, signal};
+use tokio::time::timeout;
 use tracing_subscriber::EnvFilter;
+
+/// How long the devices may take to come to rest; requests are answered meanwhile.
+const MOTION_STOP: Duration = Duration::from_secs(4);
 
 /// Serve measurements over HTTP until interrupted
 #[derive(Debug, clap::Args)]
@@ -32,20 +37,24 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
 }
 
 async fn serve(config: &Config) -> Result<(), Box<dyn Error>> {
-    let service = open_service(config).await?;
+    let (service, _) = open_service(config).await?;
+    let stopped = Arc::clone(&service);
     let server = Server::bind(config, service)
         .map_err(|error| format!("cannot listen on {}: {error}; is another service running there?", config.listen))?;
     let address = server.address();
     tracing::info!(%address, data = %config.data.display(), version = env!("CARGO_PKG_VERSION"), "listening on http://{address}");
-    tokio::spawn(stop_on_signal(server.stopper()));
+    tokio::spawn(stop_on_signal(server.stopper(), stopped));
     server.serve().await?;
     tracing::info!("stopped");
     Ok(())
 }
 
-/// The service on the folder that the configuration names.
-pub(super) async fn open_service(config: &Config) -> Result<Arc<Service>, Box<dyn Error>> {
-    Service::open(&config.data, Capacity::from_config(config), config.estimation).await.map_err(|error| match error {
+/// The service on the folder and with the devices that the configuration names; and what is simulated, where anything is.
+pub(super) async fn open_service(config: &Config) -> Result<(Arc<Service>, Option<World>), Box<dyn Error>> {
+    let equipment = Equipment::of(&config.cell)?;
+    let world = equipment.as_ref().and_then(|equipment| equipment.world.clone());
+    let opened = Service::open_with(&config.data, Capacity::from_config(config), config.estimation, equipment).await;
+    let service = opened.map_err(|error| match error {
         ServiceError::Store(StoreError::FileUnavailable { path, source }) => format!(
             "the data folder {} cannot be used: {}: {source}; give this user the right to write there, or another folder \
              with --data FOLDER",
@@ -53,20 +62,25 @@ pub(super) async fn open_service(config: &Config) -> Result<Arc<Service>, Box<dy
             path.display()
         )
         .into(),
-        error => error.into(),
-    })
+        error => Box::<dyn Error>::from(error),
+    })?;
+    Ok((service, world))
 }
 
-/// SIGTERM and SIGINT end the service; a second one changes nothing, the time for it is bounded anyway.
-pub(super) async fn stop_on_signal(stopper: Stopper) {
+/// SIGTERM and SIGINT end the service; what moves is stopped before anything else. A second signal changes nothing, the time
+/// for it is bounded anyway.
+pub(super) async fn stop_on_signal(stopper: Stopper, service: Arc<Service>) {
     let (terminate, interrupt) = (signal(SignalKind::terminate()), signal(SignalKind::interrupt()));
     let (Ok(mut terminate), Ok(mut interrupt)) = (terminate, interrupt) else {
         tracing::error!("signals cannot be received; the service has to be killed to end");
         return;
     };
     tokio::select! {
-        _ = terminate.recv() => tracing::info!("SIGTERM: requests under way are finished"),
-        _ = interrupt.recv() => tracing::info!("SIGINT: requests under way are finished"),
+        _ = terminate.recv() => tracing::info!("SIGTERM: what moves is stopped, requests under way are finished"),
+        _ = interrupt.recv() => tracing::info!("SIGINT: what moves is stopped, requests under way are finished"),
+    }
+    if timeout(MOTION_STOP, service.stop_motion()).await.is_err() {
+        tracing::error!("the devices were told to stop and have not been seen at rest");
     }
     stopper.stop();
 }

@@ -20,6 +20,7 @@ use std::process::ExitCode;
 pub(super) enum Subject {
     Scan(Box<ScanArguments>),
     Plc(PlcArguments),
+    Gocator(super::simulate_gocator::Arguments),
 }
 
 /// Write the scan of a made part, and its truth beside it (NAME.truth.json)
@@ -118,6 +119,7 @@ pub(super) fn run(subject: &Subject) -> Outcome {
     match subject {
         Subject::Scan(arguments) => write_scan(arguments),
         Subject::Plc(arguments) => simulate_plc::run(arguments),
+        Subject::Gocator(arguments) => super::simulate_gocator::run(arguments),
     }
 }
 

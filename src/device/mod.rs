@@ -4,6 +4,7 @@
 pub mod contract;
 mod error;
 mod fence;
+pub mod gocator;
 mod manipulator;
 pub mod modbus;
 #[cfg(feature = "opcua")]

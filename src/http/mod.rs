@@ -10,16 +10,23 @@
 
 mod accept;
 mod app;
+mod axes;
 mod body;
+mod cell;
+mod command;
 mod connections;
 mod docs;
 mod edge;
+mod events;
 mod extract;
+mod manipulators;
 mod measurements;
 mod metrics;
+mod moves;
 mod names;
 mod openapi;
 mod paging;
+mod plans;
 mod problem;
 mod receive;
 mod recipes;

@@ -18,7 +18,8 @@ pub const COMMITTED: &str = include_str!("../../openapi/coaxis.json");
 #[openapi(
     info(
         title = "coaxis",
-        description = "Measures the pose of the axis of a cylindrical part from laser profile scans.\n\n\
+        description = "Measures the pose of the axis of a cylindrical part from laser profile scans, and moves it where it is \
+            wanted.\n\nStop is an operational stop of category 2, not an emergency stop; nothing here is a safety function.\n\n\
             Every refusal is `application/problem+json` with a stable `code`; units stand in every name; times are UTC.",
         license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
     ),
@@ -27,6 +28,10 @@ pub const COMMITTED: &str = include_str!("../../openapi/coaxis.json");
         (name = "measurements", description = "A scan in, a pose and its diagnostics out"),
         (name = "scans", description = "Raw scans, known by their content"),
         (name = "recipes", description = "How a kind of part is measured"),
+        (name = "cell", description = "How the cell is, who may move, stop and reset"),
+        (name = "manipulators", description = "The two manipulators that carry the part"),
+        (name = "motion", description = "Plans, which move nothing, and moves"),
+        (name = "events", description = "What has happened"),
         (name = "status", description = "How the service is"),
         (name = "documentation", description = "What you are reading"),
     )
@@ -51,7 +56,7 @@ pub fn openapi_json() -> Result<String, serde_json::Error> {
 }
 
 fn operations(item: &mut PathItem) -> impl Iterator<Item = &mut Operation> {
-    [&mut item.get, &mut item.put, &mut item.post].into_iter().filter_map(Option::as_mut)
+    [&mut item.get, &mut item.put, &mut item.post, &mut item.delete].into_iter().filter_map(Option::as_mut)
 }
 
 /// What every operation may refuse.
@@ -126,11 +131,103 @@ const MEASURING: &[Code] = &[
     Code::PitchTooSmall,
 ];
 
+/// What one that asks the cell may refuse besides.
+const CELL: &[Code] = &[Code::CellAbsent];
+
+/// What one that commands the cell may refuse besides.
+const COMMAND: &[Code] = &[
+    Code::HeaderInvalid,
+    Code::BodyInterrupted,
+    Code::BodyTimeout,
+    Code::BodyTooLarge,
+    Code::ContentTypeUnsupported,
+    Code::JsonMalformed,
+    Code::JsonInvalid,
+    Code::OptionInvalid,
+    Code::LeaseRequired,
+    Code::LeaseOver,
+    Code::LeaseHeld,
+    Code::CellAbsent,
+    Code::NotReady,
+    Code::StoreUnavailable,
+    Code::StoreFull,
+];
+
+/// What one that moves something may refuse besides.
+const MOVING: &[Code] = &[
+    Code::CellBusy,
+    Code::DeviceAbsent,
+    Code::Faulted,
+    Code::NotEnabled,
+    Code::NotHomed,
+    Code::NotRemote,
+    Code::SafetyOpen,
+    Code::DeviceMoves,
+    Code::DeviceFault,
+    Code::DeviceUnavailable,
+];
+
+/// What one that makes or follows a path may refuse besides.
+const PATH: &[Code] = &[
+    Code::OutOfLimits,
+    Code::StandsOutside,
+    Code::StepTooLarge,
+    Code::TooFast,
+    Code::SpansMeet,
+    Code::StrainTooLarge,
+    Code::TwistTooLarge,
+    Code::NothingToMove,
+    Code::PathTooLong,
+    Code::PlanStale,
+];
+
 /// What an operation may refuse, by its name.
 fn refusals(operation_id: &str) -> Vec<&'static [Code]> {
     const NOTHING: &[Code] = &[];
     match operation_id {
-        "create_measurement" => vec![STORE, BODY, SCAN, MEASURING],
+        "create_measurement" => {
+            let by_the_sensor = &[
+                Code::LeaseRequired,
+                Code::LeaseOver,
+                Code::LeaseHeld,
+                Code::CellAbsent,
+                Code::NotReady,
+                Code::ScanOutOfRange,
+            ];
+            vec![STORE, BODY, SCAN, MEASURING, MOVING, by_the_sensor]
+        }
+        "get_cell" | "get_lease" | "stop_cell" | "list_manipulators" => vec![CELL],
+        "get_manipulator" => vec![CELL, &[Code::ManipulatorUnknown, Code::RouteUnknown]],
+        "take_lease" | "release_lease" => vec![COMMAND],
+        "reset_cell" => vec![COMMAND, MOVING],
+        "enable_manipulator" | "disable_manipulator" | "home_manipulator" => {
+            vec![COMMAND, MOVING, &[Code::ManipulatorUnknown, Code::RouteUnknown]]
+        }
+        "create_move" => vec![COMMAND, MOVING, PATH, &[Code::RequestIdReused]],
+        "create_plan" => {
+            vec![
+                STORE,
+                BODY,
+                PATH,
+                CELL,
+                &[
+                    Code::ContentTypeUnsupported,
+                    Code::JsonMalformed,
+                    Code::JsonInvalid,
+                    Code::OptionInvalid,
+                    Code::MeasurementUnknown,
+                    Code::PartUnknown,
+                    Code::PoseMissing,
+                    Code::RequestIdReused,
+                    Code::DeviceUnavailable,
+                ],
+            ]
+        }
+        "execute_plan" => vec![COMMAND, MOVING, PATH, &[Code::PlanUnknown, Code::RouteUnknown]],
+        "get_plan" => vec![STORE, &[Code::PlanUnknown, Code::RouteUnknown]],
+        "get_move" => vec![STORE, &[Code::MoveUnknown, Code::RouteUnknown]],
+        "list_moves" | "list_plans" => vec![STORE, &[Code::CursorMalformed]],
+        "list_events" => vec![&[Code::HeaderInvalid, Code::NotAcceptable]],
         "create_scan" => vec![STORE, BODY, SCAN],
         "put_recipe" => vec![
             STORE,

@@ -1,7 +1,7 @@
 //! The route table, and nothing else.
 
 use super::app::App;
-use super::{docs, edge, measurements, openapi, recipes, scans, status};
+use super::{cell, docs, edge, events, manipulators, measurements, moves, openapi, plans, recipes, scans, status};
 use axum::Router;
 use axum::middleware::from_fn_with_state;
 use axum::routing::get;
@@ -22,6 +22,21 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(scans::get_scan_content))
         .routes(routes!(recipes::list_recipes))
         .routes(routes!(recipes::get_recipe, recipes::put_recipe))
+        .routes(routes!(cell::get_cell))
+        .routes(routes!(cell::take_lease, cell::get_lease, cell::release_lease))
+        .routes(routes!(cell::stop_cell))
+        .routes(routes!(cell::reset_cell))
+        .routes(routes!(manipulators::list_manipulators))
+        .routes(routes!(manipulators::get_manipulator))
+        .routes(routes!(manipulators::enable_manipulator))
+        .routes(routes!(manipulators::disable_manipulator))
+        .routes(routes!(manipulators::home_manipulator))
+        .routes(routes!(plans::create_plan, plans::list_plans))
+        .routes(routes!(plans::get_plan))
+        .routes(routes!(plans::execute_plan))
+        .routes(routes!(moves::create_move, moves::list_moves))
+        .routes(routes!(moves::get_move))
+        .routes(routes!(events::list_events))
         .routes(routes!(status::get_status))
         .routes(routes!(status::get_liveness))
         .routes(routes!(status::get_readiness))

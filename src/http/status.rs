@@ -36,6 +36,9 @@ pub(super) struct Status {
     running_max_count: u64,
     /// Measurements that may wait.
     queue_max_count: u64,
+    /// What the cell does; null where there is none.
+    #[schema(example = "idle")]
+    cell_state: Option<&'static str>,
     /// The newest measurement.
     last_measurement_id: Option<String>,
     /// Its verdict.
@@ -86,6 +89,7 @@ pub(super) async fn get_status(State(app): State<App>) -> Json<Status> {
         queued_count: wide(load.queued_count),
         running_max_count: wide(capacity.running_max),
         queue_max_count: wide(capacity.queue_max),
+        cell_state: service.cell_view().ok().map(|view| view.snapshot.state.name()),
         last_verdict: last.as_ref().map(|last| last.verdict.name()),
         last_created_at: last.as_ref().map(|last| last.created_at),
         last_measurement_id: last.map(|last| last.id),

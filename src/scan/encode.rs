@@ -17,7 +17,10 @@
 //! profile grow with the longest one: a scan of very uneven profiles is better written as csv or ply.
 
 mod binary;
+mod cloud;
 mod text;
+
+pub use cloud::encode_cloud;
 
 use super::decode::Format;
 use super::{Columns, Scan, Station};

@@ -123,6 +123,9 @@ impl Service {
     async fn earlier_answer(&self, request: Option<&RequestKey>) -> Result<Option<Answer>, ServiceError> {
         let Some(request) = request else { return Ok(None) };
         match self.store.measurement_by_request(&request.id).await? {
+            None if self.store.job_by_request(&request.id).await?.is_some() => {
+                Err(ServiceError::RequestIdReused { request_id: request.id.clone() })
+            }
             None => Ok(None),
             Some(earlier) if earlier.fingerprint == request.fingerprint => {
                 Ok(Some(Answer { measurement: super::records::read_back(&earlier.measurement)?, replayed: true }))
@@ -201,7 +204,7 @@ fn scan_row(file: &CompleteScan, measurement: &Measurement, origin: &Origin) -> 
     }
 }
 
-fn new_measurement(
+pub(super) fn new_measurement(
     measurement: &Measurement,
     profiles: &[Profile],
     scan: Option<ScanRow>,
@@ -239,13 +242,13 @@ impl Points {
 }
 
 fn request_key(scan_id: &str, order: &Order) -> Option<RequestKey> {
-    order.request_id.clone().map(|id| RequestKey { id, fingerprint: fingerprint(scan_id, order) })
+    order.request_id.clone().map(|id| RequestKey { id, fingerprint: fingerprint_of(scan_id, order) })
 }
 
-/// What was asked, as a digest: the scan and everything said about its measurement.
-fn fingerprint(scan_id: &str, order: &Order) -> String {
-    // A recipe has no value that JSON could not hold; should it, the request would merely not be recognised again.
+/// What was asked, as a digest: what it is about, and everything said about it.
+pub(super) fn fingerprint_of<T: Serialize>(subject: &str, order: &T) -> String {
+    // No order has a value that JSON could not hold; should it, the request would merely not be recognised again.
     let asked = serde_json::to_string(order).unwrap_or_default();
-    let digest = Sha256::new().chain_update(scan_id).chain_update([0]).chain_update(asked).finalize();
+    let digest = Sha256::new().chain_update(subject).chain_update([0]).chain_update(asked).finalize();
     digest.iter().map(|byte| format!("{byte:02x}")).collect()
 }

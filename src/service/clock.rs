@@ -20,6 +20,20 @@ impl Clock {
         format!("{prefix}{}", uuid::Uuid::now_v7())
     }
 
+    /// Now on the clock that the cell goes by.
+    pub(super) fn instant(self) -> tokio::time::Instant {
+        tokio::time::Instant::now()
+    }
+
+    /// A moment of the cell's clock on the wall's, to the microsecond.
+    pub(super) fn wall(self, at: tokio::time::Instant) -> Timestamp {
+        let now = self.instant();
+        let (behind, ahead) = (now.saturating_duration_since(at), at.saturating_duration_since(now));
+        let micros = |span: Duration| i64::try_from(span.as_micros()).unwrap_or(i64::MAX);
+        let there = self.now().as_microsecond().saturating_sub(micros(behind)).saturating_add(micros(ahead));
+        Timestamp::from_microsecond(there).unwrap_or_else(|_| self.now())
+    }
+
     /// Begins to measure a duration.
     pub(super) fn start(self) -> Stopwatch {
         Stopwatch(Instant::now())

@@ -1,6 +1,8 @@
 //! Why the service could not do what it was asked. Must not know how a reason is told to a client.
 
-use super::{ComputeError, MeasureError, RecipeError};
+use super::{ComputeError, EquipmentError, MeasureError, RecipeError, Stale};
+use crate::cell::Refusal;
+use crate::motion::MotionRefusal;
 use crate::scan::decode::DecodeError;
 use crate::store::StoreError;
 use std::sync::Arc;
@@ -67,6 +69,50 @@ pub enum ServiceError {
         /// The name.
         name: String,
     },
+    /// This service has no cell.
+    #[error("this service has no cell; nothing can be moved or scanned")]
+    CellAbsent,
+    /// The cell refuses.
+    #[error(transparent)]
+    Cell(#[from] Refusal),
+    /// The motion is not allowed.
+    #[error(transparent)]
+    Motion(#[from] MotionRefusal),
+    /// A pose, or a plan made from it, no longer holds.
+    #[error(transparent)]
+    Stale(#[from] Stale),
+    /// A manipulator has not answered yet, so nobody knows where it is.
+    #[error("a manipulator has not answered yet, so where it is is not known")]
+    PositionsUnknown,
+    /// Nothing is kept under the id of this move.
+    #[error("there is no move {id}")]
+    MoveUnknown {
+        /// The id asked for.
+        id: String,
+    },
+    /// Nothing is kept under the id of this plan.
+    #[error("there is no plan {id}")]
+    PlanUnknown {
+        /// The id asked for.
+        id: String,
+    },
+    /// The measurement has no pose to plan from, or several.
+    #[error("the measurement {measurement_id} has no pose that a plan could begin at, or more than one; name the part")]
+    PoseMissing {
+        /// Its id.
+        measurement_id: String,
+    },
+    /// A value of the request cannot be.
+    #[error("{field} must be {allowed}")]
+    Value {
+        /// Which.
+        field: &'static str,
+        /// What it may be.
+        allowed: String,
+    },
+    /// A device of the configuration cannot be made.
+    #[error("the cell cannot be set up")]
+    Equipment(#[source] Arc<EquipmentError>),
     /// The request's id was used for another request.
     #[error("the request id {request_id} was used for another request")]
     RequestIdReused {

@@ -1,25 +1,34 @@
-//! The product's verbs: keep a scan, measure, recall, draw. Makes ids and times, owns the compute pool and the store.
-//! Knows scan, estimation, plot and store; must not know HTTP.
+//! The product's verbs: keep a scan, measure, recall, draw; lease the cell, scan, plan, move, stop. Makes ids and times, owns
+//! the compute pool, the store and the way to the cell. Must not know HTTP.
 //!
 //! ```text
 //! pieces --Upload--> a file --read--> Decoded --slice--> Scan --estimate--> Estimate --record--> Measurement, acknowledged
 //!                     behind its writer    \_____ on the compute pool _____/                      when durable
+//! order --write down--> job --start--> cell --end--> job, written down
 //! ```
 
 mod answer;
+mod arriving;
 mod clock;
 mod compute;
+mod equipment;
 mod error;
+mod events;
 mod findings;
+mod jobs;
+mod live;
 mod measure;
 mod measurement;
+mod moves;
 mod offline;
 mod pictures;
+mod plans;
 mod reading;
 mod recipe;
 mod recipes;
 mod records;
 mod scans;
+mod sensor;
 mod tee;
 #[cfg(test)]
 mod tests;
@@ -29,15 +38,22 @@ mod view;
 pub use answer::{Accepted, Answer, Order, RequestId};
 pub use clock::Stopwatch;
 pub use compute::{Compute, ComputeError, Load};
+pub use equipment::{Equipment, EquipmentError};
 pub use error::{ContentError, ServiceError};
+pub use events::{Event, Events, Happening};
 pub use findings::{Chosen, Finding, Findings, MeasuredPart};
+pub use jobs::{Commander, Ending, JobStanding, Recorded, Started, stop_code};
+pub use live::{CellView, HOLDER_CHARACTERS_MAX, HeldLease};
 pub use measure::{Decoded, MeasureError, Measured, Prepared, measure, prepare, read};
 pub use measurement::{Identity, Measurement, SOFTWARE, Tally, Verdict};
+pub use moves::{Move, MoveOrder, MoveRequest};
 pub use offline::{Offline, measure_offline};
+pub use plans::{PlanAnswer, PlanRequest, Stale, StoredPlan, Target};
 pub use recipe::{DESCRIPTION_CHARACTERS_MAX, Recipe, RecipeError, Resolved};
 pub use recipes::{Put, RecipeName, StoredRecipe};
 pub use records::Last;
 pub use scans::{Content, Kept, Origin};
+pub use sensor::{AnyMeasurement, ScanWay, SensorOrder, SensorRequest, SensorScan};
 pub use upload::{Arrived, Upload};
 pub use view::View;
 
@@ -46,12 +62,20 @@ use crate::estimation::Settings;
 use crate::scan::decode::Limits;
 use crate::store::Store;
 use clock::Clock;
+use events::EventLog;
 use jiff::Timestamp;
+use jobs::Followers;
+use live::CellSide;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+use tokio::sync::watch;
 use upload::Uploads;
+
+/// How long the ends of jobs may take to be written down when the service ends.
+const FOLLOWERS_WAIT: Duration = Duration::from_secs(5);
 
 /// What a service may take on.
 #[derive(Debug, Clone, PartialEq)]
@@ -113,14 +137,33 @@ pub struct Service {
     /// Counts what was recorded, so that a poller sees that something changed.
     sequence: AtomicU64,
     last: Mutex<Option<Last>>,
+    cell: Option<CellSide>,
+    events: Arc<EventLog>,
+    /// Tasks that see jobs of the cell to their end.
+    followers: Followers,
+    closing: watch::Sender<bool>,
 }
 
 impl Service {
-    /// Opens the store of a folder and starts the threads.
+    /// A service without a cell, on the store of a folder.
     ///
     /// # Errors
     /// [`ServiceError`] where the folder cannot be used or the threads cannot be started.
     pub async fn open(folder: &Path, capacity: Capacity, defaults: Settings) -> Result<Arc<Self>, ServiceError> {
+        Self::open_with(folder, capacity, defaults, None).await
+    }
+
+    /// Opens the store of a folder, starts the threads, and has the cell, where there is one, reach for its devices. Nothing
+    /// moves; what an earlier process left under way is written down as interrupted.
+    ///
+    /// # Errors
+    /// [`ServiceError`] where the folder cannot be used or the threads cannot be started.
+    pub async fn open_with(
+        folder: &Path,
+        capacity: Capacity,
+        defaults: Settings,
+        equipment: Option<Equipment>,
+    ) -> Result<Arc<Self>, ServiceError> {
         let store = Store::open(folder).await?;
         let compute = Compute::start(capacity.threads, capacity.running_max, capacity.queue_max)
             .map_err(|source| ServiceError::Threads(Arc::new(source)))?;
@@ -129,7 +172,11 @@ impl Service {
         // Points that wait in memory are bounded as those that are calculated with are.
         let uploads = Uploads::new(capacity.uploads_max, capacity.running_max);
         let clock = Clock;
-        let service = Self {
+        let cell = match equipment {
+            Some(equipment) => Some(CellSide::start(equipment, store.fence().await?)),
+            None => None,
+        };
+        let service = Arc::new(Self {
             store,
             compute,
             drawing,
@@ -142,9 +189,15 @@ impl Service {
             started_at: clock.now(),
             sequence: AtomicU64::new(0),
             last: Mutex::new(None),
-        };
+            cell,
+            events: EventLog::new(),
+            followers: Followers::new(),
+            closing: watch::Sender::new(false),
+        });
         service.recall_last().await?;
-        Ok(Arc::new(service))
+        service.interrupt_jobs().await?;
+        service.follow_cell();
+        Ok(service)
     }
 
     /// What the pool has to do right now.
@@ -211,8 +264,19 @@ impl Service {
         Ok(self.store.probe().await?)
     }
 
-    /// Finishes what is being written and refuses the rest.
+    /// Stops what moves and lets the devices go, finishes what is being written, and refuses the rest.
     pub async fn close(&self) {
+        self.stop_motion().await;
+        self.followers.finish(FOLLOWERS_WAIT).await;
         self.store.close().await;
+    }
+
+    /// Stops what moves, for good, and lets the devices go: the first thing to do when the service is told to end. Whoever
+    /// waits for something is answered.
+    pub async fn stop_motion(&self) {
+        self.closing.send_replace(true);
+        if let Some(side) = &self.cell {
+            side.cell.close().await;
+        }
     }
 }

@@ -20,6 +20,12 @@ pub(super) fn timestamp(row: &SqliteRow, column: &str) -> Result<Timestamp, sqlx
     Timestamp::from_microsecond(row.try_get(column)?).map_err(undecodable(column))
 }
 
+/// A time from a column that may be empty.
+pub(super) fn optional_timestamp(row: &SqliteRow, column: &str) -> Result<Option<Timestamp>, sqlx::Error> {
+    let micros = row.try_get::<Option<i64>, _>(column)?;
+    micros.map(|micros| Timestamp::from_microsecond(micros).map_err(undecodable(column))).transpose()
+}
+
 /// A count from its column.
 pub(super) fn count(row: &SqliteRow, column: &str) -> Result<u64, sqlx::Error> {
     u64::try_from(row.try_get::<i64, _>(column)?).map_err(undecodable(column))

@@ -14,8 +14,10 @@ pub(super) struct Migration {
 }
 
 /// All steps, counting up from 1.
-pub(super) const MIGRATIONS: &[Migration] =
-    &[Migration { version: 1, sql: include_str!("migrations/0001_records.sql") }];
+pub(super) const MIGRATIONS: &[Migration] = &[
+    Migration { version: 1, sql: include_str!("migrations/0001_records.sql") },
+    Migration { version: 2, sql: include_str!("migrations/0002_cell.sql") },
+];
 
 /// Applies the steps that the database has not seen.
 ///

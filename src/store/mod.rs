@@ -14,10 +14,12 @@ mod connection;
 mod error;
 mod folder;
 mod following;
+mod jobs;
 mod measurements;
 mod migration;
 mod page;
 mod placing;
+mod plans;
 mod recipes;
 mod rows;
 mod scan_files;
@@ -29,7 +31,9 @@ mod writer;
 
 pub use error::StoreError;
 pub use following::{ScanFollower, ScanTrail};
+pub use jobs::{EndedJob, InsertedJob, JobRow, NewJob};
 pub use page::{Cursor, Listing, PAGE_ROWS_MAX, Page};
+pub use plans::{InsertedPlan, PlanRow};
 pub use rows::{
     AnsweredRequest, Counts, Filter, Inserted, MeasurementRow, NewMeasurement, Precondition, PutRecipe, RecipeRow,
     RecordedScan, RequestKey, ScanRow,

@@ -11,6 +11,16 @@ macro_rules! measurement_columns {
         "measurements.id, created_at, verdict, method, scan_id, recipe, document"
     };
 }
+macro_rules! plan_columns {
+    () => {
+        "id, created_at, request_id, fingerprint, document"
+    };
+}
+macro_rules! job_columns {
+    () => {
+        "id, kind, created_at, state, ended_at, plan_id, request_id, fingerprint, document"
+    };
+}
 macro_rules! recipe_columns {
     () => {
         "name, revision, document, created_at, updated_at"
@@ -43,6 +53,29 @@ pub(super) const REPLACE_RECIPE: &str =
     "UPDATE recipes SET revision = $2, document = $3, updated_at = $4 WHERE name = $1";
 pub(super) const RECIPE: &str = concat!("SELECT ", recipe_columns!(), " FROM recipes WHERE name = $1");
 pub(super) const RECIPES: List = List { select: concat!("SELECT ", recipe_columns!(), " FROM recipes"), key: "name" };
+
+pub(super) const INSERT_PLAN: &str = concat!("INSERT INTO plans (", plan_columns!(), ") VALUES ($1, $2, $3, $4, $5)");
+pub(super) const PLAN: &str = concat!("SELECT ", plan_columns!(), " FROM plans WHERE id = $1");
+pub(super) const PLAN_OF_REQUEST: &str = concat!("SELECT ", plan_columns!(), " FROM plans WHERE request_id = $1");
+pub(super) const PLANS: List = List { select: concat!("SELECT ", plan_columns!(), " FROM plans"), key: "id" };
+
+pub(super) const INSERT_JOB: &str =
+    concat!("INSERT INTO jobs (", job_columns!(), ") VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)");
+pub(super) const END_JOB: &str =
+    "UPDATE jobs SET state = $2, ended_at = $3, document = $4 WHERE id = $1 AND ended_at IS NULL";
+pub(super) const REFUSE_JOB: &str = "UPDATE jobs SET state = $2, ended_at = $3, document = $4, plan_id = NULL, \
+    request_id = NULL, fingerprint = NULL WHERE id = $1 AND ended_at IS NULL";
+pub(super) const INTERRUPT_JOBS: &str = "UPDATE jobs SET state = $1, ended_at = $2 WHERE ended_at IS NULL";
+pub(super) const JOBS_UNDER_WAY: &str =
+    concat!("SELECT ", job_columns!(), " FROM jobs WHERE ended_at IS NULL ORDER BY created_at");
+pub(super) const JOB: &str = concat!("SELECT ", job_columns!(), " FROM jobs WHERE id = $1");
+pub(super) const JOB_OF_REQUEST: &str = concat!("SELECT ", job_columns!(), " FROM jobs WHERE request_id = $1");
+pub(super) const JOB_OF_PLAN: &str = concat!("SELECT ", job_columns!(), " FROM jobs WHERE plan_id = $1");
+pub(super) const JOBS: List = List { select: concat!("SELECT ", job_columns!(), " FROM jobs"), key: "id" };
+
+pub(super) const RAISE_FENCE: &str = "INSERT INTO fences (id, fence) VALUES (1, $1) \
+    ON CONFLICT (id) DO UPDATE SET fence = excluded.fence WHERE excluded.fence > fences.fence";
+pub(super) const FENCE: &str = "SELECT fence FROM fences WHERE id = 1";
 
 pub(super) const PROBE: &str = "INSERT INTO probes (id, writes_count) VALUES (1, 1) \
     ON CONFLICT (id) DO UPDATE SET writes_count = probes.writes_count + 1";

@@ -1,6 +1,7 @@
 //! The OpenAPI document, its examples and the page that shows it.
 
-use crate::harness::{Running, start};
+use crate::cell::{FAST, Line};
+use crate::harness::start;
 use coaxis::http::{COMMITTED, Code, openapi_json};
 use serde_json::Value;
 
@@ -67,7 +68,10 @@ fn every_operation_is_named_summarised_and_tells_how_it_refuses() {
     for (path, method, operation) in operations(&document) {
         let id = operation["operationId"].as_str().expect("a name");
         let verb = id.split('_').next().expect("a verb");
-        assert!(["create", "list", "get", "put"].contains(&verb), "{id}");
+        let verbs = [
+            "create", "list", "get", "put", "take", "release", "stop", "reset", "enable", "disable", "home", "execute",
+        ];
+        assert!(verbs.contains(&verb), "{id}");
         assert!(!operation["summary"].as_str().expect("a summary").is_empty(), "{method} {path}");
         let responses = operation["responses"].as_object().expect("responses");
         assert!(responses.keys().any(|status| status.starts_with('2')), "{id}");
@@ -80,31 +84,54 @@ fn every_operation_is_named_summarised_and_tells_how_it_refuses() {
 
 #[test]
 fn every_example_of_a_body_works() {
-    let (service, _folder) = start();
+    let line = Line::ready(FAST);
     let document: Value = serde_json::from_str(COMMITTED).expect("JSON");
     for (name, send) in EXAMPLES {
         let example = &document["components"]["schemas"][name]["example"];
         assert!(example.is_object(), "{name} has no example");
-        send(&service, example);
+        send(&line, example);
     }
 }
 
-type Send = fn(&Running, &Value);
+type Send = fn(&Line, &Value);
 
 /// Bodies of requests, and where they go.
-const EXAMPLES: [(&str, Send); 3] = [
-    ("JsonScan", |service, example| {
-        service.post_json("/v1/measurements", example).expect(201);
+const EXAMPLES: [(&str, Send); 8] = [
+    ("JsonScan", |line, example| {
+        line.service.post_json("/v1/measurements", example).expect(201);
     }),
-    ("Recipe", |service, example| {
-        service.put("/v1/recipes/example", &[], example).expect(201);
+    ("Recipe", |line, example| {
+        line.service.put("/v1/recipes/example", &[], example).expect(201);
     }),
-    ("MeasurementOrder", |service, example| {
+    ("MeasurementOrder", |line, example| {
+        let service = &line.service;
         // The example names a scan that nobody sent; with one that is there it works.
         service.post_json("/v1/measurements", example).problem(404, "scan_unknown");
         let scan = service.post("/v1/scans", &crate::bodies::exact_csv()).expect(201);
         let mut order = example.clone();
         order["scan_id"] = scan["id"].clone();
         service.post_json("/v1/measurements", &order).expect(201);
+    }),
+    ("SensorOrder", |line, example| {
+        let begun = line.post("/v1/measurements", example).expect(201);
+        line.service.get(&format!("/v1/measurements/{}?wait_s=30", begun["id"].as_str().expect("an id"))).expect(200);
+    }),
+    ("PlanRequest", |line, example| {
+        line.service.post_json("/v1/plans", example).problem(404, "measurement_unknown");
+        let mut order = example.clone();
+        order["measurement_id"] = line.measure()["id"].clone();
+        line.service.post_json("/v1/plans", &order).expect(201);
+    }),
+    ("MoveRequest", |line, example| {
+        let begun = line.post("/v1/moves", example).expect(201);
+        assert_eq!(line.wait_for(&begun)["state"], "done");
+    }),
+    ("LeaseRequest", |line, example| {
+        line.service.post_json("/v1/cell/lease", example).problem(423, "lease_held");
+        line.service.delete(&format!("/v1/cell/lease?lease_id={}", line.lease)).expect(200);
+        line.service.post_json("/v1/cell/lease", example).expect(201);
+    }),
+    ("LeaseReference", |line, example| {
+        line.service.post_json("/v1/cell/reset", example).problem(423, "lease_held");
     }),
 ];

@@ -1,9 +1,10 @@
 //! A service to talk to, and the words to talk with. Started in this process, on a free port, with a folder of its own that
 //! is removed at the end.
 
-use coaxis::config::Config;
+use coaxis::config::{Cell, Config};
+use coaxis::device::simulated::World;
 use coaxis::http::{Server, Stopper};
-use coaxis::service::{Capacity, Service};
+use coaxis::service::{Capacity, Equipment, Service};
 use serde_json::Value;
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
@@ -22,7 +23,9 @@ pub(crate) const BLOCKING_THREADS: usize = 4;
 /// A running service.
 pub(crate) struct Running {
     pub(crate) address: SocketAddr,
-    stopper: Stopper,
+    /// What stands behind the simulated devices; `None` where the service has no cell.
+    pub(crate) world: Option<World>,
+    stopper: Option<Stopper>,
     thread: Option<JoinHandle<()>>,
     agent: ureq::Agent,
 }
@@ -62,7 +65,7 @@ impl Drop for Folder {
     }
 }
 
-/// A service with the default configuration and a folder of its own.
+/// A service without a cell, else with the default configuration, and a folder of its own.
 pub(crate) fn start() -> (Running, Folder) {
     start_with(|_| {})
 }
@@ -75,8 +78,12 @@ pub(crate) fn start_with(change: impl FnOnce(&mut Config)) -> (Running, Folder) 
 
 /// A service on a folder that may have been used before.
 pub(crate) fn start_on(folder: &Folder, change: impl FnOnce(&mut Config)) -> Running {
-    let mut config =
-        Config { listen: SocketAddr::from(([127, 0, 0, 1], 0)), data: folder.path().to_owned(), ..Config::default() };
+    let mut config = Config {
+        listen: SocketAddr::from(([127, 0, 0, 1], 0)),
+        data: folder.path().to_owned(),
+        cell: Cell { enabled: false, ..Cell::default() },
+        ..Config::default()
+    };
     change(&mut config);
     config.check().expect("a valid configuration");
     let (sender, receiver) = mpsc::channel();
@@ -86,15 +93,26 @@ pub(crate) fn start_on(folder: &Folder, change: impl FnOnce(&mut Config)) -> Run
         let runtime = runtime.worker_threads(2).max_blocking_threads(BLOCKING_THREADS).enable_all().build();
         runtime.expect("a runtime").block_on(async move {
             let capacity = Capacity::from_config(&config);
-            let service = Service::open(&config.data, capacity, config.estimation).await.expect("a store");
-            let server = Server::bind(&config, service).expect("a port");
-            sender.send((server.address(), server.stopper())).expect("somebody waits");
+            let equipment = Equipment::of(&config.cell).expect("devices");
+            let world = equipment.as_ref().and_then(|equipment| equipment.world.clone());
+            let opened = Service::open_with(&config.data, capacity, config.estimation, equipment).await;
+            let server = Server::bind(&config, opened.expect("a store")).expect("a port");
+            sender.send((server.address(), server.stopper(), world)).expect("somebody waits");
             server.serve().await.expect("it serves");
         });
     });
-    let (address, stopper) = receiver.recv().expect("it starts");
-    let agent = ureq::Agent::config_builder().http_status_as_error(false).timeout_global(Some(PATIENCE)).build();
-    Running { address, stopper, thread: Some(thread), agent: agent.into() }
+    let (address, stopper, world) = receiver.recv().expect("it starts");
+    Running { address, world, stopper: Some(stopper), thread: Some(thread), agent: agent() }
+}
+
+/// A service in another process.
+pub(crate) fn at(address: &str) -> Running {
+    let address = address.parse().expect("an address");
+    Running { address, world: None, stopper: None, thread: None, agent: agent() }
+}
+
+fn agent() -> ureq::Agent {
+    ureq::Agent::config_builder().http_status_as_error(false).timeout_global(Some(PATIENCE)).build().into()
 }
 
 /// An answer, read to its end.
@@ -193,7 +211,7 @@ impl Running {
 
     /// Begins to stop: no further connection is taken.
     pub(crate) fn begin_to_stop(&self) {
-        self.stopper.stop();
+        self.stopper.as_ref().expect("it runs here").stop();
     }
 
     /// Stops and waits until everything is over.
@@ -207,7 +225,9 @@ impl Running {
     }
 
     fn end(&mut self) {
-        self.stopper.stop();
+        if let Some(stopper) = &self.stopper {
+            stopper.stop();
+        }
         if let Some(thread) = self.thread.take() {
             thread.join().expect("it ended in good order");
         }

@@ -4,6 +4,7 @@
 #![expect(clippy::expect_used, clippy::panic, clippy::indexing_slicing, reason = "tests may fail")]
 
 mod bodies;
+mod cell;
 mod command;
 mod documents;
 mod harness;

@@ -1,19 +1,20 @@
-//! Measures: a scan in the body with options in the query, or a JSON order that names a kept scan. Must not know how a scan
-//! is read.
+//! Measures: a scan in the body with options in the query, or a JSON order that names a kept scan or the sensor. Must not know
+//! how a scan is read or taken.
 
 use super::super::app::App;
 use super::super::body::Pieces;
+use super::super::command::made;
 use super::super::extract::{is_json, json, query};
 use super::super::names::{FormatName, MethodName, UnitName};
 use super::super::problem::{Code, Problem};
 use super::super::receive::{content_encoding, origin, receive, request_id};
 use super::MeasurementDocument;
+use super::sensor::{SensorMeasurementDocument, SensorOrderDocument, measure_from_sensor};
 use crate::scan::decode::Encoding;
 use crate::service::{Answer, Order, Recipe, RecipeName};
-use axum::Json;
 use axum::extract::{Request, State};
-use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::http::HeaderMap;
+use axum::response::Response;
 use serde::Deserialize;
 use serde::de::{Deserializer as _, IgnoredAny, MapAccess, Visitor};
 use std::fmt;
@@ -81,8 +82,30 @@ pub(in super::super) struct OrderDocument {
 pub(in super::super) enum JsonBody {
     /// A measurement of a kept scan.
     Order(OrderDocument),
+    /// A measurement by the sensor.
+    Sensor(SensorOrderDocument),
     /// A scan.
     Scan(JsonScan),
+}
+
+/// What is answered: a measurement that ran, or one by the sensor that was begun.
+#[derive(Debug, ToSchema)]
+#[serde(untagged)]
+#[schema(as = CreatedMeasurement)]
+#[expect(dead_code, reason = "only its schema is used")]
+pub(in super::super) enum Created {
+    /// It ran.
+    Measurement(Box<MeasurementDocument>),
+    /// It scans.
+    Sensor(Box<SensorMeasurementDocument>),
+}
+
+/// An order in JSON.
+enum JsonOrder {
+    /// To measure a kept scan.
+    Kept(OrderDocument),
+    /// To scan, and measure that.
+    Sensor(SensorOrderDocument),
 }
 
 /// A scan in JSON.
@@ -106,13 +129,14 @@ pub(in super::super) struct JsonProfile {
     points: Vec<[f64; 2]>,
 }
 
-const REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
-
 /// Measure a scan
 ///
 /// The body is a scan file, its format told by `?format=`, by Content-Type or by its first bytes; gzip and zstd are
 /// undone, whether Content-Encoding says so or their first bytes do. Or it is JSON that names a kept scan: an object with `scan_id`, where what the body says
 /// holds over the query. A JSON body with `profiles`, or of more than 64 KiB, is a scan.
+///
+/// Or it is JSON with `"source": "sensor"`: the cell's sensor scans first, which needs the lease. 201 comes at once, with the
+/// record in state `scanning`; GET it with `?wait_s=` for the end.
 ///
 /// 201 with verdict `accepted` or `refused`: a refusal is a result, with its reason and numbers. Repeating a request of the
 /// same `request_id` gives the first answer again, with status 200 and `Idempotency-Replayed: true`.
@@ -127,9 +151,9 @@ const REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
         content((Vec<u8> = "application/octet-stream"), (JsonBody = "application/json"))
     ),
     responses(
-        (status = 201, description = "Measured and recorded", body = MeasurementDocument,
+        (status = 201, description = "Measured and recorded; or, by the sensor, begun", body = Created,
             headers(("Location" = String, description = "Address of the measurement"))),
-        (status = 200, description = "Measured before, for a request of the same id", body = MeasurementDocument,
+        (status = 200, description = "Measured, or begun, before, for a request of the same id", body = Created,
             headers(("Location" = String, description = "Address of the measurement"),
                 ("Idempotency-Replayed" = String, description = "true"))),
     )
@@ -147,7 +171,10 @@ pub(in super::super) async fn create_measurement(
         && encoding.is_none()
         && let Some(order) = read_order(&mut pieces, &app).await?
     {
-        return measure_kept(&app, order, query, &parts.headers).await;
+        return match order {
+            JsonOrder::Kept(order) => measure_kept(&app, order, query, &parts.headers).await,
+            JsonOrder::Sensor(order) => measure_from_sensor(&app, order, &parts.headers).await,
+        };
     }
     let origin = origin(query.format, &parts.headers)?;
     let accepted = app.service.accept(query.order(&parts.headers)?).await?;
@@ -175,27 +202,25 @@ async fn measure_kept(
 }
 
 fn answer(app: &App, Answer { measurement, replayed }: Answer) -> Result<Response, Problem> {
-    let location = HeaderValue::from_str(&format!("/v1/measurements/{}", measurement.id))
-        .map_err(|error| Problem::internal(error.to_string()))?;
-    let body = Json(MeasurementDocument::from(&measurement));
-    if replayed {
-        let replay = (REPLAYED, HeaderValue::from_static("true"));
-        return Ok((StatusCode::OK, [(header::LOCATION, location), replay], body).into_response());
+    if !replayed {
+        // Precise enough for a duration of any length that is waited for.
+        let seconds = std::time::Duration::from_millis(measurement.duration_ms).as_secs_f64();
+        app.metrics.measured(measurement.verdict(), measurement.method.name(), seconds);
     }
-    // Precise enough for a duration of any length that is waited for.
-    let seconds = std::time::Duration::from_millis(measurement.duration_ms).as_secs_f64();
-    app.metrics.measured(measurement.verdict(), measurement.method.name(), seconds);
-    Ok((StatusCode::CREATED, [(header::LOCATION, location)], body).into_response())
+    made(&format!("/v1/measurements/{}", measurement.id), replayed, MeasurementDocument::from(&measurement))
+}
+
+/// The name of a recipe.
+pub(super) fn recipe_name(name: String) -> Result<RecipeName, Problem> {
+    RecipeName::parse(&name).ok_or_else(|| {
+        Problem::new(Code::RecipeUnknown, format!("there is no recipe {name}; list them with GET /v1/recipes"))
+            .with("recipe", name)
+    })
 }
 
 impl CreateQuery {
     fn order(self, headers: &HeaderMap) -> Result<Order, Problem> {
-        let recipe = self.recipe.map(|name| {
-            RecipeName::parse(&name).ok_or_else(|| {
-                Problem::new(Code::RecipeUnknown, format!("there is no recipe {name}; list them with GET /v1/recipes"))
-                    .with("recipe", name)
-            })
-        });
+        let recipe = self.recipe.map(recipe_name);
         let overrides = Recipe {
             method: self.method.map(Into::into),
             nominal_radius_mm: self.nominal_radius_mm,
@@ -208,7 +233,7 @@ impl CreateQuery {
 }
 
 /// The order that a JSON body is; `None` where it is a scan, whose bytes are all still to be had from `pieces`.
-async fn read_order(pieces: &mut Pieces, app: &App) -> Result<Option<OrderDocument>, Problem> {
+async fn read_order(pieces: &mut Pieces, app: &App) -> Result<Option<JsonOrder>, Problem> {
     let enough = usize::try_from(app.limits.json_bytes_max).unwrap_or(usize::MAX).saturating_add(1);
     let (head, whole) = pieces.look_ahead(enough).await?;
     if Encoding::sniff(&head).is_some() {
@@ -216,9 +241,10 @@ async fn read_order(pieces: &mut Pieces, app: &App) -> Result<Option<OrderDocume
     }
     let keys = top_level_keys(&head);
     let has = |name: &str| keys.iter().any(|key| key == name);
-    match (has("profiles"), has("scan_id"), whole) {
+    match (has("profiles"), has("scan_id") || has("source"), whole) {
         (true, false, _) | (false, false, false) => Ok(None),
-        (_, _, true) => json(&head).map(Some),
+        (_, _, true) if has("source") => Ok(Some(JsonOrder::Sensor(json(&head)?))),
+        (_, _, true) => Ok(Some(JsonOrder::Kept(json(&head)?))),
         (_, true, false) => {
             let bytes_max = app.limits.json_bytes_max;
             let detail = format!("an order has at most {bytes_max} bytes; send a scan without scan_id");

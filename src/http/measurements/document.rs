@@ -19,7 +19,7 @@ pub struct MeasurementDocument {
     /// `m-` and a UUID that grows with time.
     #[schema(pattern = "^m-[0-9a-f-]{36}$", example = "m-0199f0c8-0000-7000-8000-000000000000")]
     pub id: String,
-    /// Always `done`: a file is measured before the answer.
+    /// Always `done` here; see `SensorMeasurement` for one that still scans.
     pub state: State,
     /// Whether there is a pose, of every part where there are several.
     pub verdict: VerdictName,

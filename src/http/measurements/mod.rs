@@ -6,6 +6,7 @@ mod parts;
 mod plc;
 mod plots;
 mod profiles;
+mod sensor;
 mod uncertainty;
 
 pub(super) use create::{__path_create_measurement, create_measurement};
@@ -17,15 +18,17 @@ pub use profiles::{ProfileDocument, profiles_csv};
 pub use uncertainty::UncertaintyDocument;
 
 use super::app::App;
+use super::command::wait;
 use super::extract::{Path, Query};
 use super::paging::{link_next, page};
 use super::problem::Problem;
+use crate::service::AnyMeasurement;
 use crate::store::{Filter, Listing};
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, Uri};
-use axum::response::{IntoResponse, Response};
 use plc::PlcDocument;
+use sensor::{PlcSensorDocument, SensorMeasurementDocument};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
@@ -104,7 +107,7 @@ pub(super) struct GetQuery {
     /// Which part `plc` shows, by name or by number from 1 in order of x; the first where nothing is said.
     #[param(pattern = "^[A-Za-z0-9_-]{1,32}$")]
     part: Option<String>,
-    /// How long to wait for the end of the measurement; a file is measured before its answer, so nobody has to wait.
+    /// How long to wait for the end of a measurement by the sensor, in seconds; a file is measured before its answer.
     #[param(minimum = 0, maximum = 60)]
     wait_s: Option<u8>,
 }
@@ -119,7 +122,7 @@ pub(super) enum View {
     Plc,
 }
 
-/// A measurement, whole or for a PLC.
+/// A measurement, whole or for a PLC; one by the sensor that has not run is shown by what is known of it.
 #[derive(Debug, Serialize, ToSchema)]
 #[serde(untagged)]
 pub(super) enum Shown {
@@ -127,12 +130,17 @@ pub(super) enum Shown {
     Full(Box<MeasurementDocument>),
     /// For a PLC.
     Plc(Box<PlcDocument>),
+    /// By the sensor, still under way or come to nothing.
+    Sensor(Box<SensorMeasurementDocument>),
+    /// The same for a PLC.
+    PlcSensor(PlcSensorDocument),
 }
 
 /// Get a measurement
 ///
 /// The whole document, or with `?view=plc` integers in one flat object below 512 bytes. Of several parts that is one
-/// part, the first unless `?part=` says which.
+/// part, the first unless `?part=` says which. One by the sensor is in state `scanning` until it has run; with `?wait_s=` the
+/// answer comes at its end, or after that time.
 #[utoipa::path(
     get, path = "/v1/measurements/{id}", tag = "measurements",
     params(("id" = String, Path, description = "Id of the measurement"), GetQuery),
@@ -142,16 +150,21 @@ pub(super) async fn get_measurement(
     State(app): State<App>,
     Path(id): Path<String>,
     Query(query): Query<GetQuery>,
-) -> Result<Response, Problem> {
+) -> Result<Json<Shown>, Problem> {
     query.check()?;
-    let measurement = app.service.measurement(&id).await?;
-    Ok(match query.view.unwrap_or(View::Full) {
-        View::Full => Json(Shown::Full(Box::new((&measurement).into()))).into_response(),
-        View::Plc => {
+    let view = query.view.unwrap_or(View::Full);
+    let shown = match (app.service.any_measurement(&id, wait(query.wait_s)?).await?, view) {
+        (AnyMeasurement::Ran(measurement), View::Full) => Shown::Full(Box::new((&*measurement).into())),
+        (AnyMeasurement::Ran(measurement), View::Plc) => {
             let chosen = measurement.findings.choose(query.part.as_deref())?;
-            Json(Shown::Plc(Box::new(PlcDocument::new(&measurement, chosen)))).into_response()
+            Shown::Plc(Box::new(PlcDocument::new(&measurement, chosen)))
         }
-    })
+        (AnyMeasurement::Scan(scan), View::Full) => {
+            Shown::Sensor(Box::new(SensorMeasurementDocument::of(*scan, &app.service)))
+        }
+        (AnyMeasurement::Scan(scan), View::Plc) => Shown::PlcSensor(PlcSensorDocument::of(&scan, &app.service)),
+    };
+    Ok(Json(shown))
 }
 
 impl GetQuery {
@@ -160,12 +173,6 @@ impl GetQuery {
             let detail = "part goes with view=plc; the whole document has all parts";
             return Err(Problem::new(super::problem::Code::QueryInvalid, detail));
         }
-        match self.wait_s {
-            Some(wait_s) if wait_s > 60 => {
-                let detail = format!("wait_s must be between 0 and 60, got {wait_s}");
-                Err(Problem::new(super::problem::Code::QueryInvalid, detail).with("wait_s", wait_s))
-            }
-            _ => Ok(()),
-        }
+        Ok(())
     }
 }

@@ -2,6 +2,7 @@
 //! status, a code, words for people and numbers for programs go out. There is no catch-all: a new reason stops the build
 //! until somebody chooses.
 
+mod cell;
 mod code;
 mod decoding;
 mod reasons;

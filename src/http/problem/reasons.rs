@@ -60,6 +60,28 @@ impl From<ServiceError> for Problem {
             E::RecordUnreadable { ref source, .. } | E::RecordUnwritable { ref source, .. } => {
                 Self::internal(format!("{text}: {source}"))
             }
+            E::CellAbsent => Self::new(
+                Code::CellAbsent,
+                format!("{text}; give it one with cell.enabled = true in its configuration"),
+            ),
+            E::Cell(cause) => cause.into(),
+            E::Motion(cause) => cause.into(),
+            E::Stale(cause) => cause.into(),
+            E::PositionsUnknown => Self::new(Code::DeviceUnavailable, format!("{text}; try again"))
+                .with_header(header::RETRY_AFTER, RETRY_AFTER_S),
+            E::MoveUnknown { id } => {
+                Self::new(Code::MoveUnknown, format!("{text}; list them with GET /v1/moves")).with("move_id", id)
+            }
+            E::PlanUnknown { id } => {
+                Self::new(Code::PlanUnknown, format!("{text}; list them with GET /v1/plans")).with("plan_id", id)
+            }
+            E::PoseMissing { measurement_id } => {
+                Self::new(Code::PoseMissing, text).with("measurement_id", measurement_id)
+            }
+            E::Value { field, allowed } => {
+                Self::new(Code::OptionInvalid, text).with("field", field).with("allowed", allowed)
+            }
+            E::Equipment(source) => Self::internal(format!("{text}: {source}")),
             E::Threads(source) => Self::internal(format!("{text}: {source}")),
         }
     }

@@ -3,6 +3,7 @@
 mod crash;
 mod failures;
 mod following;
+mod jobs;
 mod pages;
 mod placing;
 mod records;

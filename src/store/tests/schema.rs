@@ -66,9 +66,11 @@ async fn a_migration_with_another_text_is_refused() {
 async fn a_migration_that_fails_leaves_the_database_as_it_was() {
     const BROKEN: &[Migration] = &[
         MIGRATIONS[0],
-        Migration { version: 2, sql: "CREATE TABLE extra (id TEXT); INSERT INTO missing (id) VALUES (1)" },
+        MIGRATIONS[1],
+        Migration { version: 3, sql: "CREATE TABLE extra (id TEXT); INSERT INTO missing (id) VALUES (1)" },
     ];
-    const MENDED: &[Migration] = &[MIGRATIONS[0], Migration { version: 2, sql: "CREATE TABLE extra (id TEXT)" }];
+    const MENDED: &[Migration] =
+        &[MIGRATIONS[0], MIGRATIONS[1], Migration { version: 3, sql: "CREATE TABLE extra (id TEXT)" }];
     let folder = TempFolder::new();
     let store = folder.open().await;
     store.insert_measurement(new_measurement("m-1", 1)).await.unwrap();

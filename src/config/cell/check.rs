@@ -1,0 +1,262 @@
+//! Which cell can be: every number within its range, every adaptor set up. What is wrong is told with its dotted key. Must not
+//! know what a value is for.
+
+use super::{Cell, Manipulator, ManipulatorAdaptor, SensorAdaptor, StageAdaptor};
+use crate::cell::SettingsError;
+use crate::device::{gocator, modbus, simulated};
+use crate::motion::{ArrangementError, Carrier};
+
+/// Why a cell cannot be.
+#[derive(Debug, thiserror::Error)]
+pub enum CellError {
+    /// A number beyond what can work.
+    #[error("cell.{key} must be between {least} and {most}, got {value}")]
+    OutOfRange {
+        /// Dotted name below `cell`.
+        key: String,
+        /// What was given.
+        value: f64,
+        /// Least.
+        least: f64,
+        /// Greatest.
+        most: f64,
+    },
+    /// Two numbers in the wrong order.
+    #[error("cell.{key} must be below {beside}, got {value} and {limit}")]
+    NotBelow {
+        /// Dotted name below `cell`.
+        key: String,
+        /// Name of the other.
+        beside: &'static str,
+        /// What was given.
+        value: f64,
+        /// What the other is.
+        limit: f64,
+    },
+    /// The simulation cannot be so.
+    #[error("cell.simulated.{0}")]
+    Simulated(#[from] simulated::SettingError),
+    /// A device behind Modbus cannot be so.
+    #[error("cell.{key}.{cause}")]
+    Modbus {
+        /// The device.
+        key: &'static str,
+        /// Why not.
+        cause: modbus::SettingsError,
+    },
+    /// A device behind OPC UA cannot be so.
+    #[cfg(feature = "opcua")]
+    #[error("cell.{key}.opcua.{cause}")]
+    Opcua {
+        /// The device.
+        key: &'static str,
+        /// Why not.
+        cause: crate::device::opcua::SettingRefusal,
+    },
+    /// The sensor cannot be so.
+    #[error("cell.sensor.gocator: {0}")]
+    Gocator(#[from] gocator::SettingsError),
+    /// This program was built without OPC UA.
+    #[error("cell.{key}.adaptor = \"opcua\": this program was built without OPC UA; build it with the feature opcua")]
+    OpcuaNotBuilt {
+        /// The device.
+        key: &'static str,
+    },
+    /// The manipulators cannot stand so.
+    #[error("cell.manipulators: {0}")]
+    Arrangement(#[from] ArrangementError),
+    /// The times do not go together.
+    #[error("cell.timing: {0}")]
+    Settings(#[from] SettingsError),
+}
+
+/// A number with its key, its least and its greatest value.
+type Range = (String, f64, f64, f64);
+
+impl Cell {
+    /// Checks every value; those of adaptors that are not chosen are let be, and so is a cell that is not enabled.
+    ///
+    /// # Errors
+    /// [`CellError`] names the first key that cannot be used.
+    pub fn check(&self) -> Result<(), CellError> {
+        if !self.enabled {
+            return Ok(());
+        }
+        let mut ranges = self.ranges();
+        for carrier in Carrier::ALL {
+            limits(key_of(carrier), self.manipulators.get(carrier), &mut ranges);
+        }
+        for (key, value, least, most) in ranges {
+            // Written so that what is no number fails it, too.
+            if !(least..=most).contains(&value) {
+                return Err(CellError::OutOfRange { key, value, least, most });
+            }
+        }
+        for carrier in Carrier::ALL {
+            order(key_of(carrier), self.manipulators.get(carrier))?;
+        }
+        let lease = &self.lease;
+        below("lease.ttl_min_ms", "lease.ttl_max_ms", real(lease.ttl_min_ms), real(lease.ttl_max_ms))?;
+        self.check_adaptors()?;
+        self.arrangement().check()?;
+        self.settings().check()?;
+        Ok(())
+    }
+
+    fn check_adaptors(&self) -> Result<(), CellError> {
+        self.simulated.check()?;
+        for carrier in Carrier::ALL {
+            let (key, manipulator) = (key_of(carrier), self.manipulators.get(carrier));
+            match manipulator.adaptor {
+                ManipulatorAdaptor::Simulated => {}
+                ManipulatorAdaptor::Modbus => {
+                    manipulator.modbus.check().map_err(|cause| CellError::Modbus { key, cause })?;
+                }
+                #[cfg(feature = "opcua")]
+                ManipulatorAdaptor::Opcua => {
+                    manipulator.opcua.check().map_err(|cause| CellError::Opcua { key, cause })?;
+                }
+                #[cfg(not(feature = "opcua"))]
+                ManipulatorAdaptor::Opcua => return Err(CellError::OpcuaNotBuilt { key }),
+            }
+        }
+        if self.stage.adaptor == StageAdaptor::Modbus {
+            self.stage.modbus.check().map_err(|cause| CellError::Modbus { key: "stage", cause })?;
+        }
+        if self.sensor.adaptor == SensorAdaptor::Gocator {
+            self.sensor.gocator.check()?;
+        }
+        Ok(())
+    }
+
+    fn ranges(&self) -> Vec<Range> {
+        let (lease, timing, together, scan) = (&self.lease, &self.timing, &self.together, &self.scan);
+        let tolerance = &together.tolerance;
+        let named: [(&str, f64, f64, f64); 21] = [
+            ("plan_age_max_s", real(self.plan_age_max_s), 1.0, 3_600.0),
+            ("lease.ttl_min_ms", real(lease.ttl_min_ms), 100.0, 600_000.0),
+            ("lease.ttl_max_ms", real(lease.ttl_max_ms), 1_000.0, 600_000.0),
+            ("lease.ttl_ms", real(lease.ttl_ms), real(lease.ttl_min_ms), real(lease.ttl_max_ms)),
+            ("timing.poll_ms", real(timing.poll_ms), 5.0, 100.0),
+            ("timing.poll_moving_ms", real(timing.poll_moving_ms), 5.0, 50.0),
+            ("timing.reply_ms", real(timing.reply_ms), 20.0, 300.0),
+            ("timing.connect_ms", real(timing.connect_ms), 20.0, 300.0),
+            ("timing.acknowledge_ms", real(timing.acknowledge_ms), 20.0, 300.0),
+            ("timing.watchdog_ms", real(timing.watchdog_ms), 100.0, 400.0),
+            ("timing.arrival_ms", real(timing.arrival_ms), 100.0, 600_000.0),
+            ("timing.scan_stall_ms", real(timing.scan_stall_ms), 50.0, 60_000.0),
+            ("together.strain_max_mm", together.strain_max_mm, 1e-6, 100.0),
+            ("together.twist_max_deg", together.twist_max_deg, 1e-6, 90.0),
+            ("together.clearance_min_mm", together.clearance_min_mm, 0.0, 10_000.0),
+            ("together.tolerance.x_mm", tolerance.x_mm, 1e-6, 10.0),
+            ("together.tolerance.y_mm", tolerance.y_mm, 1e-6, 10.0),
+            ("together.tolerance.z_mm", tolerance.z_mm, 1e-6, 10.0),
+            ("together.tolerance.c_deg", tolerance.c_deg, 1e-6, 10.0),
+            ("scan.profiles_count", real(scan.profiles_count), 2.0, 1e6),
+            ("scan.speed_mm_s", scan.speed_mm_s, 1e-3, 10_000.0),
+        ];
+        named.into_iter().map(|(key, value, least, most)| (key.to_owned(), value, least, most)).collect()
+    }
+}
+
+const fn key_of(carrier: Carrier) -> &'static str {
+    match carrier {
+        Carrier::M1 => "manipulators.m1",
+        Carrier::M2 => "manipulators.m2",
+    }
+}
+
+fn limits(key: &str, manipulator: &Manipulator, ranges: &mut Vec<Range>) {
+    const FAR: f64 = 100_000.0;
+    const TURNS: f64 = 3_600.0;
+    for (axis, value) in ["x", "y", "z"].iter().zip(manipulator.mount_mm) {
+        ranges.push((format!("{key}.mount_mm ({axis})"), value, -FAR, FAR));
+    }
+    ranges.push((format!("{key}.half_span_mm"), manipulator.half_span_mm, 0.0, FAR));
+    let limits = &manipulator.limits;
+    for (axis, own) in [("x", &limits.x), ("y", &limits.y), ("z", &limits.z)] {
+        let mut push = |name: &str, value, least, most| {
+            ranges.push((format!("{key}.limits.{axis}.{name}"), value, least, most));
+        };
+        push("lower_mm", own.lower_mm, -FAR, FAR);
+        push("upper_mm", own.upper_mm, -FAR, FAR);
+        push("step_mm", own.step_mm, 1e-6, FAR);
+        push("speed_mm_s", own.speed_mm_s, 1e-6, FAR);
+        push("acceleration_mm_s2", own.acceleration_mm_s2, 1e-6, 1e6);
+        push("jerk_mm_s3", own.jerk_mm_s3, 1e-6, 1e8);
+    }
+    let turn = &limits.c;
+    let mut push = |name: &str, value, least, most| ranges.push((format!("{key}.limits.c.{name}"), value, least, most));
+    push("lower_deg", turn.lower_deg, -TURNS, TURNS);
+    push("upper_deg", turn.upper_deg, -TURNS, TURNS);
+    push("step_deg", turn.step_deg, 1e-6, TURNS);
+    push("speed_deg_s", turn.speed_deg_s, 1e-6, TURNS);
+    push("acceleration_deg_s2", turn.acceleration_deg_s2, 1e-6, 1e6);
+    push("jerk_deg_s3", turn.jerk_deg_s3, 1e-6, 1e8);
+}
+
+fn order(key: &str, manipulator: &Manipulator) -> Result<(), CellError> {
+    let limits = &manipulator.limits;
+    for (axis, own) in [("x", &limits.x), ("y", &limits.y), ("z", &limits.z)] {
+        below(&format!("{key}.limits.{axis}.lower_mm"), "upper_mm", own.lower_mm, own.upper_mm)?;
+    }
+    below(&format!("{key}.limits.c.lower_deg"), "upper_deg", limits.c.lower_deg, limits.c.upper_deg)
+}
+
+fn below(key: &str, beside: &'static str, value: f64, limit: f64) -> Result<(), CellError> {
+    if value < limit { Ok(()) } else { Err(CellError::NotBelow { key: key.to_owned(), beside, value, limit }) }
+}
+
+/// Counts and milliseconds here are far below 2⁵³; greater ones only have to stay out of range.
+#[expect(clippy::cast_precision_loss, reason = "beyond 2⁵³ every range is left")]
+const fn real(value: u64) -> f64 {
+    value as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Layers;
+
+    fn complaint(text: &str) -> String {
+        Layers::default().text("file", text).and_then(Layers::build).expect_err("refused").to_string()
+    }
+
+    #[test]
+    fn nonsense_is_refused_with_its_key() {
+        let said = complaint("[cell.manipulators.m2.limits.y]\nspeed_mm_s = 0.0");
+        assert_eq!(said, "cell.manipulators.m2.limits.y.speed_mm_s must be between 0.000001 and 100000, got 0");
+        let said = complaint("[cell.manipulators.m1.limits.c]\nlower_deg = 40");
+        assert_eq!(said, "cell.manipulators.m1.limits.c.lower_deg must be below upper_deg, got 40 and 30");
+        let said = complaint("[cell.timing]\nwatchdog_ms = 5000");
+        assert!(said.starts_with("cell.timing.watchdog_ms must be between 100 and 400"), "{said}");
+        let said = complaint("[cell.lease]\nttl_ms = 90000");
+        assert!(said.starts_with("cell.lease.ttl_ms must be between 1000 and 60000"), "{said}");
+        let said = complaint("[cell.stage]\nadaptor = 'modbus'\nmodbus.address = 'nowhere'");
+        assert!(said.starts_with("cell.stage.modbus.address"), "{said}");
+        let said = complaint("[cell.simulated]\ntime_factor = 0.0");
+        assert!(said.starts_with("cell.simulated.time_factor"), "{said}");
+    }
+
+    #[test]
+    fn a_mistyped_key_of_the_cell_is_refused_by_name() {
+        assert!(complaint("[cell.manipulators.m1.limits.x]\nlowr_mm = 1").contains("lowr_mm"));
+        assert!(complaint("[cell.manipulators.m3]\nadaptor = 'modbus'").contains("m3"));
+        assert!(complaint("[cell.manipulators.m1]\nadaptor = 'modbos'").contains("modbos"));
+    }
+
+    #[test]
+    fn what_is_said_about_one_manipulator_leaves_the_rest_as_it_is() {
+        let text =
+            "[cell.manipulators.m2]\nadaptor = 'modbus'\nmodbus.address = '10.0.0.7:502'\nlimits.z.upper_mm = 7.5";
+        let config = Layers::default().text("file", text).and_then(Layers::build).expect("valid");
+        let (m1, m2) = (&config.cell.manipulators.m1, &config.cell.manipulators.m2);
+        assert_eq!((m1.adaptor, m2.adaptor), (ManipulatorAdaptor::Simulated, ManipulatorAdaptor::Modbus));
+        assert_eq!((m2.modbus.address.as_str(), m2.modbus.base), ("10.0.0.7:502", 256));
+        assert_eq!((m2.limits.z.upper_mm, m2.limits.z.lower_mm, m1.limits.z.upper_mm), (7.5, -25.0, 25.0));
+        assert!(m2.mount_mm[0] > m1.mount_mm[0]);
+        let variables = [("COAXIS_CELL__MANIPULATORS__M1__ADAPTOR".to_owned(), "modbus".to_owned())];
+        let config = Layers::default().environment(variables).and_then(Layers::build).expect("valid");
+        assert_eq!(config.cell.manipulators.m1.adaptor, ManipulatorAdaptor::Modbus);
+    }
+}

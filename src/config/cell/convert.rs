@@ -1,0 +1,95 @@
+//! The cell's configuration as motion, cell and the simulation take it: lengths stay, degrees become radians, milliseconds
+//! become durations. Must not decide anything.
+
+use super::{Cell, LinearLimits, SupportLimits, Timing, TurnLimits};
+use crate::cell::Settings;
+use crate::device::simulated::Mounting;
+use crate::motion::{Arrangement, Axes, AxisLimits, Pair, Support};
+use std::time::Duration;
+
+impl Cell {
+    /// Where the manipulators stand and what they may do.
+    #[must_use]
+    pub fn arrangement(&self) -> Arrangement {
+        let together = &self.together;
+        let tolerance = &together.tolerance;
+        Arrangement {
+            supports: self.manipulators.map(|_, manipulator| Support {
+                mount_mm: manipulator.mount_mm,
+                limits: axes(&manipulator.limits),
+                half_span_mm: manipulator.half_span_mm,
+            }),
+            strain_max_mm: together.strain_max_mm,
+            twist_max: together.twist_max_deg.to_radians(),
+            clearance_min_mm: together.clearance_min_mm,
+            settle_tolerance: Axes {
+                x: tolerance.x_mm,
+                y: tolerance.y_mm,
+                z: tolerance.z_mm,
+                c: tolerance.c_deg.to_radians(),
+            },
+        }
+    }
+
+    /// How the cell works.
+    #[must_use]
+    pub fn settings(&self) -> Settings {
+        let Timing {
+            poll_ms,
+            poll_moving_ms,
+            reply_ms,
+            connect_ms,
+            acknowledge_ms,
+            watchdog_ms,
+            arrival_ms,
+            scan_stall_ms,
+        } = self.timing;
+        let ms = Duration::from_millis;
+        Settings {
+            poll: ms(poll_ms),
+            poll_moving: ms(poll_moving_ms),
+            reply: ms(reply_ms),
+            connect: ms(connect_ms),
+            acknowledge: ms(acknowledge_ms),
+            watchdog: ms(watchdog_ms),
+            arrival: ms(arrival_ms),
+            scan_stall: ms(scan_stall_ms),
+            lease_least: ms(self.lease.ttl_min_ms),
+            lease_most: ms(self.lease.ttl_max_ms),
+            ..Settings::new(self.arrangement())
+        }
+    }
+
+    /// What stands around the simulated devices.
+    #[must_use]
+    pub fn mountings(&self) -> Pair<Mounting> {
+        self.manipulators
+            .map(|_, manipulator| Mounting { mount_mm: manipulator.mount_mm, limits: axes(&manipulator.limits) })
+    }
+}
+
+fn axes(limits: &SupportLimits) -> Axes<AxisLimits> {
+    Axes { x: linear(&limits.x), y: linear(&limits.y), z: linear(&limits.z), c: turn(&limits.c) }
+}
+
+const fn linear(limits: &LinearLimits) -> AxisLimits {
+    AxisLimits {
+        lower: limits.lower_mm,
+        upper: limits.upper_mm,
+        speed: limits.speed_mm_s,
+        acceleration: limits.acceleration_mm_s2,
+        jerk: limits.jerk_mm_s3,
+        step: limits.step_mm,
+    }
+}
+
+const fn turn(limits: &TurnLimits) -> AxisLimits {
+    AxisLimits {
+        lower: limits.lower_deg.to_radians(),
+        upper: limits.upper_deg.to_radians(),
+        speed: limits.speed_deg_s.to_radians(),
+        acceleration: limits.acceleration_deg_s2.to_radians(),
+        jerk: limits.jerk_deg_s3.to_radians(),
+        step: limits.step_deg.to_radians(),
+    }
+}

@@ -1,0 +1,255 @@
+//! The sensor behind its protocol: control, data and health, each with its deadlines. What goes wrong on a channel closes
+//! it; what goes wrong in a scan ends the scan. Must not know bytes.
+//!
+//! ```text
+//! connect: control, version, identity, state, health     (the laser stays as it is)
+//! start:   data; stop where somebody left it running; start
+//! receive: data -> profiles, health -> drops; quiet for too long -> ask the state
+//! stop:    stop; where the scan was whole, one more health message
+//! ```
+
+use super::channel::Peer;
+use super::codec::{Command, Identity, SensorState};
+use super::control::Control;
+use super::drops::Wellness;
+use super::health::HealthLink;
+use super::running::RunningScan;
+use super::settings::{Checked, Settings, SettingsError};
+use crate::device::{DeviceError, Pending, Profile, ProfileSensor, SensorReading};
+
+/// A Gocator; nothing is connected before it is asked to.
+#[derive(Debug)]
+pub struct Gocator {
+    peer: Peer,
+    checked: Checked,
+    identity: Option<Identity>,
+    /// Taken in hand while a request is under way.
+    control: Option<Control>,
+    health: Option<HealthLink>,
+    scan: Option<RunningScan>,
+    /// The laser may be on because of us.
+    may_run: bool,
+}
+
+/// A sensor of these settings; connects nothing.
+///
+/// # Errors
+/// [`SettingsError`] where they cannot be used.
+pub fn open(name: &str, settings: &Settings) -> Result<Box<dyn ProfileSensor>, SettingsError> {
+    Gocator::new(name, settings).map(|sensor| Box::new(sensor) as Box<dyn ProfileSensor>)
+}
+
+impl Gocator {
+    /// A sensor of these settings; connects nothing.
+    ///
+    /// # Errors
+    /// [`SettingsError`] where they cannot be used.
+    pub fn new(name: &str, settings: &Settings) -> Result<Self, SettingsError> {
+        let checked = settings.checked()?;
+        let peer = Peer { device: name.to_owned(), host: settings.host.clone() };
+        Ok(Self { peer, checked, identity: None, control: None, health: None, scan: None, may_run: false })
+    }
+
+    /// The sensor's clock, µs: its ticks are 1.024 of them.
+    ///
+    /// # Errors
+    /// [`DeviceError`] where it does not answer.
+    pub async fn clock_us(&mut self) -> Result<f64, DeviceError> {
+        let ticks = self.ticks(Command::Timestamp).await?;
+        Ok(u64::from_le_bytes(ticks) as f64 / 1.024)
+    }
+
+    /// Ticks of the encoder now.
+    ///
+    /// # Errors
+    /// [`DeviceError`] where it does not answer.
+    pub async fn encoder_ticks(&mut self) -> Result<i64, DeviceError> {
+        self.ticks(Command::Encoder).await.map(i64::from_le_bytes)
+    }
+
+    async fn ticks(&mut self, command: Command) -> Result<[u8; 8], DeviceError> {
+        let mut control = self.take_control()?;
+        let answer = control.ticks(command).await;
+        self.keep(control, answer)
+    }
+
+    async fn ask(&mut self, command: Command) -> Result<(), DeviceError> {
+        let mut control = self.take_control()?;
+        let answer = control.ask(command).await;
+        self.keep(control, answer).map(|_| ())
+    }
+
+    async fn state(&mut self) -> Result<SensorState, DeviceError> {
+        let mut control = self.take_control()?;
+        let answer = control.state().await;
+        self.keep(control, answer)
+    }
+
+    fn take_control(&mut self) -> Result<Control, DeviceError> {
+        self.control.take().ok_or_else(|| self.peer.lost(&"not connected"))
+    }
+
+    /// The control channel is kept only where the sensor has answered: an answer that comes late would pass for that of
+    /// the next request.
+    fn keep<T>(&mut self, control: Control, answer: Result<T, DeviceError>) -> Result<T, DeviceError> {
+        if matches!(answer, Ok(_) | Err(DeviceError::Rejected { .. })) {
+            self.control = Some(control);
+        }
+        answer
+    }
+
+    fn reading(&self, state: SensorState) -> Result<SensorReading, DeviceError> {
+        let identity = self.identity.as_ref().ok_or_else(|| self.peer.lost(&"not connected"))?;
+        Ok(SensorReading {
+            model: identity.model.clone(),
+            serial: identity.serial.to_string(),
+            firmware: identity.firmware.map(|part| part.to_string()).join("."),
+            running: state == SensorState::Running,
+            temperature_c: self.health.as_ref().and_then(|health| health.wellness.temperature_c()),
+        })
+    }
+
+    async fn connect_anew(&mut self) -> Result<SensorReading, DeviceError> {
+        (self.control, self.health, self.scan, self.identity) = (None, None, None, None);
+        let (peer, settings) = (&self.peer, &self.checked.settings);
+        let mut control = Control::open(peer, settings).await?;
+        let identity = control.identity().await?;
+        if let Some(wanted) = settings.serial.filter(|wanted| *wanted != identity.serial) {
+            let found = identity.serial;
+            return Err(peer.senseless(&format!("its serial number is {found}, and {wanted} is configured")));
+        }
+        let state = control.state().await?;
+        let health = HealthLink::open(peer, settings).await?;
+        (self.control, self.health, self.identity) = (Some(control), Some(health), Some(identity));
+        self.reading(state)
+    }
+
+    async fn read_once(&mut self) -> Result<SensorReading, DeviceError> {
+        let state = self.state().await?;
+        self.catch_up()?;
+        self.reading(state)
+    }
+
+    /// Hears what the health channel has to say; lost, it stays lost until the next connect.
+    fn catch_up(&mut self) -> Result<(), DeviceError> {
+        let health = self.health.as_mut().ok_or_else(|| self.peer.lost(&"the health channel is not connected"))?;
+        let heard = health.catch_up();
+        if heard.is_err() {
+            self.health = None;
+        }
+        heard
+    }
+
+    async fn start_scan(&mut self, profiles_count: u64) -> Result<(), DeviceError> {
+        self.scan = None;
+        self.catch_up()?;
+        match self.state().await? {
+            SensorState::Running => self.ask(Command::Stop).await?,
+            SensorState::Ready => {}
+            state => return Err(self.peer.senseless(&format!("its state is {state:?}, it cannot be started"))),
+        }
+        let mut scan = RunningScan::open(&self.peer, &self.checked, profiles_count).await?;
+        if let Some(health) = self.health.as_mut() {
+            health.wellness.begin_scan();
+        }
+        self.may_run = true;
+        let started = self.ask(Command::Start).await;
+        match started {
+            Ok(()) => {
+                scan.begin();
+                self.scan = Some(scan);
+            }
+            // It did nothing, and says so.
+            Err(DeviceError::Rejected { .. }) => self.may_run = false,
+            Err(_) => {}
+        }
+        started
+    }
+
+    async fn receive_next(&mut self) -> Result<Vec<Profile>, DeviceError> {
+        let Some(scan) = self.scan.as_mut() else {
+            return Err(DeviceError::Unsupported {
+                device: self.peer.device.clone(),
+                what: "receive profiles: no scan was started".to_owned(),
+            });
+        };
+        if let Some(error) = scan.failure() {
+            return Err(error);
+        }
+        if scan.is_complete() {
+            return Err(DeviceError::Unsupported {
+                device: self.peer.device.clone(),
+                what: "receive more profiles than were asked for".to_owned(),
+            });
+        }
+        let Some(health) = self.health.as_mut() else {
+            return Err(scan.fail(self.peer.lost(&"the health channel is not connected")));
+        };
+        let quiet = match scan.next(health).await {
+            Ok(Ok(profiles)) => return Ok(profiles),
+            Ok(Err(quiet)) => quiet,
+            Err(error) => return Err(scan.fail(error)),
+        };
+        let state = self.state().await;
+        let scan = self.scan.as_mut().ok_or_else(|| self.peer.lost(&"no scan"))?;
+        // A sensor that has stopped by itself will send no more; one that runs may hang, or wait for its trigger.
+        Err(scan.fail(match state? {
+            SensorState::Ready => DeviceError::ScanFault { device: self.peer.device.clone(), fault: scan.incomplete() },
+            _ => self.peer.silent(quiet.within),
+        }))
+    }
+
+    /// Switches the laser off first, over a new control channel where the old one is gone.
+    async fn stop_scan(&mut self) -> Result<(), DeviceError> {
+        let whole = self.scan.take().is_some_and(|scan| scan.is_complete());
+        if !self.may_run {
+            return Ok(());
+        }
+        if self.control.is_none() {
+            self.control = Some(Control::open(&self.peer, &self.checked.settings).await?);
+        }
+        self.ask(Command::Stop).await?;
+        self.may_run = false;
+        let Some(health) = self.health.as_mut() else {
+            return Err(self.peer.lost(&"the health channel is not connected"));
+        };
+        // What was lost at the end is said by the first message after it; a scan that was broken off has nothing to prove.
+        let mut heard = health.catch_up();
+        if whole && heard.is_ok() {
+            heard = health.hear_until(Wellness::is_stopped).await;
+        }
+        health.wellness.end_scan();
+        let fault = health.wellness.fault();
+        if let Err(error) = heard {
+            self.health = None;
+            return Err(error);
+        }
+        fault.map_or(Ok(()), |fault| Err(DeviceError::ScanFault { device: self.peer.device.clone(), fault }))
+    }
+}
+
+impl ProfileSensor for Gocator {
+    fn name(&self) -> &str {
+        &self.peer.device
+    }
+
+    fn connect(&mut self) -> Pending<'_, Result<SensorReading, DeviceError>> {
+        Box::pin(self.connect_anew())
+    }
+
+    fn read(&mut self) -> Pending<'_, Result<SensorReading, DeviceError>> {
+        Box::pin(self.read_once())
+    }
+
+    fn start(&mut self, profiles_count: u64) -> Pending<'_, Result<(), DeviceError>> {
+        Box::pin(self.start_scan(profiles_count))
+    }
+
+    fn receive(&mut self) -> Pending<'_, Result<Vec<Profile>, DeviceError>> {
+        Box::pin(self.receive_next())
+    }
+
+    fn stop(&mut self) -> Pending<'_, Result<(), DeviceError>> {
+        Box::pin(self.stop_scan())
+    }
+}

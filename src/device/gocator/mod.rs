@@ -1,0 +1,27 @@
+//! Gocator laser profile sensors, firmware 4 to 6, by their native protocol: what is spoken, without the maker's library.
+//!
+//! ```text
+//! codec (bytes, pure) <- channel <- control, health, running <- link: a ProfileSensor
+//!                     <- assembly (groups, gaps, travel, extrinsic; pure)
+//!                     <- server: a simulated sensor that speaks the same
+//! ```
+//!
+//! Held to bytes that the maker's own library wrote, never to hardware: docs/gocator.md. Must not know what a scan is for.
+
+mod assembly;
+mod channel;
+pub mod codec;
+mod control;
+mod drops;
+mod extrinsic;
+mod health;
+mod link;
+mod running;
+pub mod server;
+mod settings;
+mod travel;
+
+pub use extrinsic::{Extrinsic, ExtrinsicError, Placement};
+pub use link::{Gocator, open};
+pub use settings::{Deadlines, Settings, SettingsError};
+pub use travel::{Travel, TravelError};

@@ -1,0 +1,126 @@
+//! A scan that runs: the data channel, read as fast as it comes, and the clock that says when it is too quiet.
+//! Must not know the control channel.
+
+use super::assembly::{Assembly, AssemblyError};
+use super::channel::{Channel, Peer};
+use super::codec::decode;
+use super::health::HealthLink;
+use super::settings::{Checked, duration};
+use crate::device::{DeviceError, Profile, ScanFault};
+use std::pin::Pin;
+use std::time::Duration;
+use tokio::time::{Sleep, sleep};
+
+/// Something to wait for that may take too long.
+#[derive(Debug)]
+struct Patience {
+    within: Duration,
+    end: Pin<Box<Sleep>>,
+}
+
+impl Patience {
+    fn new(within: Duration) -> Self {
+        Self { within, end: Box::pin(sleep(within)) }
+    }
+}
+
+/// A scan that runs.
+#[derive(Debug)]
+pub(super) struct RunningScan {
+    channel: Channel,
+    assembly: Assembly,
+    next_within: Duration,
+    profiles: Patience,
+    health: Patience,
+    /// What ended it; it stays ended.
+    failed: Option<DeviceError>,
+}
+
+/// Nothing came for too long.
+pub(super) struct Quiet {
+    pub(super) within: Duration,
+}
+
+impl RunningScan {
+    /// Connects before the sensor is started: frames that nobody hears are gone.
+    pub(super) async fn open(peer: &Peer, checked: &Checked, profiles_count: u64) -> Result<Self, DeviceError> {
+        let Checked { settings, travel, placement } = checked;
+        let deadlines = settings.deadlines;
+        let frame_bytes_max = settings.frame_mb_max as usize * 1024 * 1024;
+        let within = duration(deadlines.connect_ms);
+        Ok(Self {
+            channel: Channel::open(peer, settings.data_port, within, frame_bytes_max).await?,
+            assembly: Assembly::new(*placement, *travel, profiles_count),
+            next_within: duration(deadlines.next_profile_ms),
+            profiles: Patience::new(duration(deadlines.first_profile_ms)),
+            health: Patience::new(duration(deadlines.health_ms)),
+            failed: None,
+        })
+    }
+
+    /// From now on it is waited for.
+    pub(super) fn begin(&mut self) {
+        self.profiles = Patience::new(self.profiles.within);
+        self.health = Patience::new(self.health.within);
+    }
+
+    pub(super) fn is_complete(&self) -> bool {
+        self.assembly.is_complete()
+    }
+
+    pub(super) fn failure(&self) -> Option<DeviceError> {
+        self.failed.clone()
+    }
+
+    /// The scan is over by this.
+    pub(super) fn fail(&mut self, error: DeviceError) -> DeviceError {
+        self.failed.get_or_insert(error).clone()
+    }
+
+    pub(super) fn incomplete(&self) -> ScanFault {
+        self.assembly.incomplete()
+    }
+
+    /// The next profiles. Nothing is lost where it is dropped on the way.
+    pub(super) async fn next(&mut self, health: &mut HealthLink) -> Result<Result<Vec<Profile>, Quiet>, DeviceError> {
+        loop {
+            let profiles = self.take_all()?;
+            if !profiles.is_empty() {
+                self.profiles = Patience::new(self.next_within);
+                return Ok(Ok(profiles));
+            }
+            tokio::select! {
+                biased;
+                heard = health.hear() => {
+                    heard?;
+                    self.health = Patience::new(self.health.within);
+                    if let Some(fault) = health.wellness.fault() {
+                        return Err(DeviceError::ScanFault { device: self.channel.peer.device.clone(), fault });
+                    }
+                }
+                filled = self.channel.fill() => filled?,
+                () = self.profiles.end.as_mut() => return Ok(Err(Quiet { within: self.profiles.within })),
+                () = self.health.end.as_mut() => return Err(self.channel.peer.silent(self.health.within)),
+            }
+        }
+    }
+
+    /// What the frames show that have come. Profiles that come with a fault serve nobody: the scan is not whole.
+    fn take_all(&mut self) -> Result<Vec<Profile>, DeviceError> {
+        let Self { channel, assembly, .. } = self;
+        let peer = channel.peer.clone();
+        let mut take_next = || -> Result<bool, AssemblyError> {
+            let Some(frame) = channel.frame()? else { return Ok(false) };
+            assembly.take(&decode(frame)?)?;
+            Ok(true)
+        };
+        loop {
+            match take_next() {
+                Ok(true) => {}
+                Ok(false) => return Ok(assembly.take_ready()),
+                Err(AssemblyError::Fault(fault)) => return Err(DeviceError::ScanFault { device: peer.device, fault }),
+                Err(error) => return Err(peer.senseless(&error)),
+            }
+        }
+    }
+}

@@ -1,0 +1,244 @@
+//! What is configured of a Gocator, and what is refused before anything is connected. Lengths in mm, times in ms.
+//! Must not know sockets.
+
+use super::extrinsic::{Extrinsic, ExtrinsicError, Placement};
+use super::travel::{Travel, TravelError};
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// Largest frame that may be allowed; what is read is held in memory.
+const FRAME_MB_MAX: u32 = 256;
+const DEADLINE_MS_MAX: u32 = 3_600_000;
+
+/// Where the sensor is, how it sits, and how long is waited for it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Name or address; the maker's own is 192.168.1.10.
+    pub host: String,
+    /// Port of the control channel.
+    pub control_port: u16,
+    /// Port of the data channel.
+    pub data_port: u16,
+    /// Port of the health channel.
+    pub health_port: u16,
+    /// Another sensor is refused; absent, any is taken.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub serial: Option<u32>,
+    /// What a profile's x is told by; has to be stated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub travel: Option<Travel>,
+    /// How the sensor sits; has to be stated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub extrinsic: Option<Extrinsic>,
+    /// How long is waited for what.
+    pub deadlines: Deadlines,
+    /// Largest frame; a surface of 3389 × 4033 points has 27 MB.
+    pub frame_mb_max: u32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            host: "192.168.1.10".to_owned(),
+            control_port: 3190,
+            data_port: 3196,
+            health_port: 3194,
+            serial: None,
+            travel: None,
+            extrinsic: None,
+            deadlines: Deadlines::default(),
+            frame_mb_max: 64,
+        }
+    }
+}
+
+/// How long is waited, ms.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Deadlines {
+    /// For a connection.
+    pub connect_ms: u32,
+    /// For an answer.
+    pub reply_ms: u32,
+    /// For the answer to start and stop: the sensor may take seconds.
+    pub start_stop_ms: u32,
+    /// For the first profile after the start: the stage has to come up, and a surface comes at its end.
+    pub first_profile_ms: u32,
+    /// From profile to profile.
+    pub next_profile_ms: u32,
+    /// From health message to health message, of which the sensor sends one about every second.
+    pub health_ms: u32,
+}
+
+impl Default for Deadlines {
+    fn default() -> Self {
+        Self {
+            connect_ms: 3_000,
+            reply_ms: 3_000,
+            start_stop_ms: 15_000,
+            first_profile_ms: 30_000,
+            next_profile_ms: 2_000,
+            health_ms: 5_000,
+        }
+    }
+}
+
+pub(super) fn duration(ms: u32) -> Duration {
+    Duration::from_millis(ms.into())
+}
+
+/// Why settings cannot be used.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SettingsError {
+    /// No host.
+    #[error("host must name the sensor, e.g. 192.168.1.10")]
+    NoHost,
+    /// A port of 0.
+    #[error("{field} must be between 1 and 65535")]
+    Port {
+        /// Which.
+        field: &'static str,
+    },
+    /// No rule for the travel.
+    #[error(
+        "travel must be stated, e.g. travel = {{ by = \"encoder\", mm_per_tick = 0.01 }} or travel = {{ by = \"time\", speed_mm_s = 50.0 }}"
+    )]
+    NoTravel,
+    /// One that cannot be.
+    #[error(transparent)]
+    Travel(#[from] TravelError),
+    /// No extrinsic.
+    #[error(
+        "extrinsic must be stated: sensor_x, sensor_y and sensor_z in the rail frame, mirrored, and translation_mm; no mounting is assumed"
+    )]
+    NoExtrinsic,
+    /// One that cannot be.
+    #[error("extrinsic: {0}")]
+    Extrinsic(#[from] ExtrinsicError),
+    /// A number out of its range.
+    #[error("{field} must be between 1 and {most}, got {value}")]
+    OutOfRange {
+        /// Which.
+        field: &'static str,
+        /// Its value.
+        value: u32,
+        /// Most.
+        most: u32,
+    },
+}
+
+/// Settings that were checked.
+#[derive(Debug, Clone)]
+pub(super) struct Checked {
+    pub(super) settings: Settings,
+    pub(super) travel: Travel,
+    pub(super) placement: Placement,
+}
+
+impl Settings {
+    /// Whether they can be used.
+    ///
+    /// # Errors
+    /// [`SettingsError`] names the first that cannot.
+    pub fn check(&self) -> Result<(), SettingsError> {
+        self.checked().map(|_| ())
+    }
+
+    pub(super) fn checked(&self) -> Result<Checked, SettingsError> {
+        if self.host.trim().is_empty() {
+            return Err(SettingsError::NoHost);
+        }
+        let ports =
+            [("control_port", self.control_port), ("data_port", self.data_port), ("health_port", self.health_port)];
+        if let Some((field, _)) = ports.into_iter().find(|(_, port)| *port == 0) {
+            return Err(SettingsError::Port { field });
+        }
+        if let Some((field, value, most)) = self.ranges().into_iter().find(|(_, v, most)| !(1..=*most).contains(v)) {
+            return Err(SettingsError::OutOfRange { field, value, most });
+        }
+        let travel = self.travel.ok_or(SettingsError::NoTravel)?;
+        travel.check()?;
+        let placement = self.extrinsic.ok_or(SettingsError::NoExtrinsic)?.place()?;
+        Ok(Checked { settings: self.clone(), travel, placement })
+    }
+
+    fn ranges(&self) -> [(&'static str, u32, u32); 7] {
+        let Deadlines { connect_ms, reply_ms, start_stop_ms, first_profile_ms, next_profile_ms, health_ms } =
+            self.deadlines;
+        [
+            ("frame_mb_max", self.frame_mb_max, FRAME_MB_MAX),
+            ("deadlines.connect_ms", connect_ms, DEADLINE_MS_MAX),
+            ("deadlines.reply_ms", reply_ms, DEADLINE_MS_MAX),
+            ("deadlines.start_stop_ms", start_stop_ms, DEADLINE_MS_MAX),
+            ("deadlines.first_profile_ms", first_profile_ms, DEADLINE_MS_MAX),
+            ("deadlines.next_profile_ms", next_profile_ms, DEADLINE_MS_MAX),
+            ("deadlines.health_ms", health_ms, DEADLINE_MS_MAX),
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DOCUMENT: &str = r#"
+        host = "10.0.0.5"
+        serial = 40959
+        travel = { by = "encoder", mm_per_tick = -0.0125, start_mm = 100.0 }
+
+        [extrinsic]
+        sensor_x = [0.0, 1.0, 0.0]
+        sensor_y = [1.0, 0.0, 0.0]
+        sensor_z = [0.0, 0.0, 1.0]
+        mirrored = true
+        translation_mm = [0.0, 0.0, 150.0]
+
+        [deadlines]
+        next_profile_ms = 500
+    "#;
+
+    fn read(document: &str) -> Result<Settings, toml::de::Error> {
+        toml::from_str(document)
+    }
+
+    #[test]
+    fn the_documented_form_is_read_and_what_is_not_said_has_the_default() {
+        let settings = read(DOCUMENT).expect("valid");
+        assert_eq!(settings.check(), Ok(()));
+        assert_eq!((settings.control_port, settings.data_port, settings.health_port), (3190, 3196, 3194));
+        assert_eq!(settings.deadlines, Deadlines { next_profile_ms: 500, ..Deadlines::default() });
+    }
+
+    #[test]
+    fn a_word_that_is_not_known_is_refused_wherever_it_stands() {
+        for (found, replaced) in [
+            ("host =", "hosts ="),
+            ("mm_per_tick", "mm_per_ticks"),
+            ("mm_per_tick = -0.0125,", "mm_per_tick = -0.0125, speed_mm_s = 1.0,"),
+            ("mirrored = true", "mirrored = true\nmirror = true"),
+            ("next_profile_ms", "next_ms"),
+        ] {
+            assert!(read(&DOCUMENT.replace(found, replaced)).is_err(), "{replaced}");
+        }
+    }
+
+    #[test]
+    fn neither_mounting_nor_travel_is_ever_assumed() {
+        assert_eq!(Settings::default().check(), Err(SettingsError::NoTravel));
+        let travel = Some(Travel::Time { speed_mm_s: 1.0, start_mm: 0.0 });
+        assert_eq!(Settings { travel, ..Settings::default() }.check(), Err(SettingsError::NoExtrinsic));
+    }
+
+    #[test]
+    fn numbers_out_of_range_are_refused_by_name() {
+        let settings = read(DOCUMENT).expect("valid");
+        let silent = Settings { deadlines: Deadlines { reply_ms: 0, ..settings.deadlines }, ..settings.clone() };
+        assert_eq!(
+            silent.check().expect_err("no deadline").to_string(),
+            "deadlines.reply_ms must be between 1 and 3600000, got 0"
+        );
+        assert_eq!(Settings { frame_mb_max: 4_000, ..settings.clone() }.check().is_err(), true);
+        assert_eq!(Settings { data_port: 0, ..settings }.check(), Err(SettingsError::Port { field: "data_port" }));
+    }
+}

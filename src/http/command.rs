@@ -1,0 +1,120 @@
+//! What requests to the cell have in common: a body that may be left out, the lease in header, query or body, a bounded wait.
+//! Must not know what is commanded.
+
+use super::app::App;
+use super::body::Pieces;
+use super::extract::{header_text, is_json, json};
+use super::problem::{Code, Problem};
+use axum::extract::{FromRequest, Request};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+use utoipa::{IntoParams, ToSchema};
+
+const LEASE_ID: HeaderName = HeaderName::from_static("lease-id");
+pub(super) const REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
+
+/// Longest wait that may be asked for, seconds.
+const WAIT_MAX_S: u8 = 60;
+
+/// A JSON body that may be left out.
+#[derive(Debug)]
+pub(super) struct OptionalJson<T>(pub(super) T);
+
+impl<T: DeserializeOwned + Default> FromRequest<App> for OptionalJson<T> {
+    type Rejection = Problem;
+
+    async fn from_request(request: Request, app: &App) -> Result<Self, Problem> {
+        let (parts, body) = request.into_parts();
+        let bytes = Pieces::new(&parts, body, app, app.limits.json_bytes_max)?.all().await?;
+        if bytes.trim_ascii().is_empty() {
+            return Ok(Self(T::default()));
+        }
+        if !is_json(&parts.headers) {
+            let detail = "send JSON with the header Content-Type: application/json, or no body";
+            return Err(Problem::new(Code::ContentTypeUnsupported, detail));
+        }
+        json(&bytes).map(Self)
+    }
+}
+
+/// The lease in the query.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct LeaseQuery {
+    /// The same as the header `Lease-Id`.
+    pub(super) lease_id: Option<String>,
+}
+
+/// The lease in the body.
+#[derive(Debug, Default, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = LeaseReference, example = json!({"lease_id": "l-0199f0c8-0000-7000-8000-000000000000"}))]
+pub(super) struct LeaseBody {
+    /// The same as the header `Lease-Id`.
+    pub(super) lease_id: Option<String>,
+}
+
+/// Which lease a request names, wherever it names it.
+///
+/// # Errors
+/// [`Code::LeaseRequired`] where it names none, [`Code::OptionInvalid`] where it names two.
+pub(super) fn lease_id(said: [Option<String>; 2], headers: &HeaderMap) -> Result<String, Problem> {
+    let mut named: Vec<String> = said.into_iter().chain([header_text(headers, &LEASE_ID)?]).flatten().collect();
+    named.dedup();
+    match named.pop() {
+        Some(_) if !named.is_empty() => {
+            let detail = "the header Lease-Id, the query and the body name different leases; send one of them";
+            Err(Problem::new(Code::OptionInvalid, detail).with("field", "lease_id"))
+        }
+        Some(id) => Ok(id),
+        None => {
+            let detail =
+                "this needs the lease: POST /v1/cell/lease, then name it by the header Lease-Id or by lease_id";
+            Err(Problem::new(Code::LeaseRequired, detail))
+        }
+    }
+}
+
+/// How long to wait for an end.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct WaitQuery {
+    /// How long to wait for the end, in seconds; the answer comes at the end or after this time, whichever is first.
+    #[param(minimum = 0, maximum = 60)]
+    pub(super) wait_s: Option<u8>,
+}
+
+/// The wait that is asked for.
+///
+/// # Errors
+/// [`Code::QueryInvalid`] where it is too long.
+pub(super) fn wait(wait_s: Option<u8>) -> Result<Duration, Problem> {
+    match wait_s {
+        Some(wait_s) if wait_s > WAIT_MAX_S => {
+            let detail = format!("wait_s must be between 0 and {WAIT_MAX_S}, got {wait_s}");
+            Err(Problem::new(Code::QueryInvalid, detail).with("wait_s", wait_s))
+        }
+        wait_s => Ok(Duration::from_secs(u64::from(wait_s.unwrap_or(0)))),
+    }
+}
+
+/// Something that was made, or had been made for the same request before: 201 or 200, with its address.
+///
+/// # Errors
+/// Where the address cannot be a header, which none of ours brings about.
+pub(super) fn made<T: Serialize>(address: &str, replayed: bool, document: T) -> Result<Response, Problem> {
+    let location = HeaderValue::from_str(address).map_err(|error| Problem::internal(error.to_string()))?;
+    let body = axum::Json(document);
+    Ok(match replayed {
+        true => {
+            let replay = (REPLAYED, HeaderValue::from_static("true"));
+            (StatusCode::OK, [(header::LOCATION, location), replay], body).into_response()
+        }
+        false => (StatusCode::CREATED, [(header::LOCATION, location)], body).into_response(),
+    })
+}

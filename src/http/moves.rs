@@ -1,0 +1,211 @@
+//! Moves: absolute targets for one or both manipulators, checked, synchronous, supervised. Must not know how one is carried
+//! out.
+
+use super::app::App;
+use super::axes::{TargetsDocument, TravelsDocument};
+use super::command::{LeaseQuery, WaitQuery, lease_id, made, wait};
+use super::extract::{Json as JsonBody, Path, Query};
+use super::paging::{PageQuery, link_next};
+use super::problem::Problem;
+use super::receive::request_id;
+use crate::motion::Pair;
+use crate::service::{Ending, JobStanding, Move, MoveRequest, Service};
+use crate::store::Listing;
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderMap, Uri};
+use axum::response::Response;
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Where to move; manipulators and axes that are not named stay.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = MoveRequest, example = json!({"m1": {"y_mm": 1.5}, "m2": {"y_mm": 1.5}, "speed_ratio": 0.5}))]
+pub(super) struct MoveRequestDocument {
+    /// Absolute targets of the manipulator at the smaller x.
+    m1: Option<TargetsDocument>,
+    /// Absolute targets of the manipulator at the greater x.
+    m2: Option<TargetsDocument>,
+    /// Share of the greatest speeds; 1 where nothing is said.
+    #[schema(exclusive_minimum = 0.0, maximum = 1.0)]
+    speed_ratio: Option<f64>,
+    /// The same as the header `Lease-Id`.
+    lease_id: Option<String>,
+    /// A repeated request of the same id gets the first answer again.
+    #[schema(pattern = "^[A-Za-z0-9._:-]{1,128}$")]
+    request_id: Option<String>,
+}
+
+/// A move, under way or over.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Move)]
+pub(super) struct MoveDocument {
+    /// `v-` and a UUID that grows with time.
+    #[schema(pattern = "^v-[0-9a-f-]{36}$", example = "v-0199f0c8-0000-7000-8000-000000000000")]
+    id: String,
+    /// `moving`; then `done`, `stopped`, `failed`, `unknown` (where the devices are is not known), `interrupted` (the service
+    /// ended meanwhile), or `refused` (nothing was sent).
+    #[schema(example = "moving")]
+    state: &'static str,
+    /// How far it is, 0 to 1.
+    progress: f64,
+    /// When it was asked for, UTC.
+    #[schema(value_type = String, format = DateTime)]
+    created_at: Timestamp,
+    /// When it was over, UTC; null while it is under way.
+    #[schema(value_type = Option<String>, format = DateTime)]
+    ended_at: Option<Timestamp>,
+    /// Why it ended, where there is more to say than that it is done.
+    ending: Option<EndingDocument>,
+    /// The plan that it executes; null where it was asked for by targets.
+    plan_id: Option<String>,
+    /// The measurement that it was planned from.
+    measurement_id: Option<String>,
+    /// Who held the lease.
+    holder: Option<String>,
+    /// The lease's fence.
+    fence: Option<u64>,
+    /// Share of the greatest speeds.
+    speed_ratio: f64,
+    /// Planned duration; the settling at every set-point comes on top.
+    duration_s: f64,
+    /// Largest change of the distance of the clamps along the path.
+    strain_mm: f64,
+    /// Largest change of the difference of the two turns along the path.
+    twist_deg: f64,
+    /// Set-points of the path.
+    waypoints_count: u64,
+    /// What each axis does.
+    axes: TravelsDocument,
+}
+
+/// Why something ended.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Ending)]
+pub(super) struct EndingDocument {
+    /// A short word.
+    #[schema(example = "stop_requested")]
+    code: String,
+    /// What happened.
+    text: String,
+}
+
+/// A page of moves, newest first.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct MoveList {
+    /// The moves.
+    moves: Vec<MoveDocument>,
+    /// What `cursor` has to be for the next page; null at the end.
+    next_cursor: Option<String>,
+}
+
+impl From<Ending> for EndingDocument {
+    fn from(Ending { code, text }: Ending) -> Self {
+        Self { code, text }
+    }
+}
+
+impl MoveDocument {
+    /// With its progress at this moment.
+    pub(super) fn of(one: Move, service: &Service) -> Self {
+        let progress = match one.standing {
+            JobStanding::Done => 1.0,
+            JobStanding::Running => service.progress(&one.id).unwrap_or(0.0),
+            _ => 0.0,
+        };
+        let plan = &one.order.plan;
+        Self {
+            state: if one.standing == JobStanding::Running { "moving" } else { one.standing.name() },
+            progress,
+            created_at: one.created_at,
+            ended_at: one.ended_at,
+            ending: one.ending.map(Into::into),
+            plan_id: one.plan_id,
+            measurement_id: one.order.measurement_id,
+            speed_ratio: one.order.speed_ratio,
+            duration_s: plan.duration_s,
+            strain_mm: plan.strain_mm,
+            twist_deg: plan.twist.to_degrees(),
+            waypoints_count: u64::try_from(plan.path.waypoints.len()).unwrap_or(u64::MAX),
+            axes: plan.into(),
+            holder: one.order.by.holder,
+            fence: one.order.by.fence,
+            id: one.id,
+        }
+    }
+}
+
+/// Move to absolute targets
+///
+/// Needs the lease. The path is checked against limits, steps, speeds, the manipulators' spans and what the part bears before
+/// anything is sent; both manipulators move together. Answers when the move has begun; the move goes on when the client hangs
+/// up. Repeating a request of the same `request_id` answers the same move, with status 200.
+#[utoipa::path(
+    post, path = "/v1/moves", tag = "motion",
+    params(
+        ("Lease-Id" = Option<String>, Header, description = "The lease"), LeaseQuery,
+        ("Idempotency-Key" = Option<String>, Header, description = "The same as `request_id`", pattern = "^[A-Za-z0-9._:-]{1,128}$"),
+    ),
+    request_body(content = MoveRequestDocument, description = "Where to"),
+    responses(
+        (status = 201, description = "It has begun", body = MoveDocument,
+            headers(("Location" = String, description = "Address of the move"))),
+        (status = 200, description = "It was begun before, for a request of the same id", body = MoveDocument,
+            headers(("Location" = String, description = "Address of the move"),
+                ("Idempotency-Replayed" = String, description = "true"))),
+    )
+)]
+pub(super) async fn create_move(
+    State(app): State<App>,
+    Query(query): Query<LeaseQuery>,
+    headers: HeaderMap,
+    JsonBody(body): JsonBody<MoveRequestDocument>,
+) -> Result<Response, Problem> {
+    let request = MoveRequest {
+        lease_id: lease_id([body.lease_id, query.lease_id], &headers)?,
+        targets: Pair { m1: body.m1.map(Into::into), m2: body.m2.map(Into::into) },
+        speed_ratio: body.speed_ratio.unwrap_or(1.0),
+        request_id: request_id(body.request_id, &headers)?,
+    };
+    let started = app.service.start_move(request).await?;
+    let address = format!("/v1/moves/{}", started.job.id);
+    made(&address, started.replayed, MoveDocument::of(started.job, &app.service))
+}
+
+/// List moves
+///
+/// Newest first, by the page. The header `Link` names the next page.
+#[utoipa::path(
+    get, path = "/v1/moves", tag = "motion", params(PageQuery),
+    responses((status = 200, description = "A page of moves", body = MoveList,
+        headers(("Link" = String, description = "The next page, rel=\"next\"; absent at the end"))))
+)]
+pub(super) async fn list_moves(
+    State(app): State<App>,
+    Query(query): Query<PageQuery>,
+    uri: Uri,
+) -> Result<(HeaderMap, Json<MoveList>), Problem> {
+    let Listing { rows, next } = app.service.moves(&query.page()?).await?;
+    let next_cursor = next.map(|cursor| cursor.to_string());
+    let moves = rows.into_iter().map(|one| MoveDocument::of(one, &app.service)).collect();
+    Ok((link_next(&uri, next_cursor.as_deref()), Json(MoveList { moves, next_cursor })))
+}
+
+/// Get a move
+///
+/// With `?wait_s=` the answer comes at its end, or after that time.
+#[utoipa::path(
+    get, path = "/v1/moves/{id}", tag = "motion",
+    params(("id" = String, Path, description = "Id of the move"), WaitQuery),
+    responses((status = 200, description = "The move", body = MoveDocument))
+)]
+pub(super) async fn get_move(
+    State(app): State<App>,
+    Path(id): Path<String>,
+    Query(query): Query<WaitQuery>,
+) -> Result<Json<MoveDocument>, Problem> {
+    let one = app.service.get_move(&id, wait(query.wait_s)?).await?;
+    Ok(Json(MoveDocument::of(one, &app.service)))
+}

@@ -1,0 +1,199 @@
+//! What has happened, for clients: what the cell tells, the progress of jobs and the ends of measurements in one numbered
+//! list of which the newest are kept. Times are those of the wall. Must not know how it is sent.
+
+use super::{Service, Verdict};
+use crate::cell::EventKind;
+use jiff::Timestamp;
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::sync::watch;
+use tokio::time::timeout;
+
+/// How many events are kept.
+pub(super) const EVENTS_KEPT: usize = 1024;
+
+/// Something that has happened.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Event {
+    /// 1 for the first of this instance; without gaps.
+    pub number: u64,
+    /// When.
+    pub at: Timestamp,
+    /// What.
+    pub what: Happening,
+}
+
+/// What can happen.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Happening {
+    /// In the cell.
+    Cell(EventKind),
+    /// A move or a scan has come this far.
+    Progress {
+        /// Id of the move or of the measurement.
+        job: String,
+        /// 0 to 1.
+        progress: f64,
+    },
+    /// A measurement by the sensor is recorded.
+    Measured {
+        /// Its id.
+        measurement_id: String,
+        /// Whether it has a pose.
+        verdict: Verdict,
+    },
+    /// A measurement by the sensor came to nothing.
+    NotMeasured {
+        /// Its id.
+        measurement_id: String,
+        /// A short word.
+        code: String,
+        /// What happened.
+        text: String,
+    },
+}
+
+/// Events from a number on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Events {
+    /// In order.
+    pub events: Vec<Event>,
+    /// How many that were asked for are not kept any more, or never were of this instance.
+    pub missed_count: u64,
+    /// The number of the newest of all.
+    pub newest: u64,
+}
+
+/// The ring.
+#[derive(Debug)]
+pub(super) struct EventLog {
+    kept: Mutex<VecDeque<Event>>,
+    newest: watch::Sender<u64>,
+}
+
+impl EventLog {
+    /// Empty.
+    pub(super) fn new() -> Arc<Self> {
+        Arc::new(Self { kept: Mutex::new(VecDeque::with_capacity(EVENTS_KEPT)), newest: watch::Sender::new(0) })
+    }
+
+    /// Adds one.
+    pub(super) fn add(&self, at: Timestamp, what: Happening) {
+        let number = {
+            let mut kept = self.kept();
+            let number = kept.back().map_or(0, |event| event.number) + 1;
+            if kept.len() == EVENTS_KEPT {
+                kept.pop_front();
+            }
+            kept.push_back(Event { number, at, what });
+            number
+        };
+        self.newest.send_replace(number);
+    }
+
+    /// At most `limit` of those behind number `after`. A number that this instance has not come to is of another one: then
+    /// all that are kept, and at least one missed.
+    pub(super) fn after(&self, after: u64, limit: usize) -> Events {
+        let kept = self.kept();
+        let newest = kept.back().map_or(0, |event| event.number);
+        let foreign = after > newest;
+        let after = if foreign { 0 } else { after };
+        let first = kept.front().map_or(1, |event| event.number);
+        let missed_count = first.saturating_sub(after.saturating_add(1)).max(u64::from(foreign));
+        let events = kept.iter().filter(|event| event.number > after).take(limit).cloned().collect();
+        Events { events, missed_count, newest }
+    }
+
+    fn kept(&self) -> MutexGuard<'_, VecDeque<Event>> {
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Service {
+    /// At most `limit` of the events behind number `after`; waits for the first of them, no longer than `wait` and no longer
+    /// than the service runs.
+    pub async fn events(&self, after: u64, limit: usize, wait: Duration) -> Events {
+        let mut newest = self.events.newest.subscribe();
+        let mut closing = self.closing.subscribe();
+        // Whoever names a number beyond the newest is told at once that it is of another instance.
+        let caught_up = after == *newest.borrow();
+        if caught_up && !wait.is_zero() {
+            let more = newest.wait_for(|newest| *newest != after);
+            let _ = timeout(wait, async {
+                tokio::select! {
+                    _ = more => {}
+                    _ = closing.wait_for(|closing| *closing) => {}
+                }
+            })
+            .await;
+        }
+        self.events.after(after, limit)
+    }
+
+    /// Whether the service is being shut down: nobody should wait any longer.
+    #[must_use]
+    pub fn is_closing(&self) -> bool {
+        *self.closing.borrow()
+    }
+
+    /// Has a task hand on what the cell tells, as long as both live.
+    pub(super) fn follow_cell(&self) {
+        let Some(side) = &self.cell else { return };
+        let (cell, log, clock) = (side.cell.clone(), Arc::clone(&self.events), self.clock);
+        tokio::spawn(async move {
+            let mut newest = cell.newest_event();
+            let mut seen = 0;
+            loop {
+                newest.borrow_and_update();
+                for event in cell.events(seen).events {
+                    seen = event.number;
+                    log.add(clock.wall(event.at), Happening::Cell(event.kind));
+                }
+                if newest.changed().await.is_err() {
+                    return;
+                }
+            }
+        });
+    }
+
+    /// Tells of something that has happened now.
+    pub(super) fn tell(&self, what: Happening) {
+        self.events.add(self.clock.now(), what);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn log(count: u64) -> Arc<EventLog> {
+        let log = EventLog::new();
+        for _ in 0..count {
+            log.add(Timestamp::UNIX_EPOCH, Happening::Cell(EventKind::Reset));
+        }
+        log
+    }
+
+    fn numbers(events: &Events) -> Vec<u64> {
+        events.events.iter().map(|event| event.number).collect()
+    }
+
+    #[test]
+    fn a_reader_goes_on_behind_the_last_number_it_has() {
+        let log = log(5);
+        let events = log.after(3, 10);
+        assert_eq!((numbers(&events), events.missed_count, events.newest), (vec![4, 5], 0, 5));
+        assert_eq!(numbers(&log.after(0, 2)), [1, 2]);
+        assert_eq!(numbers(&log.after(5, 2)), []);
+    }
+
+    #[test]
+    fn what_is_not_kept_any_more_is_counted_and_a_foreign_number_begins_anew() {
+        let log = log(1030);
+        let events = log.after(2, 1);
+        assert_eq!((numbers(&events), events.missed_count), (vec![7], 4));
+        let foreign = log.after(5000, 1);
+        assert_eq!((numbers(&foreign), foreign.missed_count), (vec![7], 6));
+    }
+}

@@ -1,0 +1,361 @@
+//! Jobs of the cell as they are kept: what was commanded by whom, and what became of it. Written before the cell is told,
+//! ended when the cell has told the end. Must not know how a job is carried out, nor how it is sent.
+
+use super::{Service, ServiceError};
+use crate::cell::{JobEnd, Refusal, StopCause};
+use crate::store::{EndedJob, InsertedJob, JobRow, NewJob, RequestKey};
+use jiff::Timestamp;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use tokio::sync::watch;
+use tokio::task::JoinHandle;
+use tokio::time::timeout;
+
+/// What kind of job.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// The manipulators move.
+    Move,
+    /// The sensor scans.
+    Scan,
+    /// A single command to one device, or to all.
+    Act,
+}
+
+impl Kind {
+    /// The word in the store.
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Move => "move",
+            Self::Scan => "scan",
+            Self::Act => "act",
+        }
+    }
+}
+
+/// How a job stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum JobStanding {
+    /// Under way.
+    Running,
+    /// Everything was reached and read back.
+    Done,
+    /// It was stopped before its end, and every device was seen at rest.
+    Stopped,
+    /// It could not go on.
+    Failed,
+    /// It could not go on, and what the devices did is not known.
+    Unknown,
+    /// The service ended while it was under way; nothing was resumed.
+    Interrupted,
+    /// The cell refused to begin it; nothing was sent.
+    Refused,
+}
+
+impl JobStanding {
+    const ENDS: [Self; 6] = [Self::Done, Self::Stopped, Self::Failed, Self::Unknown, Self::Interrupted, Self::Refused];
+
+    /// The word in documents, for jobs that are over.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Running => "running",
+            Self::Done => "done",
+            Self::Stopped => "stopped",
+            Self::Failed => "failed",
+            Self::Unknown => "unknown",
+            Self::Interrupted => "interrupted",
+            Self::Refused => "refused",
+        }
+    }
+
+    /// What a row says; what it says in a word of a later version was no success.
+    fn of(row: &JobRow) -> Self {
+        match row.ended_at {
+            None => Self::Running,
+            Some(_) => Self::ENDS.into_iter().find(|end| end.name() == row.state).unwrap_or(Self::Unknown),
+        }
+    }
+}
+
+/// Why a job ended as it did.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Ending {
+    /// A short word.
+    pub code: String,
+    /// What happened, as an operator would say it.
+    pub text: String,
+}
+
+/// A job that was written down, with what it says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recorded<T> {
+    /// Its id.
+    pub id: String,
+    /// When it was asked for.
+    pub created_at: Timestamp,
+    /// When it was over.
+    pub ended_at: Option<Timestamp>,
+    /// How it stands.
+    pub standing: JobStanding,
+    /// The plan that it executes.
+    pub plan_id: Option<String>,
+    /// What was commanded.
+    pub order: T,
+    /// Why it ended, where there is more to say than that it is done.
+    pub ending: Option<Ending>,
+}
+
+/// A job, and whether it was begun by an earlier request of the same id, or of the same plan.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Started<T> {
+    /// The job.
+    pub job: Recorded<T>,
+    /// Whether nothing was begun for this answer.
+    pub replayed: bool,
+}
+
+/// Who commands.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Commander {
+    /// Who holds the lease; none where the command needs none.
+    pub holder: Option<String>,
+    /// Its fence.
+    pub fence: Option<u64>,
+}
+
+/// The document of a job in the store.
+#[derive(Debug, Serialize, Deserialize)]
+struct Document<T> {
+    #[serde(flatten)]
+    order: T,
+    ending: Option<Ending>,
+}
+
+impl Ending {
+    /// How the cell says that a job ended.
+    pub(super) fn of(end: &JobEnd) -> (JobStanding, Option<Self>) {
+        let say = |code: &str| Some(Self { code: code.to_owned(), text: end.to_string() });
+        match end {
+            JobEnd::Done => (JobStanding::Done, None),
+            JobEnd::Stopped(cause) => (JobStanding::Stopped, say(stop_code(*cause))),
+            JobEnd::Failed(failure) => (JobStanding::Failed, say(failure.code())),
+            JobEnd::Unknown(failure) => (JobStanding::Unknown, say(failure.code())),
+        }
+    }
+
+    /// That the cell has refused.
+    pub(super) fn refused(refusal: &Refusal) -> Self {
+        Self { code: "refused".to_owned(), text: refusal.to_string() }
+    }
+}
+
+/// A stable short word for what stopped a job.
+#[must_use]
+pub const fn stop_code(cause: StopCause) -> &'static str {
+    match cause {
+        StopCause::Requested => "stop_requested",
+        StopCause::LeaseOver => "lease_over",
+        StopCause::LeaseReleased => "lease_released",
+        StopCause::Closing => "service_stopping",
+    }
+}
+
+/// Tasks that see jobs to their end, and the news that one has.
+#[derive(Debug)]
+pub(super) struct Followers {
+    tasks: Mutex<Vec<JoinHandle<()>>>,
+    ended: watch::Sender<u64>,
+}
+
+impl Followers {
+    pub(super) fn new() -> Self {
+        Self { tasks: Mutex::new(Vec::new()), ended: watch::Sender::new(0) }
+    }
+
+    /// Has a task run to its end, whoever hangs up.
+    pub(super) fn add(&self, task: impl Future<Output = ()> + Send + 'static) {
+        let mut tasks = self.tasks.lock().unwrap_or_else(PoisonError::into_inner);
+        tasks.retain(|task| !task.is_finished());
+        tasks.push(tokio::spawn(task));
+    }
+
+    /// Waits for all tasks, no longer than `wait`.
+    pub(super) async fn finish(&self, wait: Duration) {
+        let tasks = std::mem::take(&mut *self.tasks.lock().unwrap_or_else(PoisonError::into_inner));
+        let all = async {
+            for task in tasks {
+                // One that panicked has ended, too.
+                let _ = task.await;
+            }
+        };
+        let _ = timeout(wait, all).await;
+    }
+}
+
+/// Work that goes on when its caller hangs up: a command is recorded and told as a whole or not at all.
+pub(super) async fn whole<T: Send + 'static>(
+    work: impl Future<Output = Result<T, ServiceError>> + Send + 'static,
+) -> Result<T, ServiceError> {
+    tokio::spawn(work).await.unwrap_or_else(|_| Err(super::ComputeError::Panicked.into()))
+}
+
+/// The row of a job that begins.
+pub(super) struct Beginning<'a, T> {
+    pub(super) kind: Kind,
+    pub(super) id: String,
+    pub(super) plan_id: Option<String>,
+    pub(super) request: Option<RequestKey>,
+    pub(super) order: &'a T,
+}
+
+impl Service {
+    /// Writes a job down before it begins.
+    ///
+    /// # Errors
+    /// [`ServiceError::RequestIdReused`], and what the store says.
+    pub(super) async fn write_down<T: Serialize + DeserializeOwned + Clone>(
+        &self,
+        beginning: Beginning<'_, T>,
+    ) -> Result<Started<T>, ServiceError> {
+        let Beginning { kind, id, plan_id, request, order } = beginning;
+        let created_at = self.clock.now();
+        let request_id = request.as_ref().map(|request| request.id.clone()).unwrap_or_default();
+        let row = JobRow {
+            id: id.clone(),
+            kind: kind.name().to_owned(),
+            created_at,
+            state: JobStanding::Running.name().to_owned(),
+            ended_at: None,
+            plan_id: plan_id.clone(),
+            request,
+            document: document(order, None)?,
+        };
+        match self.store.insert_job(NewJob { row }).await? {
+            InsertedJob::New => {
+                let order = order.clone();
+                let standing = JobStanding::Running;
+                let job = Recorded { id, created_at, ended_at: None, standing, plan_id, order, ending: None };
+                Ok(Started { job, replayed: false })
+            }
+            InsertedJob::Replayed(row) | InsertedJob::PlanUsed(row) => {
+                Ok(Started { job: read_back(&row)?, replayed: true })
+            }
+            InsertedJob::RequestMismatch => Err(ServiceError::RequestIdReused { request_id }),
+        }
+    }
+
+    /// The end of a job as the store takes it.
+    pub(super) fn ended<T: Serialize>(
+        &self,
+        job: &Recorded<T>,
+        standing: JobStanding,
+        ending: Option<&Ending>,
+    ) -> Result<EndedJob, ServiceError> {
+        Ok(EndedJob {
+            id: job.id.clone(),
+            state: standing.name().to_owned(),
+            ended_at: self.clock.now(),
+            document: document(&job.order, ending)?,
+        })
+    }
+
+    /// Writes down how a job ended. The devices are at rest by then, so a store that does not take it is told to the log; the
+    /// next start calls the job interrupted.
+    pub(super) async fn conclude<T: Serialize>(
+        &self,
+        job: &Recorded<T>,
+        standing: JobStanding,
+        ending: Option<&Ending>,
+    ) {
+        let written = match self.ended(job, standing, ending) {
+            Ok(end) if standing == JobStanding::Refused => self.store.refuse_job(end).await.map_err(Into::into),
+            Ok(end) => self.store.end_job(end).await.map_err(Into::into),
+            Err(error) => Err(error),
+        };
+        if let Err(error) = written {
+            tracing::error!(job = job.id, %error, "the end of job {} ({}) is not recorded", job.id, standing.name());
+        }
+        self.has_ended();
+    }
+
+    /// A job is over, and that is recorded.
+    pub(super) fn has_ended(&self) {
+        self.advance();
+        self.followers.ended.send_modify(|count| *count += 1);
+    }
+
+    /// The job of an id, of a kind; waits for its end, no longer than `wait` and no longer than the service runs.
+    pub(super) async fn job<T: DeserializeOwned>(
+        &self,
+        kind: Kind,
+        id: &str,
+        wait: Duration,
+    ) -> Result<Option<Recorded<T>>, ServiceError> {
+        let mut ended = self.followers.ended.subscribe();
+        let mut closing = self.closing.subscribe();
+        let until_over = async {
+            loop {
+                ended.borrow_and_update();
+                match self.store.job(id).await {
+                    Ok(Some(row)) if row.ended_at.is_none() && row.kind == kind.name() => {}
+                    found => return found,
+                }
+                let closing = tokio::select! {
+                    _ = ended.changed() => false,
+                    _ = closing.wait_for(|closing| *closing) => true,
+                };
+                if closing {
+                    return self.store.job(id).await;
+                }
+            }
+        };
+        let found = match timeout(wait, until_over).await {
+            Ok(found) => found?,
+            Err(_) => self.store.job(id).await?,
+        };
+        found.filter(|row| row.kind == kind.name()).map(|row| read_back(&row)).transpose()
+    }
+
+    /// Ends what an earlier process left under way.
+    pub(super) async fn interrupt_jobs(&self) -> Result<(), ServiceError> {
+        let interrupted = self.store.interrupt_jobs(JobStanding::Interrupted.name(), self.clock.now()).await?;
+        for JobRow { id, kind, .. } in interrupted {
+            tracing::warn!(
+                job = id,
+                "{kind} {id} was under way when the service ended; it is interrupted, nothing is resumed"
+            );
+        }
+        Ok(())
+    }
+
+    /// Who commands at this moment, for the record.
+    pub(super) fn commander(&self) -> Commander {
+        let lease = self.cell.as_ref().and_then(|side| side.cell.snapshot().lease.clone());
+        Commander { holder: lease.as_ref().map(|lease| lease.holder.clone()), fence: lease.map(|lease| lease.fence) }
+    }
+}
+
+fn document<T: Serialize>(order: &T, ending: Option<&Ending>) -> Result<String, ServiceError> {
+    serde_json::to_string(&Document { order, ending: ending.cloned() })
+        .map_err(|source| ServiceError::RecordUnwritable { what: "job", source: Arc::new(source) })
+}
+
+/// The job from its row.
+pub(super) fn read_back<T: DeserializeOwned>(row: &JobRow) -> Result<Recorded<T>, ServiceError> {
+    let unreadable =
+        |source| ServiceError::RecordUnreadable { what: "job", id: row.id.clone(), source: Arc::new(source) };
+    let Document { order, ending } = serde_json::from_str(&row.document).map_err(unreadable)?;
+    let standing = JobStanding::of(row);
+    let ending = match (standing, ending) {
+        (JobStanding::Interrupted, None) => Some(Ending {
+            code: "interrupted".to_owned(),
+            text: "the service ended while this was under way; nothing was resumed".to_owned(),
+        }),
+        (_, ending) => ending,
+    };
+    let JobRow { id, created_at, ended_at, plan_id, .. } = row.clone();
+    Ok(Recorded { id, created_at, ended_at, standing, plan_id, order, ending })
+}

@@ -1,0 +1,160 @@
+//! Moves: a path that was planned and checked is written down, given to the cell, and seen to its end. A client that hangs
+//! up changes nothing about it. Must not know devices, nor how a path comes about.
+
+use super::answer::fingerprint_of;
+use super::jobs::{self, Beginning, Ending, JobStanding, Kind, Recorded, Started, whole};
+use super::{Commander, Happening, Service, ServiceError};
+use crate::cell::{Job, JobState};
+use crate::motion::{MoveTargets, Plan, plan_move};
+use crate::store::{Listing, Page, RequestKey};
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// What is told of a job's progress: every so much of it.
+const PROGRESS_STEP: f64 = 0.1;
+
+/// What is asked of a move.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct MoveRequest {
+    /// Names the right to move.
+    #[serde(skip)]
+    pub lease_id: String,
+    /// Where to; axes that are not named stay.
+    pub targets: MoveTargets,
+    /// Share of the greatest speeds; above 0, at most 1.
+    pub speed_ratio: f64,
+    /// So that a repeated request gets the first answer again.
+    #[serde(skip)]
+    pub request_id: Option<String>,
+}
+
+/// What was commanded by a move.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct MoveOrder {
+    /// Who commanded it.
+    #[serde(flatten)]
+    pub by: Commander,
+    /// The measurement that it was planned from.
+    pub measurement_id: Option<String>,
+    /// Share of the greatest speeds.
+    pub speed_ratio: f64,
+    /// Every set-point, and what it means.
+    pub plan: Plan,
+}
+
+/// A move as it is kept.
+pub type Move = Recorded<MoveOrder>;
+
+/// A move that is about to begin.
+pub(super) struct Departure {
+    pub(super) lease_id: String,
+    pub(super) plan_id: Option<String>,
+    pub(super) request: Option<RequestKey>,
+    pub(super) order: MoveOrder,
+}
+
+impl Service {
+    /// Plans a move to absolute targets and begins it.
+    ///
+    /// # Errors
+    /// [`ServiceError::Motion`] where the path is not allowed, [`ServiceError::Cell`] where the cell refuses,
+    /// [`ServiceError::RequestIdReused`].
+    pub async fn start_move(self: &Arc<Self>, request: MoveRequest) -> Result<Started<MoveOrder>, ServiceError> {
+        let side = self.cell_side()?;
+        let fingerprint = fingerprint_of("move", &request);
+        let key = request.request_id.map(|id| RequestKey { id, fingerprint });
+        // A repeated request is answered whatever the positions are now.
+        if let Some(key) = &key
+            && let Some(row) = self.store.job_by_request(&key.id).await?
+        {
+            if row.request.as_ref().is_none_or(|asked| asked.fingerprint != key.fingerprint) {
+                return Err(ServiceError::RequestIdReused { request_id: key.id.clone() });
+            }
+            return Ok(Started { job: jobs::read_back(&row)?, replayed: true });
+        }
+        let from = side.positions().ok_or(ServiceError::PositionsUnknown)?;
+        let plan = plan_move(&side.arrangement, &from, &request.targets, request.speed_ratio)?;
+        let (by, speed_ratio) = (self.commander(), request.speed_ratio);
+        let order = MoveOrder { by, measurement_id: None, speed_ratio, plan };
+        self.depart(Departure { lease_id: request.lease_id, plan_id: None, request: key, order }).await
+    }
+
+    /// A move; waits for its end, no longer than `wait`.
+    ///
+    /// # Errors
+    /// [`ServiceError::MoveUnknown`].
+    pub async fn get_move(&self, id: &str, wait: Duration) -> Result<Move, ServiceError> {
+        let found = self.job(Kind::Move, id, wait).await?;
+        found.ok_or_else(|| ServiceError::MoveUnknown { id: id.to_owned() })
+    }
+
+    /// A page of the moves, newest first.
+    ///
+    /// # Errors
+    /// What the store says.
+    pub async fn moves(&self, page: &Page) -> Result<Listing<Move>, ServiceError> {
+        let Listing { rows, next } = self.store.jobs(Kind::Move.name(), page).await?;
+        Ok(Listing { rows: rows.iter().map(jobs::read_back).collect::<Result<_, _>>()?, next })
+    }
+
+    /// How far a job under way is, 0 to 1; `None` where it is not under way.
+    #[must_use]
+    pub fn progress(&self, job_id: &str) -> Option<f64> {
+        let snapshot = self.cell.as_ref()?.cell.snapshot();
+        snapshot.job.as_ref().filter(|job| job.id == job_id).map(|job| job.progress)
+    }
+
+    /// Writes the move down, begins it, and has it followed.
+    pub(super) async fn depart(self: &Arc<Self>, departure: Departure) -> Result<Started<MoveOrder>, ServiceError> {
+        let service = Arc::clone(self);
+        whole(async move {
+            let side = service.cell_side()?;
+            let Departure { lease_id, plan_id, request, order } = departure;
+            let id = service.clock.new_id("v-");
+            let beginning = Beginning { kind: Kind::Move, id, plan_id, request, order: &order };
+            let started = service.write_down(beginning).await?;
+            if started.replayed {
+                return Ok(started);
+            }
+            side.note_motion(service.clock.now());
+            let path = started.job.order.plan.path.clone();
+            match side.cell.start_move(&lease_id, &started.job.id, path).await {
+                Ok(job) => {
+                    let follower = Arc::clone(&service);
+                    let recorded = started.job.clone();
+                    service.followers.add(async move { follower.follow_move(job, &recorded).await });
+                    Ok(started)
+                }
+                Err(refusal) => {
+                    service.conclude(&started.job, JobStanding::Refused, Some(&Ending::refused(&refusal))).await;
+                    Err(refusal.into())
+                }
+            }
+        })
+        .await
+    }
+
+    async fn follow_move(&self, job: Job, recorded: &Move) {
+        self.tell_progress(&job).await;
+        let (standing, ending) = Ending::of(&job.ended().await);
+        self.conclude(recorded, standing, ending.as_ref()).await;
+    }
+
+    /// Tells of a job's progress until it is over.
+    pub(super) async fn tell_progress(&self, job: &Job) {
+        let mut state = job.watch();
+        let mut told = 0.0;
+        loop {
+            let now = state.borrow_and_update().clone();
+            let JobState::Running { progress } = now else { return };
+            if progress >= told + PROGRESS_STEP {
+                told = progress;
+                self.tell(Happening::Progress { job: job.id.clone(), progress });
+            }
+            if state.changed().await.is_err() {
+                return;
+            }
+        }
+    }
+}

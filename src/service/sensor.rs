@@ -1,0 +1,334 @@
+//! Measurements by the sensor: the cell scans, profiles become points as they come, and when the last one is here the pose is
+//! estimated while the points are kept as a file. The record is there from the start, in a state in -ing; what fails on the
+//! way fails by name. Must not know how a scan is taken, nor how anything is sent.
+
+use super::answer::{fingerprint_of, new_measurement};
+use super::arriving::Arriving;
+use super::jobs::{Beginning, Commander, Ending, JobStanding, Kind, Recorded, Started, whole};
+use super::{
+    Accepted, Decoded, Happening, Identity, Measured, Measurement, Order, RecipeName, Resolved, Service, ServiceError,
+};
+use crate::cell::{Job, JobEnd, ScanOrder};
+use crate::device::Profile;
+use crate::estimation::Progress;
+use crate::motion::{Pair, Position};
+use crate::scan::Cloud;
+use crate::scan::encode::encode_cloud;
+use crate::store::{CompleteScan, RequestKey, ScanRow};
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::mpsc;
+use tokio::time::sleep;
+
+/// A full pool is asked again after this.
+const POOL_RETRY: Duration = Duration::from_millis(20);
+
+/// Where a scan goes. What is left out is as configured.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct ScanWay {
+    /// Where it begins, along the rail.
+    pub x_from_mm: Option<f64>,
+    /// Where it ends.
+    pub x_to_mm: Option<f64>,
+    /// Profiles in between.
+    pub profiles_count: Option<u64>,
+    /// How fast the stage goes.
+    pub speed_mm_s: Option<f64>,
+}
+
+/// What is asked of a measurement by the sensor.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SensorRequest {
+    /// Names the right to move.
+    #[serde(skip)]
+    pub lease_id: String,
+    /// Where the scan goes.
+    pub way: ScanWay,
+    /// How the points are measured.
+    pub order: Order,
+}
+
+/// What was commanded by a measurement by the sensor.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SensorOrder {
+    /// Who commanded it.
+    #[serde(flatten)]
+    pub by: Commander,
+    /// Name of the recipe, where one was named.
+    pub recipe_name: Option<String>,
+    /// Where the scan began, along the rail.
+    pub x_from_mm: f64,
+    /// Where it was to end.
+    pub x_to_mm: f64,
+    /// Profiles in between.
+    pub profiles_count: u64,
+    /// How fast the stage was to go.
+    pub speed_mm_s: f64,
+    /// Where the manipulators were; mm, rad.
+    pub positions: Option<Pair<Position>>,
+}
+
+/// A measurement by the sensor as it is kept beside its result.
+pub type SensorScan = Recorded<SensorOrder>;
+
+/// A measurement: one that ran, or one by the sensor that did not come to that, or not yet.
+#[derive(Debug, Clone, PartialEq)]
+pub enum AnyMeasurement {
+    /// It ran.
+    Ran(Box<Measurement>),
+    /// It scans, or it came to nothing.
+    Scan(Box<SensorScan>),
+}
+
+/// What is needed once the profiles are here.
+struct Task {
+    job: SensorScan,
+    accepted: Accepted,
+}
+
+impl Service {
+    /// Begins a measurement by the sensor.
+    ///
+    /// # Errors
+    /// Those of [`Service::accept`]; [`ServiceError::Cell`] where the cell refuses, [`ServiceError::RequestIdReused`].
+    pub async fn measure_from_sensor(
+        self: &Arc<Self>,
+        request: SensorRequest,
+    ) -> Result<Started<SensorOrder>, ServiceError> {
+        let side = self.cell_side()?;
+        let accepted = self.accept(request.order.clone()).await?;
+        let fingerprint = fingerprint_of("sensor", &request);
+        let key = request.order.request_id.clone().map(|id| RequestKey { id, fingerprint });
+        if let Some(key) = &key
+            && self.store.measurement_by_request(&key.id).await?.is_some()
+        {
+            // An upload has this id; a measurement by the sensor is another request.
+            return Err(ServiceError::RequestIdReused { request_id: key.id.clone() });
+        }
+        let (way, scan) = (request.way, &side.config.scan);
+        let order = SensorOrder {
+            by: self.commander(),
+            recipe_name: request.order.recipe.map(RecipeName::into_string),
+            x_from_mm: way.x_from_mm.unwrap_or(scan.x_from_mm),
+            x_to_mm: way.x_to_mm.unwrap_or(scan.x_to_mm),
+            profiles_count: way.profiles_count.unwrap_or(scan.profiles_count),
+            speed_mm_s: way.speed_mm_s.unwrap_or(scan.speed_mm_s),
+            positions: side.positions(),
+        };
+        check(&order, self.capacity.scan.profiles_max)?;
+        let service = Arc::clone(self);
+        whole(async move { service.begin_scan(request.lease_id, key, order, accepted).await }).await
+    }
+
+    /// A measurement, whether it ran or not; waits for its end, no longer than `wait`.
+    ///
+    /// # Errors
+    /// [`ServiceError::MeasurementUnknown`].
+    pub async fn any_measurement(&self, id: &str, wait: Duration) -> Result<AnyMeasurement, ServiceError> {
+        let scan = self.job(Kind::Scan, id, wait).await?;
+        match (self.measurement(id).await, scan) {
+            (Ok(measurement), _) => Ok(AnyMeasurement::Ran(Box::new(measurement))),
+            (Err(ServiceError::MeasurementUnknown { .. }), Some(scan)) => Ok(AnyMeasurement::Scan(Box::new(scan))),
+            (Err(error), _) => Err(error),
+        }
+    }
+
+    /// Where the manipulators were when the sensor took the scan of a measurement; `None` where they were not known, or it
+    /// was made from a file.
+    pub(super) async fn positions_when_measured(&self, id: &str) -> Result<Option<Pair<Position>>, ServiceError> {
+        let scan: Option<SensorScan> = self.job(Kind::Scan, id, Duration::ZERO).await?;
+        Ok(scan.and_then(|scan| scan.order.positions))
+    }
+
+    async fn begin_scan(
+        self: &Arc<Self>,
+        lease_id: String,
+        request: Option<RequestKey>,
+        order: SensorOrder,
+        accepted: Accepted,
+    ) -> Result<Started<SensorOrder>, ServiceError> {
+        let side = self.cell_side()?;
+        let id = self.clock.new_id("m-");
+        let beginning = Beginning { kind: Kind::Scan, id, plan_id: None, request, order: &order };
+        let started = self.write_down(beginning).await?;
+        if started.replayed {
+            return Ok(started);
+        }
+        let SensorOrder { x_from_mm, x_to_mm, profiles_count, speed_mm_s, .. } = order;
+        let way = ScanOrder { x_from_mm, x_to_mm, profiles_count, speed_mm_s };
+        match side.cell.start_scan(&lease_id, &started.job.id, way).await {
+            Ok((job, profiles)) => {
+                let (follower, task) = (Arc::clone(self), Task { job: started.job.clone(), accepted });
+                self.followers.add(async move { follower.follow_scan(job, profiles, task).await });
+                Ok(started)
+            }
+            Err(refusal) => {
+                self.conclude(&started.job, JobStanding::Refused, Some(&Ending::refused(&refusal))).await;
+                Err(refusal.into())
+            }
+        }
+    }
+
+    async fn follow_scan(&self, job: Job, profiles: mpsc::Receiver<Vec<Profile>>, task: Task) {
+        let id = task.job.id.clone();
+        let (collected, ()) = tokio::join!(self.collect(profiles), self.tell_progress(&job));
+        let outcome = match (job.ended().await, collected) {
+            (JobEnd::Done, Ok(arriving)) => self.finish(arriving, task).await,
+            (JobEnd::Done, Err(error)) => self.give_up(&task.job, JobStanding::Failed, ending_of(&error)).await,
+            (end, _) => {
+                let (standing, ending) = Ending::of(&end);
+                let ending = ending.unwrap_or_else(|| Ending { code: "failed".to_owned(), text: end.to_string() });
+                self.give_up(&task.job, standing, ending).await
+            }
+        };
+        self.tell(outcome);
+        tracing::debug!(measurement = id, "the measurement by the sensor is over");
+    }
+
+    /// Takes the profiles as they come; after one that cannot be used the others are let pass.
+    async fn collect(&self, mut profiles: mpsc::Receiver<Vec<Profile>>) -> Result<Arriving, ServiceError> {
+        let mut collected = Ok(Arriving::new(self.capacity.scan.clone()));
+        while let Some(new) = profiles.recv().await {
+            for profile in &new {
+                collected = collected.and_then(|mut arriving: Arriving| {
+                    arriving.take(profile).map_err(super::MeasureError::from)?;
+                    Ok(arriving)
+                });
+            }
+        }
+        collected
+    }
+
+    /// Everything is here: estimates, keeps, records.
+    async fn finish(&self, arriving: Arriving, task: Task) -> Happening {
+        match self.measure_arrived(arriving, &task).await {
+            Ok(measurement) => {
+                self.note(&measurement);
+                self.has_ended();
+                let verdict = measurement.verdict();
+                Happening::Measured { measurement_id: measurement.id, verdict }
+            }
+            Err(error) => {
+                if matches!(error, ServiceError::Store(_)) {
+                    tracing::error!(measurement = task.job.id, %error, "a measurement by the sensor is not recorded");
+                }
+                self.give_up(&task.job, JobStanding::Failed, ending_of(&error)).await
+            }
+        }
+    }
+
+    async fn give_up(&self, job: &SensorScan, standing: JobStanding, ending: Ending) -> Happening {
+        self.conclude(job, standing, Some(&ending)).await;
+        let Ending { code, text } = ending;
+        Happening::NotMeasured { measurement_id: job.id.clone(), code, text }
+    }
+
+    async fn measure_arrived(&self, arriving: Arriving, task: &Task) -> Result<Measurement, ServiceError> {
+        let decoded = arriving.finish().map_err(super::MeasureError::from)?;
+        let cloud = decoded.cloud.clone();
+        let (measured, file) = tokio::join!(self.estimate(decoded, &task.accepted.resolved), self.keep(cloud));
+        let ((measured, duration_ms), file) = (measured?, file?);
+        let identity = Identity {
+            id: task.job.id.clone(),
+            created_at: task.job.created_at,
+            duration_ms,
+            scan_sha256: file.id().trim_start_matches("s-").to_owned(),
+            recipe_name: task.job.order.recipe_name.clone(),
+        };
+        let Measured { prepared, estimate } = measured;
+        let (measurement, profiles) = Measurement::record(identity, &prepared, estimate, &task.accepted.resolved);
+        let row = ScanRow {
+            id: file.id(),
+            created_at: measurement.created_at,
+            bytes_count: file.bytes_count(),
+            format: measurement.format.name().to_owned(),
+            points_count: Some(measurement.points_count),
+            description: Some("taken by the sensor".to_owned()),
+        };
+        let new = new_measurement(&measurement, &profiles, Some(row), None)?;
+        self.store.end_job_with(self.ended(&task.job, JobStanding::Done, None)?, new, file).await?;
+        Ok(measurement)
+    }
+
+    /// Waits for its turn as long as it takes: the scan is taken, and cannot be asked for again as a file can.
+    async fn estimate(&self, decoded: Decoded, resolved: &Resolved) -> Result<(Measured, u64), ServiceError> {
+        while self.compute.check_free().is_err() {
+            sleep(POOL_RETRY).await;
+        }
+        let (resolved, limits, clock) = (resolved.clone(), self.capacity.scan.clone(), self.clock);
+        self.compute
+            .run(move || {
+                let watch = clock.start();
+                let measured = super::measure(decoded, &resolved, &limits, &Progress::default())?;
+                Ok((measured, watch.elapsed_ms()))
+            })
+            .await?
+    }
+
+    /// The points as a file that is not kept yet.
+    async fn keep(&self, cloud: Cloud) -> Result<CompleteScan, ServiceError> {
+        let encoded = tokio::task::spawn_blocking(move || {
+            let mut bytes = Vec::new();
+            // Memory takes whatever is written to it.
+            let _ = encode_cloud(&cloud, &mut bytes);
+            bytes
+        });
+        let bytes = encoded.await.map_err(|_| super::ComputeError::Panicked)?;
+        let mut writer = self.store.begin_scan(u64::MAX).await?;
+        writer.write(&bytes).await?;
+        Ok(writer.complete().await?)
+    }
+}
+
+fn check(order: &SensorOrder, profiles_max: usize) -> Result<(), ServiceError> {
+    let refuse = |field, allowed: String| Err(ServiceError::Value { field, allowed });
+    let profiles_max = u64::try_from(profiles_max).unwrap_or(u64::MAX);
+    if !(2..=profiles_max).contains(&order.profiles_count) {
+        return refuse("profiles_count", format!("between 2 and {profiles_max}"));
+    }
+    if !(order.x_from_mm.is_finite() && order.x_to_mm.is_finite() && order.x_from_mm != order.x_to_mm) {
+        return refuse("x_to_mm", "a place along the rail other than x_from_mm".to_owned());
+    }
+    if !(order.speed_mm_s.is_finite() && order.speed_mm_s > 0.0) {
+        return refuse("speed_mm_s", "above 0".to_owned());
+    }
+    Ok(())
+}
+
+fn ending_of(error: &ServiceError) -> Ending {
+    let code = match error {
+        ServiceError::Content(_) => "scan_unusable",
+        ServiceError::Store(cause) => cause.code(),
+        ServiceError::Compute(_) => "calculation_failed",
+        _ => "failed",
+    };
+    Ending { code: code.to_owned(), text: error.to_string() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_way_that_is_none_is_refused_with_its_field() {
+        let good = SensorOrder {
+            by: Commander { holder: None, fence: None },
+            recipe_name: None,
+            x_from_mm: 0.0,
+            x_to_mm: 100.0,
+            profiles_count: 10,
+            speed_mm_s: 50.0,
+            positions: None,
+        };
+        check(&good, 100).expect("a way");
+        let field = |order: SensorOrder| match check(&order, 100) {
+            Err(ServiceError::Value { field, .. }) => field,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(field(SensorOrder { profiles_count: 101, ..good.clone() }), "profiles_count");
+        assert_eq!(field(SensorOrder { x_to_mm: 0.0, ..good.clone() }), "x_to_mm");
+        assert_eq!(field(SensorOrder { x_from_mm: f64::NAN, ..good.clone() }), "x_to_mm");
+        assert_eq!(field(SensorOrder { speed_mm_s: 0.0, ..good }), "speed_mm_s");
+    }
+}

@@ -1,0 +1,81 @@
+//! Events: numbered without a gap, by polling and as a stream, both the same and both resumable.
+
+use super::{FAST, Line};
+use serde_json::{Value, json};
+use std::io::{BufRead, BufReader, Write};
+
+/// The events of a stream until one is called `last`.
+fn stream(line: &Line, resume: Option<u64>, last: &str) -> Vec<Value> {
+    let mut stream = line.service.connect();
+    let resume = resume.map(|number| format!("Last-Event-ID: {number}\r\n")).unwrap_or_default();
+    write!(stream, "GET /v1/events HTTP/1.1\r\nHost: x\r\nAccept: text/event-stream\r\n{resume}\r\n").expect("sent");
+    let mut events = Vec::new();
+    let mut lines = BufReader::new(stream).lines().map(|line| line.expect("text"));
+    let head: Vec<String> = lines.by_ref().take_while(|line| !line.is_empty()).collect();
+    assert!(
+        head.iter().any(|line| line.eq_ignore_ascii_case("content-type: text/event-stream; charset=utf-8")),
+        "{head:?}"
+    );
+    for line in lines {
+        if let Some(data) = line.strip_prefix("data: ") {
+            events.push(serde_json::from_str::<Value>(data).expect("JSON"));
+        }
+        if line == format!("event: {last}") {
+            break;
+        }
+    }
+    events
+}
+
+fn polled(line: &Line, after: u64) -> Vec<Value> {
+    let list = line.service.get(&format!("/v1/events?after={after}")).expect(200);
+    list["events"].as_array().expect("events").clone()
+}
+
+fn moved(line: &Line) {
+    let begun = line.post("/v1/moves", &json!({"m1": {"y_mm": 4.0}, "m2": {"y_mm": 4.0}})).expect(201);
+    assert_eq!(line.wait_for(&begun)["state"], "done");
+}
+
+#[test]
+fn polling_tells_what_happened_in_order_and_goes_on_behind_a_number() {
+    let line = Line::ready(FAST);
+    moved(&line);
+    let events = polled(&line, 0);
+    let numbers: Vec<_> = events.iter().map(|event| event["number"].as_u64().expect("a number")).collect();
+    assert_eq!(numbers, (1..=numbers.len() as u64).collect::<Vec<_>>());
+    let position =
+        |name: &str| events.iter().position(|event| event["event"] == name).unwrap_or_else(|| panic!("{name}"));
+    let order = ["link_up", "lease_taken", "manual_done", "job_started", "job_progress", "job_ended"].map(position);
+    assert!(order.is_sorted(), "{order:?}");
+    assert_eq!(events[order[5]]["state"], "done");
+    assert_eq!(polled(&line, 3)[0]["number"], 4);
+    let foreign = line.service.get("/v1/events?after=100000").expect(200);
+    assert!(foreign["missed_count"].as_u64() >= Some(1) && foreign["events"][0]["number"] == 1);
+}
+
+#[test]
+fn a_wait_for_an_event_ends_when_there_is_one() {
+    let line = Line::ready(FAST);
+    let newest = line.service.get("/v1/events?after=0").expect(200)["newest"].as_u64().expect("a number");
+    let path = format!("/v1/events?after={newest}&wait_s=30");
+    let told = std::thread::scope(|scope| {
+        let waiting = scope.spawn(|| line.service.get(&path).expect(200));
+        line.service.post("/v1/cell/stop", &[]).expect(200);
+        waiting.join().expect("an answer")
+    });
+    assert_eq!(told["events"][0]["number"], newest + 1);
+    line.service.get("/v1/events?wait_s=61").problem(400, "query_invalid");
+    line.service.get_with("/v1/events", &[("last-event-id", "x")]).problem(400, "request_header_invalid");
+    line.service.get_with("/v1/events", &[("accept", "image/png")]).problem(406, "not_acceptable");
+}
+
+#[test]
+fn the_stream_says_what_polling_says_and_goes_on_behind_the_last_id() {
+    let line = Line::ready(FAST);
+    moved(&line);
+    let (all, polled) = (stream(&line, None, "job_ended"), polled(&line, 0));
+    assert!(!all.is_empty() && all == polled[..all.len()]);
+    let resumed = stream(&line, Some(2), "job_ended");
+    assert_eq!(resumed, all[2..]);
+}

@@ -1,0 +1,142 @@
+//! What the cell refuses, and that nothing was sent then: every reason by its code, with the numbers behind it.
+
+use super::{FAST, Line, REAL, id, untouched};
+use crate::harness::start;
+use serde_json::json;
+
+#[test]
+fn without_a_cell_nothing_can_be_commanded_and_files_are_measured() {
+    let (service, _folder) = start();
+    for path in ["/v1/cell", "/v1/cell/lease", "/v1/manipulators"] {
+        service.get(path).problem(409, "cell_absent");
+    }
+    service.post("/v1/cell/stop", &[]).problem(409, "cell_absent");
+    service.post_json("/v1/measurements", &json!({"source": "sensor", "lease_id": "l-1"})).problem(409, "cell_absent");
+    assert_eq!(service.get("/v1/status").expect(200)["cell_state"], json!(null));
+    service.get("/v1/moves").expect(200);
+}
+
+#[test]
+fn whoever_does_not_hold_the_lease_moves_nothing() {
+    let (service, _folder) = untouched(FAST);
+    let targets = json!({"m1": {"y_mm": 1.0}, "m2": {"y_mm": 1.0}});
+    service.post_json("/v1/moves", &targets).problem(409, "lease_required");
+    let mut with_lease = targets.clone();
+    with_lease["lease_id"] = json!("l-never");
+    service.post_json("/v1/moves", &with_lease).problem(409, "lease_required");
+    let taken = service.post_json("/v1/cell/lease", &json!({"holder": "line 3"})).expect(201);
+    let held = service.post_json("/v1/moves", &with_lease).problem(423, "lease_held");
+    assert_eq!((&held["holder"], held["remaining_ms"].as_u64().is_some_and(|ms| ms <= 5000)), (&json!("line 3"), true));
+    let path = format!("/v1/cell/lease?lease_id={}", taken["lease_id"].as_str().expect("an id"));
+    service.delete(&path).expect(200);
+    with_lease["lease_id"] = taken["lease_id"].clone();
+    service.post_json("/v1/moves", &with_lease).problem(409, "lease_over");
+    service.delete(&path).problem(409, "lease_over");
+    service.post_json("/v1/cell/reset", &json!({"lease_id": "a"})).problem(409, "lease_required");
+}
+
+#[test]
+fn what_is_not_enabled_does_not_move() {
+    let (service, _folder) = untouched(FAST);
+    let lease = service.post("/v1/cell/lease", &[]).expect(201);
+    assert_eq!(lease["holder"], "anonymous");
+    let order = json!({"m1": {"y_mm": 1.0}, "m2": {"y_mm": 1.0}, "lease_id": lease["lease_id"]});
+    assert_eq!(service.post_json("/v1/moves", &order).problem(409, "not_enabled")["manipulator"], "m1");
+    let cell = service.get("/v1/cell").expect(200);
+    assert_eq!((&cell["commands_allowed"], &cell["reasons"][0]["code"]), (&json!(false), &json!("not_enabled")));
+}
+
+#[test]
+fn a_target_that_cannot_be_is_refused_with_its_numbers_before_anything_is_sent() {
+    let line = Line::ready_with(FAST, |config| config.cell.manipulators.m1.limits.z.step_mm = 5.0);
+    let refused = |body, code| line.post("/v1/moves", &body).problem(422, code);
+    let both = |x: f64, y: f64, z: f64| json!({"m1": {"x_mm": x, "y_mm": y, "z_mm": z}, "m2": {"x_mm": x, "y_mm": y, "z_mm": z}});
+    let out = refused(both(0.0, 30.0, 0.0), "out_of_limits");
+    assert_eq!(
+        (&out["axis"], &out["value"], &out["upper"], &out["unit"]),
+        (&json!("y"), &json!(30.0), &json!(25.0), &json!("mm"))
+    );
+    assert_eq!(refused(both(0.0, 0.0, 6.0), "step_too_large")["max"], 5.0);
+    assert!(refused(json!({"m1": {"x_mm": 3.0}}), "strain_too_large")["strain_mm"].as_f64().is_some_and(|mm| mm > 2.9));
+    assert_eq!(
+        refused(json!({"m1": {"c_deg": 2.0}}), "twist_too_large")["max_deg"].as_f64().map(f64::round),
+        Some(1.0)
+    );
+    refused(json!({}), "nothing_to_move");
+    assert_eq!(refused(json!({"m1": {"y_mm": 1.0}, "speed_ratio": 1.5}), "option_invalid")["field"], "speed_ratio");
+    refused(json!({"m1": {"y": 1.0}}), "json_invalid");
+    let world = line.service.world.as_ref().expect("a world");
+    for carrier in coaxis::motion::Carrier::ALL {
+        assert!(world.record(carrier).all_out_of_limits().len() == 0);
+    }
+    assert_eq!(line.service.get("/v1/moves").expect(200)["moves"], json!([]), "nothing was written down either");
+}
+
+#[test]
+fn what_does_not_exist_is_not_found() {
+    let line = Line::ready(FAST);
+    line.service.get("/v1/moves/v-1").problem(404, "move_unknown");
+    line.service.get("/v1/plans/p-1").problem(404, "plan_unknown");
+    line.act("/v1/plans/p-1/execute").problem(404, "plan_unknown");
+    line.service.get("/v1/manipulators/m3").problem(404, "manipulator_unknown");
+    line.act("/v1/manipulators/m3/enable").problem(404, "manipulator_unknown");
+    let order =
+        json!({"measurement_id": "m-1", "target": {"deflection_deg": 0, "pitch_deg": 0, "y_c0_mm": 0, "z_c0_mm": 0}});
+    line.service.post_json("/v1/plans", &order).problem(404, "measurement_unknown");
+    line.service.get("/v1/moves/v-1?wait_s=61").problem(400, "query_invalid");
+    line.service.get("/v1/measurements/m-1?wait_s=61").problem(400, "query_invalid");
+}
+
+#[test]
+fn one_thing_at_a_time() {
+    let line = Line::ready(REAL);
+    let begun = line.long_move();
+    let busy = line.post("/v1/moves", &json!({"m1": {"y_mm": 1.0}, "m2": {"y_mm": 1.0}})).problem(409, "cell_busy");
+    assert_eq!((&busy["job_id"], &busy["state"]), (&begun["id"], &json!("moving")));
+    line.post("/v1/measurements", &json!({"source": "sensor"})).problem(409, "cell_busy");
+    assert_eq!(line.service.get("/v1/status").expect(200)["cell_state"], "moving");
+    line.service.post("/v1/cell/stop", &[]).expect(200);
+    assert_eq!(line.wait_for(&begun)["state"], "stopped");
+}
+
+#[test]
+fn a_plan_from_a_pose_that_something_moved_away_from_is_stale() {
+    let line = Line::ready(FAST);
+    let measured = line.measure();
+    let order = json!({"measurement_id": id(&measured),
+        "target": {"deflection_deg": 0.3, "pitch_deg": 1.0, "y_c0_mm": -7.0, "z_c0_mm": 6.0}});
+    let plan = line.service.post_json("/v1/plans", &order).expect(201);
+    let begun = line.post("/v1/moves", &json!({"m1": {"y_mm": 1.0}, "m2": {"y_mm": 1.0}})).expect(201);
+    assert_eq!(line.wait_for(&begun)["state"], "done");
+    line.act(&format!("/v1/plans/{}/execute", id(&plan))).problem(409, "plan_stale");
+    line.service.post_json("/v1/plans", &order).problem(409, "plan_stale");
+    assert_eq!(line.service.get(&format!("/v1/plans/{}", id(&plan))).expect(200)["move_id"], json!(null));
+}
+
+#[test]
+fn a_pose_that_is_too_old_is_not_moved_by() {
+    let line = Line::ready_with(FAST, |config| config.cell.plan_age_max_s = 1);
+    let measured = line.measure();
+    let order = json!({"measurement_id": id(&measured),
+        "target": {"deflection_deg": 0.3, "pitch_deg": 1.0, "y_c0_mm": -7.0, "z_c0_mm": 6.0}});
+    let plan = line.service.post_json("/v1/plans", &order).expect(201);
+    // Nothing happens that could be waited for but that time passes: an event that does not come is waited for.
+    let newest = line.service.get("/v1/events?after=0").expect(200)["newest"].as_u64().expect("a number");
+    line.service.get(&format!("/v1/events?after={newest}&wait_s=2")).expect(200);
+    let stale = line.act(&format!("/v1/plans/{}/execute", id(&plan))).problem(409, "plan_stale");
+    assert_eq!(stale["max_s"], 1);
+}
+
+#[test]
+fn a_scan_that_cannot_be_is_refused_and_writes_nothing() {
+    let line = Line::ready(FAST);
+    let refused = |body| line.post("/v1/measurements", &body);
+    let problem = refused(json!({"source": "sensor", "profiles_count": 1})).problem(422, "option_invalid");
+    assert_eq!(problem["field"], "profiles_count");
+    refused(json!({"source": "sensor", "x_from_mm": -400.0})).problem(422, "scan_out_of_range");
+    refused(json!({"source": "camera"})).problem(422, "json_invalid");
+    refused(json!({"source": "sensor", "recipe": "none"})).problem(404, "recipe_unknown");
+    let scan = line.service.post_json("/v1/measurements", &json!({"source": "sensor"}));
+    scan.problem(409, "lease_required");
+    assert_eq!(line.service.get("/v1/measurements").expect(200)["measurements"], json!([]));
+}

@@ -1,0 +1,64 @@
+//! Stop: always taken, by anybody, in any state; and what a client that goes away leaves running.
+
+use super::{FAST, Line, REAL, SOON, id, untouched};
+use serde_json::json;
+use std::io::Write;
+use std::time::Instant;
+
+#[test]
+fn a_stop_needs_no_lease_and_no_body_and_says_what_it_is() {
+    let (service, _folder) = untouched(FAST);
+    for _ in 0..2 {
+        let stopped = service.post("/v1/cell/stop", &[]).expect(200);
+        assert!(stopped["note"].as_str().is_some_and(|note| note.contains("no emergency stop")), "{stopped}");
+        assert!(stopped["unconfirmed_axes"].is_array() && stopped["sent_ms"].is_u64());
+    }
+}
+
+#[test]
+fn a_stop_ends_the_move_on_its_way_and_the_cell_goes_on_from_where_it_is() {
+    let line = Line::ready(REAL);
+    let begun = line.long_move();
+    super::until(&line.service, &format!("/v1/moves/{}", id(&begun)), |one| one["progress"].as_f64() > Some(0.0));
+    let asked = Instant::now();
+    let stopped = line.service.post("/v1/cell/stop", &[]).expect(200);
+    assert!(asked.elapsed() < SOON && stopped["devices"].as_array().is_some_and(|devices| devices.len() >= 2));
+    let ended = line.wait_for(&begun);
+    assert_eq!((&ended["state"], &ended["ending"]["code"]), (&json!("stopped"), &json!("stop_requested")));
+    super::until(&line.service, "/v1/cell", |cell| cell["state"] == "idle" && cell["commands_allowed"] == true);
+    let back = line.post("/v1/moves", &json!({"m1": {"y_mm": 0.0}, "m2": {"y_mm": 0.0}})).expect(201);
+    assert_eq!(line.wait_for(&back)["state"], "done");
+}
+
+#[test]
+fn a_stop_ends_a_scan_and_the_measurement_says_so() {
+    let line = Line::ready(REAL);
+    let begun = line.post("/v1/measurements", &json!({"source": "sensor", "speed_mm_s": 20.0})).expect(201);
+    let path = format!("/v1/measurements/{}", id(&begun));
+    let shown = line.service.get(&path).expect(200);
+    assert_eq!((&shown["state"], &shown["failure"]), (&json!("scanning"), &json!(null)));
+    assert_eq!(line.service.get(&format!("{path}?view=plc")).expect(200)["verdict_code"], 0);
+    line.service.post("/v1/cell/stop", &[]).expect(200);
+    let ended = line.service.get(&format!("{path}?wait_s=20")).expect(200);
+    assert_eq!((&ended["state"], &ended["failure"]["code"]), (&json!("stopped"), &json!("stop_requested")));
+    assert_eq!(line.service.get(&format!("{path}?view=plc")).expect(200)["verdict_code"], 3);
+    assert_eq!(line.service.get("/v1/scans").expect(200)["scans"], json!([]), "nothing half is kept");
+}
+
+#[test]
+fn a_client_that_hangs_up_changes_nothing_about_its_move() {
+    let line = Line::ready(FAST);
+    let body =
+        json!({"m1": {"y_mm": 3.0}, "m2": {"y_mm": 3.0}, "lease_id": line.lease, "request_id": "gone"}).to_string();
+    let mut stream = line.service.connect();
+    let head = format!(
+        "POST /v1/moves HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\nContent-Length: {}\r\n\r\n",
+        body.len()
+    );
+    stream.write_all((head + &body).as_bytes()).expect("sent");
+    drop(stream);
+    let moves = super::until(&line.service, "/v1/moves", |list| list["moves"][0]["state"] == "done");
+    assert_eq!(moves["moves"].as_array().map(Vec::len), Some(1));
+    let one = line.service.get("/v1/manipulators/m1").expect(200);
+    assert!((one["reading"]["y"]["actual_mm"].as_f64().expect("a place") - 3.0).abs() < 0.1);
+}
