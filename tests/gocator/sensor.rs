@@ -29,7 +29,7 @@ pub(crate) fn taken() -> Vec<Taken> {
     let point = |profile: usize, point: usize| {
         let x = 0.25 * (point as f64) - 80.0;
         let z = (200.0_f64.powi(2) - x * x).sqrt() - 190.0 + 0.01 * profile as f64;
-        ((7 * point + profile) % 13 != 0).then_some([x, z])
+        (!(7 * point + profile).is_multiple_of(13)).then_some([x, z])
     };
     (0..PROFILES)
         .map(|profile| Taken {

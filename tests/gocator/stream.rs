@@ -53,7 +53,8 @@ fn processor_s() -> f64 {
 
 /// Seconds on the wall and on the processor of the thread that reads so many profiles.
 fn read_stream(profiles_count: u64, rate_hz: Option<f64>) -> [f64; 2] {
-    let point = |at: usize| (at % 11 != 0).then_some([0.2 * at as f64 - 128.0, 40.0 - 1e-4 * (at * at) as f64 / 4.0]);
+    let point =
+        |at: usize| (!at.is_multiple_of(11)).then_some([0.2 * at as f64 - 128.0, 40.0 - 1e-4 * (at * at) as f64 / 4.0]);
     let taken = Taken { points: (0..WIDTH).map(point).collect(), ..Taken::default() };
     let server_runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let source = Endless { taken, sent_count: 0, rate_hz, began_at: None };

@@ -238,7 +238,7 @@ mod tests {
             silent.check().expect_err("no deadline").to_string(),
             "deadlines.reply_ms must be between 1 and 3600000, got 0"
         );
-        assert_eq!(Settings { frame_mb_max: 4_000, ..settings.clone() }.check().is_err(), true);
+        assert!(Settings { frame_mb_max: 4_000, ..settings.clone() }.check().is_err());
         assert_eq!(Settings { data_port: 0, ..settings }.check(), Err(SettingsError::Port { field: "data_port" }));
     }
 }
