@@ -29,6 +29,7 @@ fn the_status_is_flat_with_fixed_keys_below_512_bytes() {
         "queued_count",
         "running_max_count",
         "queue_max_count",
+        "cell_state",
         "last_measurement_id",
         "last_verdict",
         "last_created_at",

@@ -29,12 +29,12 @@ pub(in super::super) struct SensorOrderDocument {
     lease_id: Option<String>,
     /// Name of a stored recipe.
     #[schema(pattern = "^[a-z0-9][a-z0-9_-]{0,63}$")]
-    recipe: Option<String>,
+    pub(super) recipe: Option<String>,
     /// How the pose is found.
-    method: Option<MethodName>,
+    pub(super) method: Option<MethodName>,
     /// The radius that the drawing gives.
     #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
-    nominal_radius_mm: Option<f64>,
+    pub(super) nominal_radius_mm: Option<f64>,
     /// Where the scan begins, along the rail; as configured where nothing is said, as what follows.
     x_from_mm: Option<f64>,
     /// Where it ends.
@@ -47,13 +47,13 @@ pub(in super::super) struct SensorOrderDocument {
     speed_mm_s: Option<f64>,
     /// A repeated request of the same id gets the first answer again.
     #[schema(pattern = "^[A-Za-z0-9._:-]{1,128}$")]
-    request_id: Option<String>,
+    pub(super) request_id: Option<String>,
 }
 
 /// Where the points come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-enum Source {
+pub(super) enum Source {
     /// The cell's sensor.
     Sensor,
 }

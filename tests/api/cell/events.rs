@@ -41,14 +41,18 @@ fn moved(line: &Line) {
 fn polling_tells_what_happened_in_order_and_goes_on_behind_a_number() {
     let line = Line::ready(FAST);
     moved(&line);
+    let measured = line.measure();
     let events = polled(&line, 0);
     let numbers: Vec<_> = events.iter().map(|event| event["number"].as_u64().expect("a number")).collect();
     assert_eq!(numbers, (1..=numbers.len() as u64).collect::<Vec<_>>());
     let position =
         |name: &str| events.iter().position(|event| event["event"] == name).unwrap_or_else(|| panic!("{name}"));
-    let order = ["link_up", "lease_taken", "manual_done", "job_started", "job_progress", "job_ended"].map(position);
+    let order =
+        ["link_up", "lease_taken", "manual_done", "job_started", "job_ended", "job_progress", "measured"].map(position);
     assert!(order.is_sorted(), "{order:?}");
-    assert_eq!(events[order[5]]["state"], "done");
+    assert_eq!(events[order[4]]["state"], "done");
+    assert_eq!((&events[order[5]]["job_id"], &events[order[6]]["job_id"]), (&measured["id"], &measured["id"]));
+    assert_eq!(events[order[6]]["verdict"], "accepted");
     assert_eq!(polled(&line, 3)[0]["number"], 4);
     let foreign = line.service.get("/v1/events?after=100000").expect(200);
     assert!(foreign["missed_count"].as_u64() >= Some(1) && foreign["events"][0]["number"] == 1);

@@ -45,7 +45,7 @@ pub(crate) fn untouched_with(time_factor: f64, change: impl FnOnce(&mut Config))
 /// Asks until the answer is as it should be.
 pub(crate) fn until(service: &Running, path: &str, so: impl Fn(&Value) -> bool) -> Value {
     let mut after = 0;
-    for _ in 0..200 {
+    for _ in 0..60 {
         let answer = service.get(path).expect(200);
         if so(&answer) {
             return answer;
