@@ -26,7 +26,7 @@ pub struct Settings {
     pub poll_moving: Duration,
     /// Longest wait for one answer; at most 300 ms.
     pub reply: Duration,
-    /// Longest wait for a connection and its first reading; at most 300 ms.
+    /// Longest wait for a connection and its first reading; nothing moves before it, and the device keeps its own watchdog.
     pub connect: Duration,
     /// Longest wait until a device has acknowledged a command; at most 300 ms.
     pub acknowledge: Duration,
@@ -67,7 +67,7 @@ impl Settings {
             poll: Duration::from_millis(50),
             poll_moving: Duration::from_millis(20),
             reply: Duration::from_millis(200),
-            connect: Duration::from_millis(300),
+            connect: Duration::from_secs(2),
             acknowledge: Duration::from_millis(300),
             halt_grace: Duration::from_millis(25),
             watchdog: Duration::from_millis(300),
@@ -94,7 +94,7 @@ impl Settings {
             ("poll", self.poll, 5, 100),
             ("poll_moving", self.poll_moving, 5, 50),
             ("reply", self.reply, 20, 300),
-            ("connect", self.connect, 20, 300),
+            ("connect", self.connect, 20, 30_000),
             ("acknowledge", self.acknowledge, 20, 300),
             ("halt_grace", self.halt_grace, 0, 45),
             ("watchdog", self.watchdog, 100, 400),

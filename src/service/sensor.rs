@@ -87,6 +87,14 @@ struct Task {
     accepted: Accepted,
 }
 
+/// What the profiles came to; not recorded before the cell says that the scan is whole.
+struct Arrived {
+    measured: Measured,
+    duration_ms: u64,
+    /// The points, not kept yet.
+    file: CompleteScan,
+}
+
 impl Service {
     /// Begins a measurement by the sensor.
     ///
@@ -170,11 +178,13 @@ impl Service {
         }
     }
 
+    /// Waits for the cell's last word on the scan, and measures meanwhile: when the last profile is here the sensor and the
+    /// stage are still to be asked whether all is well, and the pose need not wait for that.
     async fn follow_scan(&self, job: Job, profiles: mpsc::Receiver<Vec<Profile>>, task: Task) {
         let id = task.job.id.clone();
-        let (collected, ()) = tokio::join!(self.collect(profiles), self.tell_progress(&job));
-        let outcome = match (job.ended().await, collected) {
-            (JobEnd::Done, Ok(arriving)) => self.finish(arriving, task).await,
+        let (arrived, ()) = tokio::join!(self.measure_arriving(profiles, &task), self.tell_progress(&job));
+        let outcome = match (job.ended().await, arrived) {
+            (JobEnd::Done, Ok(arrived)) => self.finish(arrived, &task).await,
             (JobEnd::Done, Err(error)) => self.give_up(&task.job, JobStanding::Failed, ending_of(&error)).await,
             (end, _) => {
                 let (standing, ending) = Ending::of(&end);
@@ -184,6 +194,19 @@ impl Service {
         };
         self.tell(outcome);
         tracing::debug!(measurement = id, "the measurement by the sensor is over");
+    }
+
+    async fn measure_arriving(
+        &self,
+        profiles: mpsc::Receiver<Vec<Profile>>,
+        task: &Task,
+    ) -> Result<Arrived, ServiceError> {
+        let arriving = self.collect(profiles).await?;
+        let decoded = arriving.finish().map_err(super::MeasureError::from)?;
+        let cloud = decoded.cloud.clone();
+        let (measured, file) = tokio::join!(self.estimate(decoded, &task.accepted.resolved), self.keep(cloud));
+        let (measured, duration_ms) = measured?;
+        Ok(Arrived { measured, duration_ms, file: file? })
     }
 
     /// Takes the profiles as they come; after one that cannot be used the others are let pass.
@@ -200,9 +223,9 @@ impl Service {
         collected
     }
 
-    /// Everything is here: estimates, keeps, records.
-    async fn finish(&self, arriving: Arriving, task: Task) -> Happening {
-        match self.measure_arrived(arriving, &task).await {
+    /// The scan is whole: records what was measured.
+    async fn finish(&self, arrived: Arrived, task: &Task) -> Happening {
+        match self.record_arrived(arrived, task).await {
             Ok(measurement) => {
                 self.note(&measurement);
                 self.has_ended();
@@ -224,11 +247,8 @@ impl Service {
         Happening::NotMeasured { measurement_id: job.id.clone(), code, text }
     }
 
-    async fn measure_arrived(&self, arriving: Arriving, task: &Task) -> Result<Measurement, ServiceError> {
-        let decoded = arriving.finish().map_err(super::MeasureError::from)?;
-        let cloud = decoded.cloud.clone();
-        let (measured, file) = tokio::join!(self.estimate(decoded, &task.accepted.resolved), self.keep(cloud));
-        let ((measured, duration_ms), file) = (measured?, file?);
+    async fn record_arrived(&self, arrived: Arrived, task: &Task) -> Result<Measurement, ServiceError> {
+        let Arrived { measured: Measured { prepared, estimate }, duration_ms, file } = arrived;
         let identity = Identity {
             id: task.job.id.clone(),
             created_at: task.job.created_at,
@@ -236,7 +256,6 @@ impl Service {
             scan_sha256: file.id().trim_start_matches("s-").to_owned(),
             recipe_name: task.job.order.recipe_name.clone(),
         };
-        let Measured { prepared, estimate } = measured;
         let (measurement, profiles) = Measurement::record(identity, &prepared, estimate, &task.accepted.resolved);
         let row = ScanRow {
             id: file.id(),

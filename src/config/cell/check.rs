@@ -140,7 +140,7 @@ impl Cell {
             ("timing.poll_ms", real(timing.poll_ms), 5.0, 100.0),
             ("timing.poll_moving_ms", real(timing.poll_moving_ms), 5.0, 50.0),
             ("timing.reply_ms", real(timing.reply_ms), 20.0, 300.0),
-            ("timing.connect_ms", real(timing.connect_ms), 20.0, 300.0),
+            ("timing.connect_ms", real(timing.connect_ms), 20.0, 30_000.0),
             ("timing.acknowledge_ms", real(timing.acknowledge_ms), 20.0, 300.0),
             ("timing.watchdog_ms", real(timing.watchdog_ms), 100.0, 400.0),
             ("timing.arrival_ms", real(timing.arrival_ms), 100.0, 600_000.0),

@@ -134,7 +134,7 @@ impl Default for Timing {
             poll_ms: 50,
             poll_moving_ms: 20,
             reply_ms: 200,
-            connect_ms: 300,
+            connect_ms: 2_000,
             acknowledge_ms: 300,
             watchdog_ms: 300,
             arrival_ms: 2_000,
