@@ -28,7 +28,7 @@ pub(super) fn is_made(cell: &Cell) -> bool {
 pub(super) async fn align(base: &str, world: &World) -> Result<String, Box<dyn Error>> {
     until_idle(base).await?;
     let lease = post(base, "/v1/cell/lease", &json!({"holder": "demo", "ttl_s": 60}), 201).await?;
-    let lease = json!({"lease_id": lease["lease_id"]});
+    let lease = json!({"lease_id": text(&lease, "lease_id")});
     for manipulator in ["m1", "m2"] {
         post(base, &format!("/v1/manipulators/{manipulator}/enable"), &lease, 200).await?;
     }
@@ -37,11 +37,11 @@ pub(super) async fn align(base: &str, world: &World) -> Result<String, Box<dyn E
     let true_before = truth(world);
     let target: serde_json::Map<String, Value> =
         TARGET.iter().map(|(name, value)| ((*name).to_owned(), json!(value))).collect();
-    let plan = post(base, "/v1/plans", &json!({"measurement_id": before["id"], "target": target}), 201).await?;
+    let plan = post(base, "/v1/plans", &json!({"measurement_id": text(&before, "id"), "target": target}), 201).await?;
     let execute = format!("/v1/plans/{}/execute", text(&plan, "id"));
     let began = post(base, &execute, &lease, 201).await?;
     let moved = get(base, &format!("/v1/moves/{}?wait_s=60", text(&began, "id"))).await?;
-    if moved["state"] != "done" {
+    if text(&moved, "state") != "done" {
         return Err(format!("the move of the demonstration ended as {moved}").into());
     }
     let after = measure(base, &lease).await?;
@@ -53,21 +53,21 @@ pub(super) async fn align(base: &str, world: &World) -> Result<String, Box<dyn E
 }
 
 async fn measure(base: &str, lease: &Value) -> Result<Value, Box<dyn Error>> {
-    let order = json!({"source": "sensor", "lease_id": lease["lease_id"]});
+    let order = json!({"source": "sensor", "lease_id": text(lease, "lease_id")});
     let began = post(base, "/v1/measurements", &order, 201).await?;
     let measured = get(base, &format!("/v1/measurements/{}?wait_s=60", text(&began, "id"))).await?;
-    if measured["verdict"] != "accepted" {
+    if text(&measured, "verdict") != "accepted" {
         return Err(format!("the measurement by the sensor came to {measured}").into());
     }
     Ok(measured)
 }
 
 async fn until_idle(base: &str) -> Result<(), Box<dyn Error>> {
-    until(base, |cell| cell["state"] == "idle").await
+    until(base, |cell| text(cell, "state") == "idle").await
 }
 
 async fn until_allowed(base: &str) -> Result<(), Box<dyn Error>> {
-    until(base, |cell| cell["commands_allowed"] == true).await
+    until(base, |cell| cell.get("commands_allowed").and_then(Value::as_bool) == Some(true)).await
 }
 
 async fn until(base: &str, so: impl Fn(&Value) -> bool) -> Result<(), Box<dyn Error>> {
@@ -83,21 +83,21 @@ async fn until(base: &str, so: impl Fn(&Value) -> bool) -> Result<(), Box<dyn Er
 
 async fn release(base: &str, lease: &Value) -> Result<(), Box<dyn Error>> {
     let url = format!("{base}/v1/cell/lease?lease_id={}", text(lease, "lease_id"));
-    expect(&url, client::delete(&url, WAIT).await?, 200).map(|_| ())
+    expect(&url, &client::delete(&url, WAIT).await?, 200).map(|_| ())
 }
 
 async fn post(base: &str, path: &str, body: &Value, status: u16) -> Result<Value, Box<dyn Error>> {
     let url = format!("{base}{path}");
     let body = if body.is_null() { String::new() } else { body.to_string() };
-    expect(&url, client::post_json(&url, &body, WAIT).await?, status)
+    expect(&url, &client::post_json(&url, &body, WAIT).await?, status)
 }
 
 async fn get(base: &str, path: &str) -> Result<Value, Box<dyn Error>> {
     let url = format!("{base}{path}");
-    expect(&url, client::get(&url, WAIT).await?, 200)
+    expect(&url, &client::get(&url, WAIT).await?, 200)
 }
 
-fn expect(url: &str, answer: Answer, status: u16) -> Result<Value, Box<dyn Error>> {
+fn expect(url: &str, answer: &Answer, status: u16) -> Result<Value, Box<dyn Error>> {
     if answer.status != status {
         return Err(format!("{url} answered {}: {}", answer.status, answer.body).into());
     }

@@ -220,18 +220,16 @@ pub(super) fn recipe_name(name: String) -> Result<RecipeName, Problem> {
 
 impl CreateQuery {
     /// An order for the sensor with what the query says and the order does not.
-    fn under(self, order: SensorOrderDocument) -> Result<SensorOrderDocument, Problem> {
+    fn under(self, mut order: SensorOrderDocument) -> Result<SensorOrderDocument, Problem> {
         if self.unit.is_some() || self.profile_by.is_some() {
             let detail = "unit and profile_by are about files; a scan by the sensor is in mm and has its profiles";
             return Err(Problem::new(Code::QueryInvalid, detail));
         }
-        Ok(SensorOrderDocument {
-            recipe: order.recipe.or(self.recipe),
-            method: order.method.or(self.method),
-            nominal_radius_mm: order.nominal_radius_mm.or(self.nominal_radius_mm),
-            request_id: order.request_id.or(self.request_id),
-            ..order
-        })
+        order.recipe = order.recipe.or(self.recipe);
+        order.method = order.method.or(self.method);
+        order.nominal_radius_mm = order.nominal_radius_mm.or(self.nominal_radius_mm);
+        order.request_id = order.request_id.or(self.request_id);
+        Ok(order)
     }
 
     fn order(self, headers: &HeaderMap) -> Result<Order, Problem> {

@@ -15,7 +15,7 @@ impl From<Refusal> for Problem {
         use Refusal as R;
         let text = refusal.to_string();
         match refusal {
-            R::WrongState { state, verb, job } => wrong_state(text, state, verb, job),
+            R::WrongState { state, verb, job } => wrong_state(&text, state, verb, job),
             R::LeaseRequired => Self::new(Code::LeaseRequired, format!("{text}: POST /v1/cell/lease")),
             R::LeaseHeld { holder, remaining } => {
                 Self::new(Code::LeaseHeld, format!("{text}; wait for it, or ask there"))
@@ -65,7 +65,7 @@ impl From<Refusal> for Problem {
     }
 }
 
-fn wrong_state(text: String, state: State, verb: &str, job: Option<String>) -> Problem {
+fn wrong_state(text: &str, state: State, verb: &str, job: Option<String>) -> Problem {
     let problem = match state {
         State::Offline => Problem::new(Code::DeviceUnavailable, format!("{text}; a device was not reached yet"))
             .with_header(header::RETRY_AFTER, RETRY_AFTER_S),

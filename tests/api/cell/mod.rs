@@ -13,7 +13,6 @@ use crate::harness::{Answer, Folder, Running, start_with};
 use coaxis::config::Config;
 use coaxis::geometry::AxisLine;
 use serde_json::{Value, json};
-use std::time::Duration;
 
 /// Simulated seconds in a second where nobody wants to see a motion on its way.
 pub(crate) const FAST: f64 = 50.0;
@@ -122,6 +121,3 @@ pub(crate) fn id(document: &Value) -> &str {
 pub(crate) fn number(document: &Value, pointer: &str) -> f64 {
     document.pointer(pointer).and_then(Value::as_f64).unwrap_or_else(|| panic!("{pointer} in {document}"))
 }
-
-/// Longest that anything but a move may take here.
-pub(crate) const SOON: Duration = Duration::from_secs(5);

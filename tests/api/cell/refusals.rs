@@ -21,7 +21,7 @@ fn whoever_does_not_hold_the_lease_moves_nothing() {
     let (service, _folder) = untouched(FAST);
     let targets = json!({"m1": {"y_mm": 1.0}, "m2": {"y_mm": 1.0}});
     service.post_json("/v1/moves", &targets).problem(409, "lease_required");
-    let mut with_lease = targets.clone();
+    let mut with_lease = targets;
     with_lease["lease_id"] = json!("l-never");
     service.post_json("/v1/moves", &with_lease).problem(409, "lease_required");
     let taken = service.post_json("/v1/cell/lease", &json!({"holder": "line 3"})).expect(201);

@@ -49,7 +49,7 @@ fn a_plan_is_executed_once_however_often_it_is_asked_for() {
         "target": {"deflection_deg": 0.3, "pitch_deg": 1.0, "y_c0_mm": -7.0, "z_c0_mm": 6.0}});
     let plan = line.service.post_json("/v1/plans", &order).expect(201);
     assert_eq!(line.service.post_json("/v1/plans", &order).expect(200)["id"], plan["id"]);
-    let mut other = order.clone();
+    let mut other = order;
     other["target"]["z_c0_mm"] = json!(6.5);
     line.service.post_json("/v1/plans", &other).problem(422, "request_id_reused");
     let execute = format!("/v1/plans/{}/execute", id(&plan));

@@ -51,7 +51,7 @@ fn a_move_that_the_service_died_in_is_interrupted_and_nothing_is_resumed() {
     let one = service.get("/v1/manipulators/m1").expect(200);
     assert_eq!(one["reading"]["state"], "disabled", "nothing was sent to it");
     let lease = service.post_json("/v1/cell/lease", &json!({"ttl_s": 60})).expect(201);
-    let mut again = order.clone();
+    let mut again = order;
     again["lease_id"] = lease["lease_id"].clone();
     assert_eq!(service.post_json("/v1/moves", &again).expect(200)["state"], "interrupted", "it is not begun again");
     child.kill().expect("it runs");
