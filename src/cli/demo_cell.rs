@@ -67,7 +67,7 @@ async fn until_idle(base: &str) -> Result<(), Box<dyn Error>> {
 }
 
 async fn until_allowed(base: &str) -> Result<(), Box<dyn Error>> {
-    until(base, |cell| cell.get("commands_allowed") == Some(&Value::Bool(true))).await
+    until(base, |cell| cell.get("commands_allowed").and_then(Value::as_bool) == Some(true)).await
 }
 
 async fn until(base: &str, so: impl Fn(&Value) -> bool) -> Result<(), Box<dyn Error>> {
