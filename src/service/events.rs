@@ -185,7 +185,7 @@ mod tests {
         let events = log.after(3, 10);
         assert_eq!((numbers(&events), events.missed_count, events.newest), (vec![4, 5], 0, 5));
         assert_eq!(numbers(&log.after(0, 2)), [1, 2]);
-        assert_eq!(numbers(&log.after(5, 2)), []);
+        assert!(numbers(&log.after(5, 2)).is_empty());
     }
 
     #[test]
