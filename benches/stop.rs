@@ -61,7 +61,7 @@ struct Stop {
 fn stop_often(address: &str, measured_count: &AtomicU64) -> Outcome<Vec<Stop>> {
     // Not before both are at work.
     while measured_count.load(Ordering::Relaxed) < MEASURING_COUNT as u64 {
-        thread::yield_now();
+        thread::park_timeout(Duration::from_millis(10));
     }
     (0..STOPS_COUNT).map(|_| stop(address)).collect()
 }
