@@ -9,6 +9,7 @@ use crate::scan::Scan;
 use crate::scan::decode::{Encoding, FormatClaims, Limits, Request, decode, find_format, inflate};
 use crate::scan::slice::{SliceRequest, slice};
 use crate::scan::synthetic::{Part, make};
+use std::collections::BTreeMap;
 use std::error::Error;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
@@ -141,8 +142,11 @@ impl Arguments {
             extrinsic: Some(above()),
             ..Settings::default()
         };
-        let document = toml::to_string(&settings)?;
-        Ok(format!("# {profiles_count} profiles at every start; settings for a client:\n{document}"))
+        let sensor = BTreeMap::from([("gocator", toml::Value::try_from(settings)?), ("adaptor", "gocator".into())]);
+        let document = toml::to_string(&BTreeMap::from([("cell", BTreeMap::from([("sensor", sensor)]))]))?;
+        Ok(format!(
+            "# {profiles_count} profiles at every start; the configuration of a service that takes them:\n{document}"
+        ))
     }
 }
 

@@ -185,7 +185,7 @@ impl Service {
         let (arrived, ()) = tokio::join!(self.measure_arriving(profiles, &task), self.tell_progress(&job));
         let outcome = match (job.ended().await, arrived) {
             (JobEnd::Done, Ok(arrived)) => self.finish(arrived, &task).await,
-            (JobEnd::Done, Err(error)) => self.give_up(&task.job, JobStanding::Failed, ending_of(&error)).await,
+            (JobEnd::Done, Err(ending)) => self.give_up(&task.job, JobStanding::Failed, ending).await,
             (end, _) => {
                 let (standing, ending) = Ending::of(&end);
                 let ending = ending.unwrap_or_else(|| Ending { code: "failed".to_owned(), text: end.to_string() });
@@ -196,13 +196,15 @@ impl Service {
         tracing::debug!(measurement = id, "the measurement by the sensor is over");
     }
 
-    async fn measure_arriving(
-        &self,
-        profiles: mpsc::Receiver<Vec<Profile>>,
-        task: &Task,
-    ) -> Result<Arrived, ServiceError> {
-        let arriving = self.collect(profiles).await?;
-        let decoded = arriving.finish().map_err(super::MeasureError::from)?;
+    async fn measure_arriving(&self, profiles: mpsc::Receiver<Vec<Profile>>, task: &Task) -> Result<Arrived, Ending> {
+        let arriving = self.collect(profiles).await.map_err(|error| ending_of(&error))?;
+        let decoded = arriving.finish().map_err(|error| ending_of(&super::MeasureError::from(error).into()))?;
+        let tolerance_mm = self.cell_side().map_err(|error| ending_of(&error))?.config.scan.place_tolerance_mm;
+        misplaced(&decoded.cloud, &task.job.order, tolerance_mm).map_or(Ok(()), Err)?;
+        self.measure_decoded(decoded, task).await.map_err(|error| ending_of(&error))
+    }
+
+    async fn measure_decoded(&self, decoded: Decoded, task: &Task) -> Result<Arrived, ServiceError> {
         let cloud = decoded.cloud.clone();
         let (measured, file) = tokio::join!(self.estimate(decoded, &task.accepted.resolved), self.keep(cloud));
         let (measured, duration_ms) = measured?;
@@ -315,6 +317,20 @@ fn check(order: &SensorOrder, profiles_max: usize) -> Result<(), ServiceError> {
     Ok(())
 }
 
+/// What is the matter where the profiles do not lie where the stage was sent; a pose from them would be of another place.
+fn misplaced(cloud: &Cloud, order: &SensorOrder, tolerance_mm: f64) -> Option<Ending> {
+    let (first, last) = (cloud.stripes.first()?.x, cloud.stripes.last()?.x);
+    let SensorOrder { x_from_mm, x_to_mm, .. } = *order;
+    let off = (first - x_from_mm).abs().max((last - x_to_mm).abs());
+    (off > tolerance_mm).then(|| Ending {
+        code: "scan_misplaced".to_owned(),
+        text: format!(
+            "the profiles lie from x = {first:.2} to {last:.2} mm, and the stage went from {x_from_mm:.2} to {x_to_mm:.2} mm; \
+             check where and how fast the sensor reckons its travel, and cell.scan.place_tolerance_mm"
+        ),
+    })
+}
+
 fn ending_of(error: &ServiceError) -> Ending {
     let code = match error {
         ServiceError::Content(_) => "scan_unusable",
@@ -328,6 +344,34 @@ fn ending_of(error: &ServiceError) -> Ending {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scan::decode::Unit;
+    use crate::scan::{Columns, Labels, Stripe};
+
+    #[test]
+    fn profiles_elsewhere_than_the_stage_went_are_no_scan() {
+        let cloud = |first: f64, last: f64| Cloud {
+            stripes: vec![Stripe { label: 0.0, x: first, end: 1 }, Stripe { label: 1.0, x: last, end: 2 }],
+            columns: Columns::F32 { y: vec![0.0; 2], z: vec![0.0; 2] },
+            labels: Labels::None,
+            unit: Unit::Millimetre,
+            blanks: Vec::new(),
+            missing_count: 0,
+        };
+        let order = SensorOrder {
+            by: Commander { holder: None, fence: None },
+            recipe_name: None,
+            x_from_mm: 200.0,
+            x_to_mm: 600.0,
+            profiles_count: 2,
+            speed_mm_s: 50.0,
+            positions: None,
+        };
+        assert_eq!(misplaced(&cloud(201.0, 598.0), &order, 5.0).map(|ending| ending.code), None);
+        for (first, last) in [(0.0, 400.0), (600.0, 200.0), (200.0, 400.0)] {
+            let said = misplaced(&cloud(first, last), &order, 5.0).map(|ending| ending.code);
+            assert_eq!(said.as_deref(), Some("scan_misplaced"), "{first} to {last}");
+        }
+    }
 
     #[test]
     fn a_way_that_is_none_is_refused_with_its_field() {

@@ -56,6 +56,26 @@ pub enum CellError {
     /// The sensor cannot be so.
     #[error("cell.sensor.gocator: {0}")]
     Gocator(#[from] gocator::SettingsError),
+    /// Simulated devices beside real ones.
+    #[error(
+        "cell: {simulated} would be simulated beside {real}; name an adaptor for each, or allow it with cell.simulated_beside_real = true"
+    )]
+    Mixed {
+        /// Which are simulated.
+        simulated: String,
+        /// Which are not.
+        real: String,
+    },
+    /// Two names for one machine.
+    #[error("cell.{first} and cell.{second} are the same device; give each its own {what}")]
+    SameDevice {
+        /// One.
+        first: &'static str,
+        /// The other.
+        second: &'static str,
+        /// What tells them apart.
+        what: &'static str,
+    },
     /// This program was built without OPC UA.
     #[error("cell.{key}.adaptor = \"opcua\": this program was built without OPC UA; build it with the feature opcua")]
     OpcuaNotBuilt {
@@ -68,6 +88,40 @@ pub enum CellError {
     /// The times do not go together.
     #[error("cell.timing: {0}")]
     Settings(#[from] SettingsError),
+}
+
+/// Where a device is reached.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Link<'a> {
+    Simulated,
+    Modbus {
+        address: &'a str,
+        unit_id: u8,
+        base: u16,
+    },
+    #[cfg(feature = "opcua")]
+    Opcua {
+        endpoint: &'a str,
+        device: &'a str,
+    },
+    /// Where no second one can be.
+    Other,
+}
+
+impl<'a> Link<'a> {
+    fn modbus(settings: &'a modbus::Settings) -> Self {
+        Self::Modbus { address: &settings.address, unit_id: settings.unit_id, base: settings.base }
+    }
+
+    /// What tells two devices of this kind apart.
+    const fn what(self) -> Option<&'static str> {
+        match self {
+            Self::Simulated | Self::Other => None,
+            Self::Modbus { .. } => Some("modbus.address, modbus.unit_id or modbus.base"),
+            #[cfg(feature = "opcua")]
+            Self::Opcua { .. } => Some("opcua.endpoint or opcua.device"),
+        }
+    }
 }
 
 /// A number with its key, its least and its greatest value.
@@ -103,7 +157,57 @@ impl Cell {
         Ok(())
     }
 
+    /// Whether simulated and real devices are told apart, and no machine has two names.
+    fn check_devices(&self) -> Result<(), CellError> {
+        let simulated = self.devices().into_iter().filter(|(_, link)| *link == Link::Simulated);
+        let simulated: Vec<&str> = simulated.map(|(key, _)| key).collect();
+        let real = self.devices().into_iter().filter(|(_, link)| *link != Link::Simulated);
+        let real: Vec<&str> = real.map(|(key, _)| key).collect();
+        if !self.simulated_beside_real && !simulated.is_empty() && !real.is_empty() {
+            return Err(CellError::Mixed { simulated: simulated.join(", "), real: real.join(", ") });
+        }
+        let devices = self.devices();
+        for (place, (first, link)) in devices.iter().enumerate() {
+            let same = devices.iter().skip(place + 1).find(|(_, other)| other == link && link.what().is_some());
+            if let (Some((second, _)), Some(what)) = (same, link.what()) {
+                return Err(CellError::SameDevice { first, second, what });
+            }
+        }
+        Ok(())
+    }
+
+    /// Every device that there is, with where it is reached.
+    fn devices(&self) -> Vec<(&'static str, Link<'_>)> {
+        let manipulators = Carrier::ALL.map(|carrier| {
+            let manipulator = self.manipulators.get(carrier);
+            let link = match manipulator.adaptor {
+                ManipulatorAdaptor::Simulated => Link::Simulated,
+                ManipulatorAdaptor::Modbus => Link::modbus(&manipulator.modbus),
+                #[cfg(feature = "opcua")]
+                ManipulatorAdaptor::Opcua => {
+                    Link::Opcua { endpoint: &manipulator.opcua.endpoint, device: &manipulator.opcua.device }
+                }
+                #[cfg(not(feature = "opcua"))]
+                ManipulatorAdaptor::Opcua => Link::Other,
+            };
+            (key_of(carrier), link)
+        });
+        let stage = match self.stage.adaptor {
+            StageAdaptor::Simulated => Some(Link::Simulated),
+            StageAdaptor::Modbus => Some(Link::modbus(&self.stage.modbus)),
+            StageAdaptor::None => None,
+        };
+        let sensor = match self.sensor.adaptor {
+            SensorAdaptor::Simulated => Some(Link::Simulated),
+            SensorAdaptor::Gocator => Some(Link::Other),
+            SensorAdaptor::None => None,
+        };
+        let others = [stage.map(|link| ("stage", link)), sensor.map(|link| ("sensor", link))];
+        manipulators.into_iter().chain(others.into_iter().flatten()).collect()
+    }
+
     fn check_adaptors(&self) -> Result<(), CellError> {
+        self.check_devices()?;
         self.simulated.check()?;
         for carrier in Carrier::ALL {
             let (key, manipulator) = (key_of(carrier), self.manipulators.get(carrier));
@@ -132,7 +236,7 @@ impl Cell {
     fn ranges(&self) -> Vec<Range> {
         let (lease, timing, together, scan) = (&self.lease, &self.timing, &self.together, &self.scan);
         let tolerance = &together.tolerance;
-        let named: [(&str, f64, f64, f64); 21] = [
+        let named: [(&str, f64, f64, f64); 22] = [
             ("plan_age_max_s", real(self.plan_age_max_s), 1.0, 3_600.0),
             ("lease.ttl_min_ms", real(lease.ttl_min_ms), 100.0, 600_000.0),
             ("lease.ttl_max_ms", real(lease.ttl_max_ms), 1_000.0, 600_000.0),
@@ -154,6 +258,7 @@ impl Cell {
             ("together.tolerance.c_deg", tolerance.c_deg, 1e-6, 10.0),
             ("scan.profiles_count", real(scan.profiles_count), 2.0, 1e6),
             ("scan.speed_mm_s", scan.speed_mm_s, 1e-3, 10_000.0),
+            ("scan.place_tolerance_mm", scan.place_tolerance_mm, 1e-3, 10_000.0),
         ];
         named.into_iter().map(|(key, value, least, most)| (key.to_owned(), value, least, most)).collect()
     }
@@ -232,10 +337,59 @@ mod tests {
         assert!(said.starts_with("cell.timing.watchdog_ms must be between 100 and 400"), "{said}");
         let said = complaint("[cell.lease]\nttl_ms = 90000");
         assert!(said.starts_with("cell.lease.ttl_ms must be between 1000 and 60000"), "{said}");
-        let said = complaint("[cell.stage]\nadaptor = 'modbus'\nmodbus.address = 'nowhere'");
+        let said = complaint(
+            "[cell]\nsimulated_beside_real = true\n[cell.stage]\nadaptor = 'modbus'\nmodbus.address = 'nowhere'",
+        );
         assert!(said.starts_with("cell.stage.modbus.address"), "{said}");
         let said = complaint("[cell.simulated]\ntime_factor = 0.0");
         assert!(said.starts_with("cell.simulated.time_factor"), "{said}");
+    }
+
+    #[test]
+    fn simulated_devices_stand_beside_real_ones_only_where_that_is_allowed() {
+        let said = complaint("[cell.manipulators.m1]\nadaptor = 'modbus'");
+        let expected = "cell: manipulators.m2, stage, sensor would be simulated beside manipulators.m1";
+        assert!(said.starts_with(expected), "{said}");
+    }
+
+    #[test]
+    fn two_names_for_one_machine_are_refused() {
+        let both = "[cell]\nsimulated_beside_real = true\n[cell.manipulators.m1]\nadaptor = 'modbus'\n\
+                    [cell.manipulators.m2]\nadaptor = 'modbus'\n";
+        Layers::default().text("file", both).and_then(Layers::build).expect("their blocks differ by default");
+        let said = complaint(&format!("{both}modbus.base = 0"));
+        assert!(said.starts_with("cell.manipulators.m1 and cell.manipulators.m2 are the same device"), "{said}");
+    }
+
+    #[cfg(feature = "opcua")]
+    #[test]
+    fn over_opc_ua_each_manipulator_has_a_device_of_its_own_and_may_not_share_it() {
+        let both = "[cell]\nsimulated_beside_real = true\n[cell.manipulators.m1]\nadaptor = 'opcua'\n\
+                    [cell.manipulators.m2]\nadaptor = 'opcua'\n";
+        let config = Layers::default().text("file", both).and_then(Layers::build).expect("their devices differ");
+        assert!(config.cell.manipulators.m2.opcua.device.ends_with("own:M2"));
+        let said = complaint(&format!("{both}opcua.device = '{}'", config.cell.manipulators.m1.opcua.device));
+        assert!(said.contains("are the same device"), "{said}");
+    }
+
+    #[test]
+    fn the_examples_of_the_pages_can_be_used() {
+        let pages = [
+            include_str!("../../../docs/gocator.md"),
+            include_str!("../../../docs/modbus.md"),
+            include_str!("../../../docs/moving.md"),
+            #[cfg(feature = "opcua")]
+            include_str!("../../../docs/opcua.md"),
+        ];
+        let examples = pages.iter().flat_map(|page| page.split("```toml\n").skip(1));
+        let mut count = 0;
+        for example in examples.filter_map(|rest| rest.split("```").next()) {
+            let alone = "[cell]\nsimulated_beside_real = true\n";
+            let layers = Layers::default().text("page", alone).and_then(|layers| layers.text("example", example));
+            layers.and_then(Layers::build).unwrap_or_else(|error| panic!("{error}\n{example}"));
+            count += 1;
+        }
+        assert!(count >= 3, "{count} examples");
     }
 
     #[test]
@@ -247,15 +401,18 @@ mod tests {
 
     #[test]
     fn what_is_said_about_one_manipulator_leaves_the_rest_as_it_is() {
-        let text =
-            "[cell.manipulators.m2]\nadaptor = 'modbus'\nmodbus.address = '10.0.0.7:502'\nlimits.z.upper_mm = 7.5";
+        let text = "[cell]\nsimulated_beside_real = true\n[cell.manipulators.m2]\nadaptor = 'modbus'\n\
+             modbus.address = '10.0.0.7:502'\nlimits.z.upper_mm = 7.5";
         let config = Layers::default().text("file", text).and_then(Layers::build).expect("valid");
         let (m1, m2) = (&config.cell.manipulators.m1, &config.cell.manipulators.m2);
         assert_eq!((m1.adaptor, m2.adaptor), (ManipulatorAdaptor::Simulated, ManipulatorAdaptor::Modbus));
         assert_eq!((m2.modbus.address.as_str(), m2.modbus.base), ("10.0.0.7:502", 256));
         assert_eq!((m2.limits.z.upper_mm, m2.limits.z.lower_mm, m1.limits.z.upper_mm), (7.5, -25.0, 25.0));
         assert!(m2.mount_mm[0] > m1.mount_mm[0]);
-        let variables = [("COAXIS_CELL__MANIPULATORS__M1__ADAPTOR".to_owned(), "modbus".to_owned())];
+        let variables = [
+            ("COAXIS_CELL__MANIPULATORS__M1__ADAPTOR".to_owned(), "modbus".to_owned()),
+            ("COAXIS_CELL__SIMULATED_BESIDE_REAL".to_owned(), "true".to_owned()),
+        ];
         let config = Layers::default().environment(variables).and_then(Layers::build).expect("valid");
         assert_eq!(config.cell.manipulators.m1.adaptor, ManipulatorAdaptor::Modbus);
     }

@@ -100,7 +100,7 @@ impl Manipulator {
             limits: SupportLimits::default(),
             modbus: modbus::Settings { base, ..modbus::Settings::default() },
             #[cfg(feature = "opcua")]
-            opcua: opcua::Settings::default(),
+            opcua: opcua::Settings::of(carrier.name()),
         }
     }
 }

@@ -22,6 +22,9 @@ use serde::{Deserialize, Serialize};
 pub struct Cell {
     /// Whether there is one; without it the service measures what it is sent, and nothing moves.
     pub enabled: bool,
+    /// Whether simulated devices may stand beside real ones. What a simulated sensor sees says nothing about a real part, so a
+    /// plan made from it would move that part by chance; only for trying adaptors.
+    pub simulated_beside_real: bool,
     /// Longest time between measuring and executing a plan made from it.
     pub plan_age_max_s: u64,
     /// Who may move, and for how long.
@@ -103,12 +106,16 @@ pub struct ScanPath {
     pub profiles_count: u64,
     /// How fast the stage goes.
     pub speed_mm_s: f64,
+    /// How far the first and the last profile may be from where the scan was to begin and end: where the sensor reckons x by
+    /// itself, it is held to the stage.
+    pub place_tolerance_mm: f64,
 }
 
 impl Default for Cell {
     fn default() -> Self {
         Self {
             enabled: true,
+            simulated_beside_real: false,
             plan_age_max_s: 60,
             lease: Lease::default(),
             timing: Timing::default(),
@@ -151,6 +158,6 @@ impl Default for Together {
 
 impl Default for ScanPath {
     fn default() -> Self {
-        Self { x_from_mm: 200.0, x_to_mm: 600.0, profiles_count: 200, speed_mm_s: 100.0 }
+        Self { x_from_mm: 200.0, x_to_mm: 600.0, profiles_count: 200, speed_mm_s: 100.0, place_tolerance_mm: 5.0 }
     }
 }

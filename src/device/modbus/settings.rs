@@ -47,7 +47,7 @@ impl Default for Settings {
             // A device counts at least twice a second.
             heartbeat_stale_ms: 600,
             torn_reads_max: 5,
-            stage_watchdog_ms: 500,
+            stage_watchdog_ms: 300,
             layout: Layout::default(),
         }
     }
@@ -93,7 +93,8 @@ impl Settings {
             ("reply_timeout_ms", self.reply_timeout_ms, 5, 300),
             ("heartbeat_stale_ms", self.heartbeat_stale_ms, 20, 5_000),
             ("torn_reads_max", self.torn_reads_max.into(), 0, 20),
-            ("stage_watchdog_ms", self.stage_watchdog_ms, 1, 500),
+            // As that of the manipulators: what moves holds within half a second.
+            ("stage_watchdog_ms", self.stage_watchdog_ms, 1, 400),
         ];
         if let Some((name, value, least, most)) =
             ranges.into_iter().find(|(_, value, least, most)| !(least..=most).contains(&value))

@@ -7,7 +7,7 @@ use super::link::now;
 use super::status::{Head, StatusRegisters};
 use crate::device::simulated::is_newer;
 use crate::device::{
-    Action, AxisReading, Command, CommandResult, DeviceError, FenceGate, Pending, Stage, StageReading,
+    Action, AxisReading, AxisState, Command, CommandResult, DeviceError, FenceGate, Pending, Stage, StageReading,
 };
 use crate::motion::{Axes, Axis};
 use std::time::Duration;
@@ -24,6 +24,8 @@ pub struct ModbusStage {
     seen_within: Duration,
     /// The newest sequence number that was sent, or that the device had seen when we came.
     sequence: u16,
+    /// By the newest reading.
+    disabled: bool,
 }
 
 /// A stage's status with what became of the newest command.
@@ -31,7 +33,7 @@ type Status = (Head, AxisReading);
 
 impl ModbusStage {
     pub(super) fn new(block: Block, watchdog: Duration, seen_within: Duration) -> Self {
-        Self { block, gate: FenceGate::default(), watchdog, seen_within, sequence: 0 }
+        Self { block, gate: FenceGate::default(), watchdog, seen_within, sequence: 0, disabled: false }
     }
 
     async fn command(&mut self, fence: u64, action: Action) -> Result<(), DeviceError> {
@@ -59,6 +61,7 @@ impl ModbusStage {
         if is_newer(seen, self.sequence) {
             self.sequence = seen;
         }
+        self.disabled = head.state == AxisState::Disabled;
         StageReading {
             actual_mm: axis.actual,
             lower_mm: axis.lower,
@@ -93,7 +96,14 @@ impl Stage for ModbusStage {
     fn move_to(&mut self, fence: u64, target_mm: f64, speed_mm_s: f64) -> Pending<'_, Result<(), DeviceError>> {
         let only_x = |x| Axes { x, ..Axes::default() };
         let axes = Axes { x: true, ..Axes::default() };
-        Box::pin(self.command(fence, Action::MoveTo { axes, targets: only_x(target_mm), speeds: only_x(speed_mm_s) }))
+        Box::pin(async move {
+            // A stage has no verb of its own for it: who may send it somewhere may put it under control.
+            if self.disabled {
+                self.command(fence, Action::Enable).await?;
+                self.disabled = false;
+            }
+            self.command(fence, Action::MoveTo { axes, targets: only_x(target_mm), speeds: only_x(speed_mm_s) }).await
+        })
     }
 
     fn halt(&mut self) -> Pending<'_, Result<(), DeviceError>> {

@@ -135,8 +135,10 @@ pub enum SettingRefusal {
     Security(#[from] Trouble),
 }
 
-impl Default for Settings {
-    fn default() -> Self {
+impl Settings {
+    /// The defaults for a manipulator of this id: its device is named after it in capitals, as `M1`.
+    #[must_use]
+    pub fn of(id: &str) -> Self {
         let namespaces = [
             ("di", "http://opcfoundation.org/UA/DI/"),
             ("robotics", "http://opcfoundation.org/UA/Robotics/"),
@@ -144,7 +146,7 @@ impl Default for Settings {
         ];
         Self {
             endpoint: "opc.tcp://127.0.0.1:4840".to_owned(),
-            device: "di:DeviceSet/own:Cell/robotics:MotionDevices/own:M1".to_owned(),
+            device: format!("di:DeviceSet/own:Cell/robotics:MotionDevices/own:{}", id.to_uppercase()),
             namespaces: namespaces.map(|(alias, uri)| (alias.to_owned(), uri.to_owned())).into(),
             nodes: BTreeMap::new(),
             states: StateCodes::default(),
@@ -155,6 +157,12 @@ impl Default for Settings {
             stale_ms: 500,
             session_ms: 5_000,
         }
+    }
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self::of("m1")
     }
 }
 

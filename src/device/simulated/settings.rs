@@ -172,7 +172,7 @@ impl Default for StageSettings {
             speed_mm_s: 200.0,
             acceleration_mm_s2: 500.0,
             straightness_mm: 0.005,
-            watchdog_ms: 500.0,
+            watchdog_ms: 300.0,
         }
     }
 }

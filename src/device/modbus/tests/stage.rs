@@ -47,6 +47,21 @@ async fn a_stage_goes_where_it_is_sent_and_halts() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_stage_that_is_sent_somewhere_is_put_under_control_first() {
+    let plc = plc();
+    let mut stage = stage(&Wire::to(&plc));
+    stage.connect().await.expect("connects");
+    assert_eq!(executed(&plc), [0_u16; 0], "connecting commands nothing");
+    stage.move_to(1, 20.0, 40.0).await.expect("is taken");
+    while stage.read().await.expect("a reading").moves {
+        sleep(Duration::from_millis(50)).await;
+    }
+    let reading = stage.read().await.expect("a reading");
+    assert!((reading.actual_mm - 20.0).abs() < 1e-5, "{reading:?}");
+    assert_eq!(executed(&plc).len(), 2, "enable and move");
+}
+
+#[tokio::test(start_paused = true)]
 async fn a_stage_says_what_the_device_refuses() {
     let plc = plc();
     enable(&plc);
