@@ -139,5 +139,7 @@ fn report(plan: &Value, [(before, true_before), (after, true_after)]: [(&Value, 
             number(after, &pointer)
         );
     }
-    text + "\n"
+    text += "\nWhat is left of the way is the made backlash (0.05 mm) and cross-coupling (2 %); a second plan takes it. The made \
+             cell runs faster than a real one.\n";
+    text
 }
