@@ -87,6 +87,8 @@ pub struct Limits {
     pub header_bytes_max: u64,
     /// Connections at a time; a further one is closed.
     pub connections_max: u64,
+    /// Event streams and waits for an end at a time, never more than half of the connections; a further one is answered 503.
+    pub listeners_max: u64,
     /// Measurements that are calculated at a time; as many large uploads are read while they come in.
     pub measurements_running_max: u64,
     /// Measurements that wait for their turn; a further one is answered 503.
@@ -145,6 +147,7 @@ impl Default for Limits {
             url_bytes_max: 4 << 10,
             header_bytes_max: 16 << 10,
             connections_max: 512,
+            listeners_max: 100,
             measurements_running_max: 2,
             queue_max: 16,
             uploads_max: 64,
@@ -252,7 +255,7 @@ impl Config {
     }
 
     /// Every number of the configuration with its least and greatest value.
-    fn ranges(&self) -> [(&'static str, u64, u64, u64); 24] {
+    fn ranges(&self) -> [(&'static str, u64, u64, u64); 25] {
         let (limits, scan, timeouts) = (&self.limits, &self.scan, &self.timeouts);
         let wide = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
         let hour = 3_600_000;
@@ -262,6 +265,7 @@ impl Config {
             ("limits.url_bytes_max", limits.url_bytes_max, 256, 64_000),
             ("limits.header_bytes_max", limits.header_bytes_max, 1 << 10, 256 << 10),
             ("limits.connections_max", limits.connections_max, 1, 100_000),
+            ("limits.listeners_max", limits.listeners_max, 1, 100_000),
             ("scan.points_max", wide(scan.points_max), 6, 1 << 32),
             ("scan.profiles_max", wide(scan.profiles_max), 2, 10_000_000),
             ("scan.points_per_profile_max", wide(scan.points_per_profile_max), 6, 10_000_000),

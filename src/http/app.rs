@@ -1,5 +1,6 @@
 //! What every handler may use. Must not hold anything of a single request.
 
+use super::listeners::Listeners;
 use super::metrics::Metrics;
 use crate::config::{Limits, Timeouts};
 use crate::service::Service;
@@ -14,6 +15,8 @@ pub(super) struct App {
     pub(super) limits: Arc<Limits>,
     /// What is too slow.
     pub(super) timeouts: Arc<Timeouts>,
+    /// Places for those that wait for something.
+    pub(super) listeners: Listeners,
     /// What is counted.
     pub(super) metrics: Arc<Metrics>,
 }

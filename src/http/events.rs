@@ -19,6 +19,7 @@ use serde::{Deserialize, Serialize};
 use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
+use tokio::sync::OwnedSemaphorePermit;
 use utoipa::{IntoParams, ToSchema};
 
 const LAST_EVENT_ID: HeaderName = HeaderName::from_static("last-event-id");
@@ -118,8 +119,9 @@ pub(super) async fn list_events(
     let after = query.after.or(last_event_id(&headers)?).unwrap_or(0);
     let streams = choose(&headers, &[("application/json", false), ("text/event-stream", true)])?;
     if streams {
-        return Ok(stream(Arc::clone(&app.service), after));
+        return Ok(stream(Arc::clone(&app.service), after, app.listeners.place()?));
     }
+    let _place = app.listeners.place_for(wait)?;
     let events = app.service.events(after, LIMIT, wait).await;
     Ok(Json(EventList::of(events, &app.service)).into_response())
 }
@@ -133,9 +135,12 @@ fn last_event_id(headers: &HeaderMap) -> Result<Option<u64>, Problem> {
 }
 
 /// A body that tells events as they come, until the client hangs up or the service ends.
-fn stream(service: Arc<Service>, after: u64) -> Response {
+fn stream(service: Arc<Service>, after: u64, place: OwnedSemaphorePermit) -> Response {
     let (sender, body) = Channel::<Bytes, Infallible>::new(PIECES_WAITING);
-    tokio::spawn(tell(service, after, sender));
+    tokio::spawn(async move {
+        tell(service, after, sender).await;
+        drop(place);
+    });
     let headers = [
         (header::CONTENT_TYPE, HeaderValue::from_static("text/event-stream; charset=utf-8")),
         (header::CACHE_CONTROL, HeaderValue::from_static("no-store")),
@@ -151,6 +156,10 @@ async fn tell(service: Arc<Service>, mut after: u64, mut sender: Sender<Bytes, I
     while !service.is_closing() {
         let events = service.events(after, LIMIT, HEARTBEAT).await;
         let mut piece = String::new();
+        if after > events.newest {
+            // The number is of another instance: that is told once, and then this one is followed from its beginning.
+            after = 0;
+        }
         if events.missed_count > 0 {
             piece += &format!("event: missed\ndata: {{\"missed_count\": {}}}\n\n", events.missed_count);
         }

@@ -19,6 +19,7 @@ mod docs;
 mod edge;
 mod events;
 mod extract;
+mod listeners;
 mod manipulators;
 mod measurements;
 mod metrics;

@@ -206,6 +206,8 @@ pub(super) async fn get_move(
     Path(id): Path<String>,
     Query(query): Query<WaitQuery>,
 ) -> Result<Json<MoveDocument>, Problem> {
-    let one = app.service.get_move(&id, wait(query.wait_s)?).await?;
+    let wait = wait(query.wait_s)?;
+    let _place = app.listeners.place_for(wait)?;
+    let one = app.service.get_move(&id, wait).await?;
     Ok(Json(MoveDocument::of(one, &app.service)))
 }

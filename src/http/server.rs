@@ -3,6 +3,7 @@
 
 use super::app::App;
 use super::connections::Connections;
+use super::listeners::Listeners;
 use super::metrics::Metrics;
 use super::router::router;
 use crate::config::{Config, Timeouts};
@@ -41,6 +42,7 @@ impl Server {
             service,
             limits: Arc::new(config.limits.clone()),
             timeouts: Arc::new(config.timeouts.clone()),
+            listeners: Listeners::new(&config.limits),
             metrics: Arc::new(Metrics::new()),
         };
         Ok(Self { listener, address, app, handle: Handle::new() })
@@ -68,7 +70,16 @@ impl Server {
         let Timeouts { header_ms, .. } = *app.timeouts;
         let connections = Connections::new(app.limits.connections_max);
         let service = Arc::clone(&app.service);
-        let mut server = axum_server::from_tcp(listener)?.handle(handle).acceptor(connections).http1_only();
+        let mut server = match axum_server::from_tcp(listener) {
+            Ok(server) => server,
+            Err(error) => {
+                service.close().await;
+                return Err(error);
+            }
+        }
+        .handle(handle)
+        .acceptor(connections)
+        .http1_only();
         let header_timeout = Duration::from_millis(header_ms);
         // hyper's timer is set by axum-server, its timeout is off until one is named. It ends idle connections, too.
         let header_bytes =
@@ -79,9 +90,10 @@ impl Server {
             .header_read_timeout(header_timeout)
             .max_buf_size(header_bytes.saturating_mul(2).max(64 << 10));
         server = server.first_request_timeout(None);
-        server.serve(router(app).into_make_service()).await?;
+        let served = server.serve(router(app).into_make_service()).await;
+        // Whatever ended it, nothing is left to move without anybody who could stop it.
         service.close().await;
-        Ok(())
+        served
     }
 }
 

@@ -156,6 +156,9 @@ pub enum ServiceError {
     /// The threads that calculate cannot be started.
     #[error("the threads that calculate cannot be started")]
     Threads(#[source] Arc<rayon::ThreadPoolBuildError>),
+    /// The threads of the cell cannot be started.
+    #[error("cannot start the threads of the cell")]
+    CellThreads(#[source] Arc<std::io::Error>),
 }
 
 fn parts_in_words(names: &[String]) -> String {

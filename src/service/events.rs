@@ -2,7 +2,7 @@
 //! list of which the newest are kept. Times are those of the wall. Must not know how it is sent.
 
 use super::{Service, Verdict};
-use crate::cell::EventKind;
+use crate::cell::{EventKind, State};
 use jiff::Timestamp;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -137,17 +137,25 @@ impl Service {
         *self.closing.borrow()
     }
 
-    /// Has a task hand on what the cell tells, as long as both live.
+    /// Has a task hand on what the cell tells and note when it moved the part, as long as both live.
     pub(super) fn follow_cell(&self) {
         let Some(side) = &self.cell else { return };
         let (cell, log, clock) = (side.cell.clone(), Arc::clone(&self.events), self.clock);
+        let motion = side.motion.clone();
         tokio::spawn(async move {
             let mut newest = cell.newest_event();
-            let mut seen = 0;
+            let (mut seen, mut moving) = (0, false);
             loop {
                 newest.borrow_and_update();
                 for event in cell.events(seen).events {
                     seen = event.number;
+                    // From its begin until the cell rests again, every change of state is a time when the part moved.
+                    if let EventKind::StateChanged { to, .. } = &event.kind {
+                        if moving || *to == State::Moving {
+                            motion.note(clock.wall(event.at));
+                        }
+                        moving = *to != State::Idle && (moving || *to == State::Moving);
+                    }
                     log.add(clock.wall(event.at), Happening::Cell(event.kind));
                 }
                 if newest.changed().await.is_err() {

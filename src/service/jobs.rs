@@ -202,6 +202,13 @@ pub(super) async fn whole<T: Send + 'static>(
     tokio::spawn(work).await.unwrap_or_else(|_| Err(super::ComputeError::Panicked.into()))
 }
 
+/// Work that takes the processor for a while, beside the threads that answer.
+pub(super) async fn aside<T: Send + 'static>(
+    work: impl FnOnce() -> Result<T, ServiceError> + Send + 'static,
+) -> Result<T, ServiceError> {
+    tokio::task::spawn_blocking(work).await.unwrap_or_else(|_| Err(super::ComputeError::Panicked.into()))
+}
+
 /// The row of a job that begins.
 pub(super) struct Beginning<'a, T> {
     pub(super) kind: Kind,

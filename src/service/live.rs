@@ -6,10 +6,14 @@ use super::{Clock, Commander, Equipment, Service, ServiceError};
 use crate::cell::{Cell, Lease, LeaseRequest, Manual, Refusal, Snapshot, StopReport, Taken};
 use crate::config::Cell as CellConfig;
 use crate::motion::{Arrangement, Carrier, Pair, Position};
+use crate::store::RequestKey;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
+use std::io;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
+use tokio::runtime::{Builder, Runtime};
 use tokio::time::Instant;
 
 /// Longest name of a holder.
@@ -21,9 +25,17 @@ pub(super) struct CellSide {
     pub(super) cell: Cell,
     pub(super) config: CellConfig,
     pub(super) arrangement: Arrangement,
-    /// When something that moves the part was last begun.
-    moved_at: Mutex<Option<Timestamp>>,
+    /// When something that moves the part was last seen to begin or to end.
+    pub(super) motion: Motion,
+    /// Stops that are not recorded yet.
+    stops: AtomicU64,
+    /// Threads of the cell's own: whatever the requests are busy with, a lease runs out in time and a device is polled.
+    runtime: Mutex<Option<Runtime>>,
 }
+
+/// When the part was last moved, as far as we had to do with it.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Motion(Arc<Mutex<Option<Timestamp>>>);
 
 /// The cell at one moment.
 #[derive(Debug, Clone)]
@@ -54,26 +66,41 @@ pub struct HeldLease {
 pub(super) struct ActOrder {
     verb: String,
     manipulator: Option<Carrier>,
+    /// How many commands it stands for, where it is more than one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    count: Option<u64>,
     #[serde(flatten)]
     by: Commander,
 }
 
 impl CellSide {
     /// Starts the cell on its devices; every fence to come is above `fence_floor`.
-    pub(super) fn start(equipment: Equipment, fence_floor: u64) -> Self {
+    ///
+    /// # Errors
+    /// Where its threads cannot be started.
+    pub(super) fn start(equipment: Equipment, fence_floor: u64) -> io::Result<Self> {
         let Equipment { devices, config, .. } = equipment;
         let (settings, arrangement) = (config.settings(), config.arrangement());
-        Self { cell: Cell::start(devices, settings, fence_floor), config, arrangement, moved_at: Mutex::new(None) }
+        let runtime = Builder::new_multi_thread().worker_threads(1).thread_name("cell").enable_all().build()?;
+        let cell = {
+            let _entered = runtime.enter();
+            Cell::start(devices, settings, fence_floor)
+        };
+        let (motion, stops, runtime) = (Motion::default(), AtomicU64::new(0), Mutex::new(Some(runtime)));
+        Ok(Self { cell, config, arrangement, motion, stops, runtime })
     }
 
-    /// Something that moves the part begins.
-    pub(super) fn note_motion(&self, at: Timestamp) {
-        *self.moved_at.lock().unwrap_or_else(PoisonError::into_inner) = Some(at);
-    }
-
-    /// When something that moves the part was last begun.
+    /// When something that moves the part was last seen to begin or to end.
     pub(super) fn moved_at(&self) -> Option<Timestamp> {
-        *self.moved_at.lock().unwrap_or_else(PoisonError::into_inner)
+        *self.motion.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Ends the cell's threads, waiting for none of them.
+    pub(super) fn end_threads(&self) {
+        let runtime = self.runtime.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(runtime) = runtime {
+            runtime.shutdown_background();
+        }
     }
 
     /// Where the manipulators are by their last readings; `None` where one never answered.
@@ -81,6 +108,20 @@ impl CellSide {
         let snapshot = self.cell.snapshot();
         let at = |carrier| snapshot.manipulators.get(carrier).reading.as_ref().map(|reading| reading.position());
         Some(Pair { m1: at(Carrier::M1)?, m2: at(Carrier::M2)? })
+    }
+}
+
+impl Drop for CellSide {
+    fn drop(&mut self) {
+        self.end_threads();
+    }
+}
+
+impl Motion {
+    /// Something that moves the part begins or ends. What is noted late takes nothing back.
+    pub(super) fn note(&self, at: Timestamp) {
+        let mut moved_at = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        *moved_at = (*moved_at).max(Some(at));
     }
 }
 
@@ -187,18 +228,43 @@ impl Service {
     /// # Errors
     /// [`ServiceError::CellAbsent`].
     pub async fn stop(self: &Arc<Self>) -> Result<StopReport, ServiceError> {
-        let report = self.cell_side()?.cell.stop().await;
-        let service = Arc::clone(self);
-        self.followers.add(async move {
-            let order = service.act("stop", None);
-            let id = service.clock.new_id("a-");
-            let beginning = Beginning { kind: Kind::Act, id, plan_id: None, request: None, order: &order };
-            match service.write_down(beginning).await {
-                Ok(act) => service.conclude(&act.job, JobStanding::Done, None).await,
-                Err(error) => tracing::error!(%error, "a stop is not recorded"),
-            }
-        });
+        let side = self.cell_side()?;
+        let report = side.cell.stop().await;
+        // One record at a time is written; the stops that come meanwhile share the next one.
+        if side.stops.fetch_add(1, Ordering::AcqRel) == 0 {
+            let service = Arc::clone(self);
+            self.followers.add(async move { service.record_stops().await });
+        }
         Ok(report)
+    }
+
+    async fn record_stops(&self) {
+        let Ok(side) = self.cell_side() else { return };
+        loop {
+            let count = side.stops.load(Ordering::Acquire);
+            let order = ActOrder { count: (count > 1).then_some(count), ..self.act("stop", None) };
+            let id = self.clock.new_id("a-");
+            let beginning = Beginning { kind: Kind::Act, id, plan_id: None, request: None, order: &order };
+            match self.write_down(beginning).await {
+                Ok(act) => self.conclude(&act.job, JobStanding::Done, None).await,
+                Err(error) => tracing::error!(%error, "{count} stops are not recorded"),
+            }
+            if side.stops.fetch_sub(count, Ordering::AcqRel) == count {
+                return;
+            }
+        }
+    }
+
+    /// Refuses whoever does not hold the lease, before anything is written or planned for him; it is renewed by that. A request
+    /// that was answered before is answered again without.
+    pub(super) async fn check_lease(&self, id: &str, request: Option<&RequestKey>) -> Result<(), ServiceError> {
+        if let Some(request) = request
+            && self.store.job_by_request(&request.id).await?.is_some()
+        {
+            return Ok(());
+        }
+        self.cell_side()?.cell.renew_lease(id).await?;
+        Ok(())
     }
 
     /// Acknowledges the faults and has every device read; only then may anything move.
@@ -206,6 +272,7 @@ impl Service {
     /// # Errors
     /// [`ServiceError::Cell`] with what the cell refuses, and what the store says.
     pub async fn reset(self: &Arc<Self>, lease_id: String) -> Result<Taken, ServiceError> {
+        self.check_lease(&lease_id, None).await?;
         let order = self.act("reset", None);
         self.command(order, move |cell| async move { cell.reset(&lease_id).await }).await
     }
@@ -225,11 +292,17 @@ impl Service {
             Manual::Disable => "disable",
             Manual::Home => "home",
         };
-        if manual == Manual::Home {
-            self.cell_side()?.note_motion(self.clock.now());
-        }
+        self.check_lease(&lease_id, None).await?;
+        let (motion, clock) = (self.cell_side()?.motion.clone(), self.clock);
         let order = self.act(verb, Some(carrier));
-        self.command(order, move |cell| async move { cell.act(&lease_id, carrier, manual).await }).await
+        let give = move |cell: Cell| async move {
+            let taken = cell.act(&lease_id, carrier, manual).await?;
+            if manual == Manual::Home {
+                motion.note(clock.now());
+            }
+            Ok(taken)
+        };
+        self.command(order, give).await
     }
 
     /// A single command: written down, given to the cell, and its taking written down.
@@ -257,7 +330,7 @@ impl Service {
     }
 
     fn act(&self, verb: &str, manipulator: Option<Carrier>) -> ActOrder {
-        ActOrder { verb: verb.to_owned(), manipulator, by: self.commander() }
+        ActOrder { verb: verb.to_owned(), manipulator, count: None, by: self.commander() }
     }
 
     fn held(&self, lease: Lease) -> HeldLease {

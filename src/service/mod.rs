@@ -173,7 +173,10 @@ impl Service {
         let uploads = Uploads::new(capacity.uploads_max, capacity.running_max);
         let clock = Clock;
         let cell = match equipment {
-            Some(equipment) => Some(CellSide::start(equipment, store.fence().await?)),
+            Some(equipment) => {
+                let side = CellSide::start(equipment, store.fence().await?);
+                Some(side.map_err(|source| ServiceError::CellThreads(Arc::new(source)))?)
+            }
             None => None,
         };
         let service = Arc::new(Self {
@@ -269,6 +272,9 @@ impl Service {
         self.stop_motion().await;
         self.followers.finish(FOLLOWERS_WAIT).await;
         self.store.close().await;
+        if let Some(side) = &self.cell {
+            side.end_threads();
+        }
     }
 
     /// Stops what moves, for good, and lets the devices go: the first thing to do when the service is told to end. Whoever

@@ -2,7 +2,7 @@
 //! up changes nothing about it. Must not know devices, nor how a path comes about.
 
 use super::answer::fingerprint_of;
-use super::jobs::{self, Beginning, Ending, JobStanding, Kind, Recorded, Started, whole};
+use super::jobs::{self, Beginning, Ending, JobStanding, Kind, Recorded, Started, aside, whole};
 use super::{Commander, Happening, Service, ServiceError};
 use crate::cell::{Job, JobState};
 use crate::motion::{MoveTargets, Plan, plan_move};
@@ -73,9 +73,11 @@ impl Service {
             }
             return Ok(Started { job: jobs::read_back(&row)?, replayed: true });
         }
+        side.cell.renew_lease(&request.lease_id).await?;
         let from = side.positions().ok_or(ServiceError::PositionsUnknown)?;
-        let plan = plan_move(&side.arrangement, &from, &request.targets, request.speed_ratio)?;
-        let (by, speed_ratio) = (self.commander(), request.speed_ratio);
+        let (arrangement, targets, speed_ratio) = (side.arrangement.clone(), request.targets, request.speed_ratio);
+        let plan = aside(move || Ok(plan_move(&arrangement, &from, &targets, speed_ratio)?)).await?;
+        let by = self.commander();
         let order = MoveOrder { by, measurement_id: None, speed_ratio, plan };
         self.depart(Departure { lease_id: request.lease_id, plan_id: None, request: key, order }).await
     }
@@ -95,7 +97,7 @@ impl Service {
     /// What the store says.
     pub async fn moves(&self, page: &Page) -> Result<Listing<Move>, ServiceError> {
         let Listing { rows, next } = self.store.jobs(Kind::Move.name(), page).await?;
-        Ok(Listing { rows: rows.iter().map(jobs::read_back).collect::<Result<_, _>>()?, next })
+        Ok(Listing { rows: aside(move || rows.iter().map(jobs::read_back).collect::<Result<_, _>>()).await?, next })
     }
 
     /// How far a job under way is, 0 to 1; `None` where it is not under way.
@@ -117,17 +119,20 @@ impl Service {
             if started.replayed {
                 return Ok(started);
             }
-            side.note_motion(service.clock.now());
             let path = started.job.order.plan.path.clone();
             match side.cell.start_move(&lease_id, &started.job.id, path).await {
                 Ok(job) => {
+                    side.motion.note(service.clock.now());
                     let follower = Arc::clone(&service);
                     let recorded = started.job.clone();
                     service.followers.add(async move { follower.follow_move(job, &recorded).await });
                     Ok(started)
                 }
                 Err(refusal) => {
-                    service.conclude(&started.job, JobStanding::Refused, Some(&Ending::refused(&refusal))).await;
+                    // Nobody will ask for the set-points of what never began.
+                    let mut refused = started.job;
+                    refused.order.plan.path.waypoints.clear();
+                    service.conclude(&refused, JobStanding::Refused, Some(&Ending::refused(&refusal))).await;
                     Err(refusal.into())
                 }
             }

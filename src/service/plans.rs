@@ -2,17 +2,20 @@
 //! remembers the positions it assumed, and can be executed once. Must not know how a path is found, nor how it is sent.
 
 use super::answer::fingerprint_of;
-use super::jobs::Started;
+use super::jobs::{Started, aside};
 use super::live::CellSide;
 use super::moves::{Departure, MoveOrder};
 use super::{Chosen, Measurement, Service, ServiceError};
 use crate::estimation::{Outcome, Pose};
 use crate::geometry::AxisLine;
 use crate::motion::{Axis, Carrier, Pair, PartPose, Plan, PoseTarget, Position, plan_alignment};
-use crate::store::{InsertedPlan, Listing, Page, PlanRow, RequestKey};
+use crate::store::{Filter, InsertedPlan, Listing, Page, PlanRow, RequestKey};
 use jiff::{SignedDuration, Timestamp};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
+
+/// Measurements that are looked through at a time.
+const PAGE: u32 = 200;
 
 /// Where the part's axis is wanted; angles in rad, lengths in mm.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -83,7 +86,7 @@ pub struct PlanAnswer {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Stale {
     /// The pose is too old.
-    #[error("the pose was measured {age_s} s ago, and holds for {max_s} s; measure again")]
+    #[error("the part was scanned {age_s} s ago, and holds for {max_s} s; measure again")]
     TooOld {
         /// Since it was measured.
         age_s: u64,
@@ -113,6 +116,12 @@ pub enum Stale {
     },
 }
 
+/// When a scan was taken, and where the manipulators were, where that is known.
+struct Taking {
+    at: Timestamp,
+    positions: Option<Pair<Position>>,
+}
+
 impl Service {
     /// Plans how the part comes from where a measurement found it to a target. Moves nothing.
     ///
@@ -131,12 +140,14 @@ impl Service {
         let measurement = self.measurement(&request.measurement_id).await?;
         let pose = pose(&measurement, request.part.as_deref())?;
         let from = side.positions().ok_or(ServiceError::PositionsUnknown)?;
-        self.check_unmoved(side, &measurement, from).await?;
-        let plan = self.find_path(side, from, pose, &request)?;
+        let taken = self.taking_of(&measurement).await?;
+        self.check_fresh(side, taken.at)?;
+        check_in_place(side, &taken, from)?;
+        let plan = find_path(side, from, pose, &request).await?;
         let plan = StoredPlan {
             id: self.clock.new_id("p-"),
             created_at: self.clock.now(),
-            expires_at: measurement.created_at.saturating_add(max_age(side)).unwrap_or(measurement.created_at),
+            expires_at: taken.at.saturating_add(max_age(side)).unwrap_or(taken.at),
             measurement_id: measurement.id.clone(),
             measured: pose.axis,
             x_ref: pose.x_ref,
@@ -170,7 +181,7 @@ impl Service {
     /// What the store says.
     pub async fn plans(&self, page: &Page) -> Result<Listing<StoredPlan>, ServiceError> {
         let Listing { rows, next } = self.store.plans(page).await?;
-        Ok(Listing { rows: rows.iter().map(read_back).collect::<Result<_, _>>()?, next })
+        Ok(Listing { rows: aside(move || rows.iter().map(read_back).collect::<Result<_, _>>()).await?, next })
     }
 
     /// Begins to execute a plan; one that was begun before answers with the same move.
@@ -187,61 +198,54 @@ impl Service {
         if let Some(row) = self.store.job_of_plan(id).await? {
             return Ok(Started { job: super::jobs::read_back(&row)?, replayed: true });
         }
-        self.check_fresh(side, &stored)?;
+        side.cell.renew_lease(&lease_id).await?;
+        let taken_at = stored.expires_at.saturating_sub(max_age(side)).unwrap_or(stored.created_at);
+        self.check_fresh(side, taken_at)?;
         let StoredPlan { id, measurement_id, speed_ratio, plan, .. } = stored;
         let order = MoveOrder { by: self.commander(), measurement_id: Some(measurement_id), speed_ratio, plan };
         self.depart(Departure { lease_id, plan_id: Some(id), request: None, order }).await
     }
 
-    fn find_path(
-        &self,
-        side: &CellSide,
-        from: Pair<Position>,
-        pose: &Pose,
-        request: &PlanRequest,
-    ) -> Result<Plan, ServiceError> {
-        let Target { deflection, pitch, y_c0, z_c0, roll, shift_x } = request.target;
-        let measured = PartPose { axis: pose.axis, x_ref: pose.x_ref };
-        let axis = AxisLine { p: deflection.tan(), q: pitch.tan(), y0: y_c0, z0: z_c0 };
-        let target = PoseTarget { axis, roll, axial_shift: shift_x };
-        Ok(plan_alignment(&side.arrangement, &from, &measured, &target, request.speed_ratio)?)
+    /// When the scan behind a measurement was taken, which is what its pose is about: however often a scan is measured again,
+    /// its pose gets no younger. What came as a file was taken no later than when its bytes were here first.
+    async fn taking_of(&self, measurement: &Measurement) -> Result<Taking, ServiceError> {
+        if let Some(scan) = self.scan_job(&measurement.id).await? {
+            return Ok(Taking { at: scan.created_at, positions: scan.order.positions });
+        }
+        let scan_id = measurement.scan_id();
+        let at = self.scan(&scan_id).await?.created_at.min(measurement.created_at);
+        let positions = match self.first_measurement_of(scan_id).await? {
+            Some(first) => self.scan_job(&first).await?.and_then(|scan| scan.order.positions),
+            None => None,
+        };
+        Ok(Taking { at, positions })
     }
 
-    /// Refuses a pose that something has moved away from.
-    async fn check_unmoved(
-        &self,
-        side: &CellSide,
-        measurement: &Measurement,
-        now: Pair<Position>,
-    ) -> Result<(), ServiceError> {
-        if side.moved_at().is_some_and(|moved_at| moved_at >= measurement.created_at) {
-            return Err(Stale::MovedSince.into());
-        }
-        let Some(then) = self.positions_when_measured(&measurement.id).await? else { return Ok(()) };
-        for carrier in Carrier::ALL {
-            for axis in Axis::ALL {
-                let (then, now) = (*then.get(carrier).get(axis), *now.get(carrier).get(axis));
-                if (then - now).abs() > *side.arrangement.settle_tolerance.get(axis) {
-                    let (then, now) = (axis.outside(then), axis.outside(now));
-                    return Err(Stale::Displaced { carrier, axis, then, now }.into());
-                }
+    /// The id of the oldest measurement of a scan: the one by the sensor, where the sensor took it.
+    async fn first_measurement_of(&self, scan_id: String) -> Result<Option<String>, ServiceError> {
+        let filter = Filter { scan_id: Some(scan_id), ..Filter::default() };
+        let (mut first, mut before) = (None, None);
+        loop {
+            let Listing { rows, next } = self.store.measurements(&filter, &Page { limit: PAGE, before }).await?;
+            first = rows.last().map(|row| row.id.clone()).or(first);
+            if next.is_none() {
+                return Ok(first);
             }
+            before = next;
         }
-        Ok(())
     }
 
-    fn check_fresh(&self, side: &CellSide, plan: &StoredPlan) -> Result<(), ServiceError> {
-        let (now, max) = (self.clock.now(), max_age(side));
-        let measured_at = plan.expires_at.saturating_sub(max).unwrap_or(plan.created_at);
-        if side.moved_at().is_some_and(|moved_at| moved_at >= measured_at) {
+    /// Refuses a pose from before a restart, from before the end of the last motion, or too long ago.
+    fn check_fresh(&self, side: &CellSide, taken_at: Timestamp) -> Result<(), ServiceError> {
+        if side.moved_at().is_some_and(|moved_at| moved_at >= taken_at) {
             return Err(Stale::MovedSince.into());
         }
-        if now > plan.expires_at {
+        let (age, max) = (self.clock.now().duration_since(taken_at), max_age(side));
+        if age > max {
             let seconds = |span: SignedDuration| u64::try_from(span.as_secs()).unwrap_or(0);
-            let age = now.duration_since(measured_at);
             return Err(Stale::TooOld { age_s: seconds(age), max_s: seconds(max) }.into());
         }
-        if plan.created_at < self.started_at {
+        if taken_at < self.started_at {
             return Err(Stale::Restarted.into());
         }
         Ok(())
@@ -261,6 +265,35 @@ impl Service {
             InsertedPlan::RequestMismatch => Err(ServiceError::RequestIdReused { request_id }),
         }
     }
+}
+
+/// Refuses where a manipulator is elsewhere than when the scan was taken, whoever moved it.
+fn check_in_place(side: &CellSide, taken: &Taking, now: Pair<Position>) -> Result<(), ServiceError> {
+    let Some(then) = taken.positions else { return Ok(()) };
+    for carrier in Carrier::ALL {
+        for axis in Axis::ALL {
+            let (then, now) = (*then.get(carrier).get(axis), *now.get(carrier).get(axis));
+            if (then - now).abs() > *side.arrangement.settle_tolerance.get(axis) {
+                let (then, now) = (axis.outside(then), axis.outside(now));
+                return Err(Stale::Displaced { carrier, axis, then, now }.into());
+            }
+        }
+    }
+    Ok(())
+}
+
+async fn find_path(
+    side: &CellSide,
+    from: Pair<Position>,
+    pose: &Pose,
+    request: &PlanRequest,
+) -> Result<Plan, ServiceError> {
+    let Target { deflection, pitch, y_c0, z_c0, roll, shift_x } = request.target;
+    let measured = PartPose { axis: pose.axis, x_ref: pose.x_ref };
+    let axis = AxisLine { p: deflection.tan(), q: pitch.tan(), y0: y_c0, z0: z_c0 };
+    let target = PoseTarget { axis, roll, axial_shift: shift_x };
+    let (arrangement, speed_ratio) = (side.arrangement.clone(), request.speed_ratio);
+    aside(move || Ok(plan_alignment(&arrangement, &from, &measured, &target, speed_ratio)?)).await
 }
 
 fn max_age(side: &CellSide) -> SignedDuration {

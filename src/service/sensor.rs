@@ -142,11 +142,9 @@ impl Service {
         }
     }
 
-    /// Where the manipulators were when the sensor took the scan of a measurement; `None` where they were not known, or it
-    /// was made from a file.
-    pub(super) async fn positions_when_measured(&self, id: &str) -> Result<Option<Pair<Position>>, ServiceError> {
-        let scan: Option<SensorScan> = self.job(Kind::Scan, id, Duration::ZERO).await?;
-        Ok(scan.and_then(|scan| scan.order.positions))
+    /// The scan by the sensor that a measurement is of; `None` where it was made from a file, or from a kept scan.
+    pub(super) async fn scan_job(&self, id: &str) -> Result<Option<SensorScan>, ServiceError> {
+        self.job(Kind::Scan, id, Duration::ZERO).await
     }
 
     async fn begin_scan(
@@ -157,6 +155,7 @@ impl Service {
         accepted: Accepted,
     ) -> Result<Started<SensorOrder>, ServiceError> {
         let side = self.cell_side()?;
+        self.check_lease(&lease_id, request.as_ref()).await?;
         let id = self.clock.new_id("m-");
         let beginning = Beginning { kind: Kind::Scan, id, plan_id: None, request, order: &order };
         let started = self.write_down(beginning).await?;

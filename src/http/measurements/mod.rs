@@ -153,7 +153,9 @@ pub(super) async fn get_measurement(
 ) -> Result<Json<Shown>, Problem> {
     query.check()?;
     let view = query.view.unwrap_or(View::Full);
-    let shown = match (app.service.any_measurement(&id, wait(query.wait_s)?).await?, view) {
+    let wait = wait(query.wait_s)?;
+    let _place = app.listeners.place_for(wait)?;
+    let shown = match (app.service.any_measurement(&id, wait).await?, view) {
         (AnyMeasurement::Ran(measurement), View::Full) => Shown::Full(Box::new((&*measurement).into())),
         (AnyMeasurement::Ran(measurement), View::Plc) => {
             let chosen = measurement.findings.choose(query.part.as_deref())?;

@@ -83,6 +83,7 @@ impl From<ServiceError> for Problem {
             }
             E::Equipment(source) => Self::internal(format!("{text}: {source}")),
             E::Threads(source) => Self::internal(format!("{text}: {source}")),
+            E::CellThreads(source) => Self::internal(format!("{text}: {source}")),
         }
     }
 }

@@ -1,8 +1,10 @@
 //! Events: numbered without a gap, by polling and as a stream, both the same and both resumable.
 
 use super::{FAST, Line};
+use crate::harness::start_with;
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Write};
+use std::time::Duration;
 
 /// The events of a stream until one is called `last`.
 fn stream(line: &Line, resume: Option<u64>, last: &str) -> Vec<Value> {
@@ -72,6 +74,20 @@ fn a_wait_for_an_event_ends_when_there_is_one() {
     line.service.get("/v1/events?wait_s=61").problem(400, "query_invalid");
     line.service.get_with("/v1/events", &[("last-event-id", "x")]).problem(400, "request_header_invalid");
     line.service.get_with("/v1/events", &[("accept", "image/png")]).problem(406, "not_acceptable");
+}
+
+#[test]
+fn a_number_of_another_instance_is_told_once_and_listeners_are_counted() {
+    let (service, _folder) = start_with(|config| config.limits.listeners_max = 1);
+    let mut stream = service.connect();
+    stream.set_read_timeout(Some(Duration::from_secs(1))).expect("a timeout");
+    write!(stream, "GET /v1/events HTTP/1.1\r\nHost: x\r\nAccept: text/event-stream\r\nLast-Event-ID: 5\r\n\r\n")
+        .expect("sent");
+    // Nothing comes any more within the time of the read: the stream waits.
+    let lines: Vec<_> = BufReader::new(&stream).lines().map_while(Result::ok).take(1000).collect();
+    assert_eq!(lines.iter().filter(|line| *line == "event: missed").count(), 1, "{} lines", lines.len());
+    service.get("/v1/events?after=0&wait_s=1").problem(503, "busy");
+    service.get("/v1/events?after=0").expect(200);
 }
 
 #[test]

@@ -114,6 +114,40 @@ fn a_plan_from_a_pose_that_something_moved_away_from_is_stale() {
 }
 
 #[test]
+fn a_scan_measured_again_makes_no_younger_pose() {
+    let line = Line::ready(FAST);
+    let measured = line.measure();
+    let order = |measured: &serde_json::Value| {
+        json!({"measurement_id": id(measured),
+            "target": {"deflection_deg": 0.3, "pitch_deg": 1.0, "y_c0_mm": -7.0, "z_c0_mm": 6.0}})
+    };
+    let again = || {
+        let order = json!({"scan_id": measured["scan_id"]});
+        line.service.post_json("/v1/measurements", &order).expect(201)
+    };
+    let plan = line.service.post_json("/v1/plans", &order(&again())).expect(201);
+    let begun = line.act(&format!("/v1/plans/{}/execute", id(&plan))).expect(201);
+    assert_eq!(line.wait_for(&begun)["state"], "done");
+    line.service.post_json("/v1/plans", &order(&again())).problem(409, "plan_stale");
+    line.service.post_json("/v1/plans", &order(&line.measure())).expect(201);
+}
+
+#[test]
+fn who_has_no_lease_changes_nothing_for_who_has() {
+    let line = Line::ready(FAST);
+    let measured = line.measure();
+    let order = json!({"measurement_id": id(&measured),
+        "target": {"deflection_deg": 0.3, "pitch_deg": 1.0, "y_c0_mm": -7.0, "z_c0_mm": 6.0}});
+    let plan = line.service.post_json("/v1/plans", &order).expect(201);
+    let other = json!({"m1": {"y_mm": 1.0}, "m2": {"y_mm": 1.0}, "lease_id": "l-other"});
+    line.service.post_json("/v1/moves", &other).problem(423, "lease_held");
+    let other = json!({"lease_id": "l-other"});
+    line.service.post_json("/v1/manipulators/m1/home", &other).problem(423, "lease_held");
+    assert_eq!(line.service.get("/v1/moves").expect(200)["moves"], json!([]), "nothing was written down");
+    line.act(&format!("/v1/plans/{}/execute", id(&plan))).expect(201);
+}
+
+#[test]
 fn a_pose_that_is_too_old_is_not_moved_by() {
     let line = Line::ready_with(FAST, |config| config.cell.plan_age_max_s = 1);
     let measured = line.measure();
