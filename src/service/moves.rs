@@ -75,7 +75,7 @@ impl Service {
         }
         side.cell.renew_lease(&request.lease_id).await?;
         let from = side.positions().ok_or(ServiceError::PositionsUnknown)?;
-        let (arrangement, targets, speed_ratio) = (side.arrangement.clone(), request.targets, request.speed_ratio);
+        let (arrangement, targets, speed_ratio) = (side.arrangement, request.targets, request.speed_ratio);
         let plan = aside(move || Ok(plan_move(&arrangement, &from, &targets, speed_ratio)?)).await?;
         let by = self.commander();
         let order = MoveOrder { by, measurement_id: None, speed_ratio, plan };

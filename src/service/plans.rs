@@ -292,7 +292,7 @@ async fn find_path(
     let measured = PartPose { axis: pose.axis, x_ref: pose.x_ref };
     let axis = AxisLine { p: deflection.tan(), q: pitch.tan(), y0: y_c0, z0: z_c0 };
     let target = PoseTarget { axis, roll, axial_shift: shift_x };
-    let (arrangement, speed_ratio) = (side.arrangement.clone(), request.speed_ratio);
+    let (arrangement, speed_ratio) = (side.arrangement, request.speed_ratio);
     aside(move || Ok(plan_alignment(&arrangement, &from, &measured, &target, speed_ratio)?)).await
 }
 
