@@ -122,7 +122,7 @@ fn a_scan_measured_again_makes_no_younger_pose() {
             "target": {"deflection_deg": 0.3, "pitch_deg": 1.0, "y_c0_mm": -7.0, "z_c0_mm": 6.0}})
     };
     let again = || {
-        let order = json!({"scan_id": measured["scan_id"]});
+        let order = json!({"scan_id": measured["provenance"]["scan_id"]});
         line.service.post_json("/v1/measurements", &order).expect(201)
     };
     let plan = line.service.post_json("/v1/plans", &order(&again())).expect(201);
