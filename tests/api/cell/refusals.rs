@@ -122,14 +122,15 @@ fn a_scan_measured_again_makes_no_younger_pose() {
             "target": {"deflection_deg": 0.3, "pitch_deg": 1.0, "y_c0_mm": -7.0, "z_c0_mm": 6.0}})
     };
     let again = || {
-        let order = json!({"scan_id": measured["scan_id"]});
+        let order = json!({"scan_id": measured["provenance"]["scan_id"]});
         line.service.post_json("/v1/measurements", &order).expect(201)
     };
     let plan = line.service.post_json("/v1/plans", &order(&again())).expect(201);
     let begun = line.act(&format!("/v1/plans/{}/execute", id(&plan))).expect(201);
     assert_eq!(line.wait_for(&begun)["state"], "done");
     line.service.post_json("/v1/plans", &order(&again())).problem(409, "plan_stale");
-    line.service.post_json("/v1/plans", &order(&line.measure())).expect(201);
+    // A scan of the part as it is now says that it has arrived.
+    line.service.post_json("/v1/plans", &order(&line.measure())).problem(422, "nothing_to_move");
 }
 
 #[test]
