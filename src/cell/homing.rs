@@ -3,8 +3,8 @@
 
 use super::driver::{Handling, Outcome, moves};
 use super::run::Step;
-use super::{Failure, Settings};
-use crate::device::{Action, CommandResult, Reading};
+use super::{Failure, Refusal, Settings, obstacles};
+use crate::device::{Action, CommandResult, DeviceError, Reading};
 use crate::motion::{Axes, Carrier};
 use std::time::Duration;
 use tokio::time::Instant;
@@ -50,10 +50,20 @@ impl Homing {
 
     /// A manipulator was read.
     pub(super) fn read(&self, carrier: Carrier, reading: &Reading) -> Step {
+        if self.sequence.is_some()
+            && let Some(refusal) = obstacles::under_way(carrier, reading)
+            && (carrier == self.carrier || !matches!(refusal, Refusal::NotEnabled { .. }))
+        {
+            return Step::Fail(Failure::NotReady(Box::new(refusal)));
+        }
         let Some(sequence) = self.sequence.filter(|_| carrier == self.carrier) else { return Step::Wait };
         let acknowledged = reading.acknowledged;
         if acknowledged.sequence != sequence {
             return Step::Fail(Failure::Overridden { carrier, sequence, found: acknowledged.sequence });
+        }
+        if acknowledged.result == CommandResult::Rejected {
+            let device = carrier.name().to_owned();
+            return Step::Fail(Failure::Device(DeviceError::Rejected { device, code: reading.fault_code }));
         }
         if acknowledged.result == CommandResult::Aborted {
             return Step::Fail(Failure::Aborted { carrier, sequence });

@@ -67,6 +67,12 @@ pub fn now() -> Instant {
 }
 
 impl Cell {
+    /// Whether the task that owns the devices still runs. Without it nothing can be commanded, and everything was halted.
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
+        !self.requests.is_closed()
+    }
+
     /// Starts the cell: connects to the devices, and moves nothing. Every fence that is given out is above `fence_floor`;
     /// pass the greatest that was ever given out. Must be called within a tokio runtime.
     #[must_use]

@@ -41,6 +41,19 @@ fn of_homing(device: &str, carrier: Carrier, reading: &Reading) -> Vec<Refusal> 
     found
 }
 
+/// Why a manipulator must not go on, nor the other one with it, while either is under way.
+pub(super) fn under_way(carrier: Carrier, reading: &Reading) -> Option<Refusal> {
+    if !reading.safety.allows_motion() {
+        return Some(Refusal::SafetyOpen { carrier });
+    }
+    if reading.mode != Mode::Automatic {
+        return Some(Refusal::NotRemote { carrier, mode: reading.mode });
+    }
+    let states = reading.axes.iter().map(|(_, axis)| axis.state).chain([reading.state]);
+    let powerless = states.into_iter().find(|state| matches!(state, AxisState::Disabled | AxisState::ErrorStop));
+    powerless.map(|state| Refusal::NotEnabled { carrier, state })
+}
+
 fn of_enabling(device: &str, carrier: Carrier, reading: &Reading) -> Vec<Refusal> {
     let mut found = Vec::new();
     if let Some(code) = fault_of(reading) {

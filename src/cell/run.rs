@@ -185,7 +185,17 @@ impl Run {
     fn watch(&mut self, now: Instant, carrier: Carrier, asked_at: Instant, reading: &Reading) -> Step {
         let Some(to) = self.waypoint(self.next) else { return Step::Finished };
         let Phase::Go { legs, .. } = &mut self.phase else { return Step::Wait };
+        // One that has lost its power or its guard ends the way of both: the other would carry the part on alone.
+        if let Some(refusal) = obstacles::under_way(carrier, reading) {
+            return Step::Fail(Failure::NotReady(Box::new(refusal)));
+        }
         let leg = legs.get_mut(carrier);
+        if matches!(leg, Leg::Stays | Leg::There)
+            && let Some((axis, actual, planned)) = away(&reading.position(), to.targets.get(carrier), &self.tolerance)
+        {
+            let moved = Refusal::Motion(MotionRefusal::Stale { carrier, axis, actual, planned });
+            return Step::Fail(Failure::NotReady(Box::new(moved)));
+        }
         let Leg::Goes { sequence, since } = *leg else { return Step::Wait };
         if asked_at < since {
             return Step::Wait;

@@ -82,6 +82,10 @@ impl ManipulatorDriver {
     pub(in crate::cell) async fn run(mut self) {
         let mut backoff = Backoff::new(self.post.timing.backoff_first, self.post.timing.backoff_last);
         let mut told = false;
+        // Reading is a heartbeat: what an earlier process left moving has to stop by its watchdog before our first word.
+        if !self.wait(now() + self.post.timing.watchdog + WATCHDOG_MARGIN).await {
+            return;
+        }
         loop {
             let gone = match self.connect().await {
                 Ok(()) => {

@@ -11,6 +11,8 @@ use tokio::sync::mpsc;
 use tokio::time::{Instant, sleep_until};
 
 /// Silence on top of the device's watchdog before it is spoken to again after a loss.
+/// A stage's watchdog is its adaptor's; none is longer.
+const WATCHDOG_MOST: Duration = Duration::from_millis(400);
 const WATCHDOG_MARGIN: Duration = Duration::from_millis(50);
 
 /// The driver.
@@ -35,6 +37,10 @@ impl StageDriver {
     pub(in crate::cell) async fn run(mut self) {
         let mut backoff = Backoff::new(self.post.timing.backoff_first, self.post.timing.backoff_last);
         let mut told = false;
+        // Reading is a heartbeat: what an earlier process left moving has to stop by its watchdog before our first word.
+        if !self.wait(now() + WATCHDOG_MOST + WATCHDOG_MARGIN).await {
+            return;
+        }
         loop {
             let mut gone = self.session(&mut backoff, &mut told).await;
             if matches!(gone, Gone::Cut) {
@@ -50,7 +56,7 @@ impl StageDriver {
                 self.post.tell(News::Lost { error, was_up: self.was_up }).await;
                 told = true;
             }
-            let silence = self.spoke_at + self.post.timing.watchdog + WATCHDOG_MARGIN;
+            let silence = self.spoke_at + WATCHDOG_MOST + WATCHDOG_MARGIN;
             if !self.wait(silence.max(now() + backoff.wait())).await {
                 return;
             }
