@@ -63,7 +63,9 @@ async fn measure(base: &str, lease: &Value) -> Result<Value, Box<dyn Error>> {
 }
 
 async fn until_idle(base: &str) -> Result<(), Box<dyn Error>> {
-    until(base, |cell| text(cell, "state") == "idle").await
+    let up = |device: &Value| text(device, "link") == "up";
+    let all_up = |cell: &Value| cell.get("devices").and_then(Value::as_array).is_some_and(|all| all.iter().all(up));
+    until(base, |cell| text(cell, "state") == "idle" && all_up(cell)).await
 }
 
 async fn until_allowed(base: &str) -> Result<(), Box<dyn Error>> {

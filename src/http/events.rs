@@ -107,7 +107,7 @@ pub(super) struct EventDocument {
 /// comes as server-sent events, resumed behind `Last-Event-ID`; a reader that is too slow finds an event `missed`.
 #[utoipa::path(
     get, path = "/v1/events", tag = "events",
-    params(EventsQuery, ("Last-Event-ID" = Option<u64>, Header, description = "The same as `after`, as browsers send it")),
+    params(EventsQuery, ("Last-Event-ID" = Option<String>, Header, description = "The number of an event: the same as `after`, as browsers send it")),
     responses((status = 200, description = "Events", content((EventList = "application/json"), (String = "text/event-stream"))))
 )]
 pub(super) async fn list_events(

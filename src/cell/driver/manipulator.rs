@@ -12,7 +12,7 @@
 
 use super::backoff::Backoff;
 use super::call::{Answer, Patience, call, raised};
-use super::{Gone, Handling, News, Order, Outcome, Post, Seen};
+use super::{FIRST_SILENCE, Gone, Handling, News, Order, Outcome, Post, Seen};
 use crate::cell::{Failure, now};
 use crate::device::{Action, Command, CommandResult, DeviceError, Manipulator, Mode, Reading};
 use crate::motion::{Axis, Carrier};
@@ -82,8 +82,7 @@ impl ManipulatorDriver {
     pub(in crate::cell) async fn run(mut self) {
         let mut backoff = Backoff::new(self.post.timing.backoff_first, self.post.timing.backoff_last);
         let mut told = false;
-        // Reading is a heartbeat: what an earlier process left moving has to stop by its watchdog before our first word.
-        if !self.wait(now() + self.post.timing.watchdog + WATCHDOG_MARGIN).await {
+        if !self.wait(now() + FIRST_SILENCE).await {
             return;
         }
         loop {

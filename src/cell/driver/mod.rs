@@ -21,6 +21,10 @@ use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
 
+/// Nothing is said to a device that moves for so long after the start: longer than any watchdog, 400 ms at most, so that what
+/// an earlier process left moving has stopped before our first reading, which is a heartbeat, could keep it going.
+const FIRST_SILENCE: Duration = Duration::from_millis(450);
+
 /// Something that a device is to do.
 #[derive(Debug)]
 pub(super) struct Order<E> {

@@ -3,7 +3,7 @@
 
 use super::backoff::Backoff;
 use super::call::{Patience, call, raised};
-use super::{Gone, News, Order, Outcome, Post, Seen, Travel};
+use super::{FIRST_SILENCE, Gone, News, Order, Outcome, Post, Seen, Travel};
 use crate::cell::{Failure, now};
 use crate::device::{DeviceError, Stage};
 use std::time::Duration;
@@ -37,8 +37,7 @@ impl StageDriver {
     pub(in crate::cell) async fn run(mut self) {
         let mut backoff = Backoff::new(self.post.timing.backoff_first, self.post.timing.backoff_last);
         let mut told = false;
-        // Reading is a heartbeat: what an earlier process left moving has to stop by its watchdog before our first word.
-        if !self.wait(now() + WATCHDOG_MOST + WATCHDOG_MARGIN).await {
+        if !self.wait(now() + FIRST_SILENCE).await {
             return;
         }
         loop {

@@ -16,6 +16,10 @@ use serde::{Deserialize, Serialize};
 use std::time::Duration;
 use utoipa::ToSchema;
 
+/// Bounds of what may be asked for; the configuration has narrower ones.
+const TTL_S_MIN: f64 = 0.1;
+const TTL_S_MAX: f64 = 600.0;
+
 /// Who wants to move, or goes on.
 #[derive(Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -84,13 +88,13 @@ pub(in super::super) async fn take_lease(
     OptionalJson(body): OptionalJson<LeaseRequestDocument>,
 ) -> Result<Response, Problem> {
     let LeaseRequestDocument { holder, ttl_s, lease_id: said } = body;
+    let time_to_live = ttl_s.map(time_to_live).transpose()?;
     match lease_id([said, query.lease_id], &headers) {
         Ok(id) => {
             let lease = app.service.renew_lease(&id).await?;
             Ok(Json(LeaseDocument::from(lease)).into_response())
         }
         Err(problem) if problem.code() == Code::LeaseRequired => {
-            let time_to_live = ttl_s.map(time_to_live).transpose()?;
             let holder = holder.unwrap_or_else(|| "anonymous".to_owned());
             let lease = app.service.take_lease(holder, time_to_live).await?;
             Ok((StatusCode::CREATED, Json(LeaseDocument::from(lease))).into_response())
@@ -133,8 +137,9 @@ pub(in super::super) async fn release_lease(
 }
 
 fn time_to_live(ttl_s: f64) -> Result<Duration, Problem> {
-    Duration::try_from_secs_f64(ttl_s).map_err(|_| {
-        Problem::new(Code::OptionInvalid, format!("ttl_s must be a number of seconds above 0, got {ttl_s}"))
-            .with("field", "ttl_s")
-    })
+    if !(TTL_S_MIN..=TTL_S_MAX).contains(&ttl_s) {
+        let detail = format!("ttl_s must be between {TTL_S_MIN} and {TTL_S_MAX}, got {ttl_s:e}");
+        return Err(Problem::new(Code::OptionInvalid, detail).with("field", "ttl_s"));
+    }
+    Ok(Duration::from_secs_f64(ttl_s))
 }

@@ -37,7 +37,7 @@ pub(crate) fn untouched_with(time_factor: f64, change: impl FnOnce(&mut Config))
         config.cell.simulated.time_factor = time_factor;
         change(config);
     });
-    until(&service, "/v1/cell", |cell| cell["state"] == "idle");
+    until(&service, "/v1/cell", |cell| cell["state"] == "idle" && all_up(cell));
     (service, folder)
 }
 
@@ -112,6 +112,11 @@ impl Line {
         let targets = json!({"m1": {"y_mm": 20.0}, "m2": {"y_mm": 20.0}, "speed_ratio": 0.1});
         self.post("/v1/moves", &targets).expect(201)
     }
+}
+
+/// Whether every device answers.
+fn all_up(cell: &Value) -> bool {
+    cell["devices"].as_array().is_some_and(|devices| devices.iter().all(|device| device["link"] == "up"))
 }
 
 pub(crate) fn id(document: &Value) -> &str {
