@@ -19,6 +19,7 @@ use utoipa::ToSchema;
 /// Bounds of what may be asked for; the configuration has narrower ones.
 const TTL_S_MIN: f64 = 0.1;
 const TTL_S_MAX: f64 = 600.0;
+const HOLDER_CHARACTERS_MAX: usize = 64;
 
 /// Who wants to move, or goes on.
 #[derive(Debug, Default, Deserialize, ToSchema)]
@@ -89,6 +90,10 @@ pub(in super::super) async fn take_lease(
 ) -> Result<Response, Problem> {
     let LeaseRequestDocument { holder, ttl_s, lease_id: said } = body;
     let time_to_live = ttl_s.map(time_to_live).transpose()?;
+    if holder.as_ref().is_some_and(|holder| !(1..=HOLDER_CHARACTERS_MAX).contains(&holder.chars().count())) {
+        let detail = format!("holder must have 1 to {HOLDER_CHARACTERS_MAX} characters");
+        return Err(Problem::new(Code::OptionInvalid, detail).with("field", "holder"));
+    }
     match lease_id([said, query.lease_id], &headers) {
         Ok(id) => {
             let lease = app.service.renew_lease(&id).await?;
