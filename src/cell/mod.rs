@@ -74,6 +74,13 @@ impl Cell {
         start::start(devices, settings, fence_floor)
     }
 
+    /// Whether the cell's task still takes requests. Where it does not and nobody has closed it, it has failed: every device was
+    /// told to halt, and nothing here is true any more.
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
+        !self.requests.is_closed()
+    }
+
     /// The cell as it is now.
     #[must_use]
     pub fn snapshot(&self) -> Arc<Snapshot> {
