@@ -91,6 +91,9 @@ pub enum Failure {
     /// Something was read before a set-point that does not let the devices move; the set-point was not sent.
     #[error("before the next set-point: {0}")]
     NotReady(Box<Refusal>),
+    /// While set-points were out, something was read that does not let the devices go on.
+    #[error("during the motion: {0}")]
+    Interrupted(Box<Refusal>),
     /// The state could not be read in time before a set-point.
     #[error("{}: could not be read back within {} ms", carrier.name(), within.as_millis())]
     NotReadBack {
@@ -165,6 +168,7 @@ impl Failure {
             Self::NotArrived { .. } | Self::StageNotArrived { .. } => "not_arrived",
             Self::NotHomed { .. } => "not_homed",
             Self::NotReady(_) => "not_ready",
+            Self::Interrupted(_) => "interrupted",
             Self::NotReadBack { .. } => "not_read_back",
             Self::NotAtRest { .. } => "not_at_rest",
             Self::DeviceFault { .. } => "device_fault",
@@ -201,6 +205,7 @@ impl Failure {
             | Self::NotArrived { .. }
             | Self::NotHomed { .. }
             | Self::NotReady(_)
+            | Self::Interrupted(_)
             | Self::DeviceFault { .. }
             | Self::StageNotArrived { .. }
             | Self::ScanStalled { .. }

@@ -3,9 +3,9 @@
 
 use super::driver::{Handling, Outcome, moves};
 use super::run::Step;
-use super::{Failure, Refusal, Settings, obstacles};
+use super::{Failure, Settings, obstacles};
 use crate::device::{Action, CommandResult, DeviceError, Reading};
-use crate::motion::{Axes, Carrier};
+use crate::motion::{Axes, Carrier, Pair, Position};
 use std::time::Duration;
 use tokio::time::Instant;
 
@@ -16,11 +16,16 @@ pub(super) struct Homing {
     begun_at: Instant,
     within: Duration,
     sequence: Option<u16>,
+    names: Pair<String>,
+    tolerance: Axes<f64>,
+    /// Where the other one stands.
+    place: Option<Position>,
 }
 
 impl Homing {
-    pub(super) const fn new(carrier: Carrier, settings: &Settings, now: Instant) -> Self {
-        Self { carrier, begun_at: now, within: settings.homing, sequence: None }
+    pub(super) const fn new(carrier: Carrier, names: Pair<String>, settings: &Settings, now: Instant) -> Self {
+        let tolerance = settings.arrangement.settle_tolerance;
+        Self { carrier, begun_at: now, within: settings.homing, sequence: None, names, tolerance, place: None }
     }
 
     /// The one order.
@@ -48,25 +53,33 @@ impl Homing {
         }
     }
 
-    /// A manipulator was read.
-    pub(super) fn read(&self, carrier: Carrier, reading: &Reading) -> Step {
-        if self.sequence.is_some()
-            && let Some(refusal) = obstacles::under_way(carrier, reading)
-            && (carrier == self.carrier || !matches!(refusal, Refusal::NotEnabled { .. }))
-        {
-            return Step::Fail(Failure::NotReady(Box::new(refusal)));
+    /// A manipulator was read. The other one has to stay where it is.
+    pub(super) fn read(&mut self, carrier: Carrier, reading: &Reading) -> Step {
+        let mut refusal = obstacles::of_motion(carrier, reading);
+        if carrier != self.carrier {
+            let place = *self.place.get_or_insert_with(|| reading.position());
+            let name = self.names.get(carrier);
+            refusal = refusal.or_else(|| obstacles::of_staying(name, carrier, reading, &place, &self.tolerance));
         }
+        if let Some(refusal) = refusal {
+            return Step::Fail(Failure::Interrupted(Box::new(refusal)));
+        }
+        self.own(carrier, reading)
+    }
+
+    /// The one that finds its references was read, or the other.
+    fn own(&self, carrier: Carrier, reading: &Reading) -> Step {
         let Some(sequence) = self.sequence.filter(|_| carrier == self.carrier) else { return Step::Wait };
         let acknowledged = reading.acknowledged;
         if acknowledged.sequence != sequence {
             return Step::Fail(Failure::Overridden { carrier, sequence, found: acknowledged.sequence });
         }
-        if acknowledged.result == CommandResult::Rejected {
-            let device = carrier.name().to_owned();
-            return Step::Fail(Failure::Device(DeviceError::Rejected { device, code: reading.fault_code }));
-        }
         if acknowledged.result == CommandResult::Aborted {
             return Step::Fail(Failure::Aborted { carrier, sequence });
+        }
+        if acknowledged.result == CommandResult::Rejected {
+            let device = self.names.get(carrier).clone();
+            return Step::Fail(Failure::Device(DeviceError::Rejected { device, code: reading.fault_code }));
         }
         let known = reading.axes.iter().all(|(_, axis)| axis.homed);
         if acknowledged.result == CommandResult::Done && known && !moves(reading) {

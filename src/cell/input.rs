@@ -102,8 +102,8 @@ pub(super) enum Input {
     Reset { lease: String, fit: Result<(), Refusal> },
     /// The service ends.
     Close,
-    /// A device answers, for the first time or again.
-    Up(Member),
+    /// A device answers, for the first time or again; whether it, or another one, was read to move.
+    Up { member: Member, moves: bool },
     /// A device does not answer any more.
     Lost(Member, Fault),
     /// A device, or what was asked of it, is not as it should be.

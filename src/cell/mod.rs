@@ -67,17 +67,18 @@ pub fn now() -> Instant {
 }
 
 impl Cell {
-    /// Whether the task that owns the devices still runs. Without it nothing can be commanded, and everything was halted.
-    #[must_use]
-    pub fn is_alive(&self) -> bool {
-        !self.requests.is_closed()
-    }
-
     /// Starts the cell: connects to the devices, and moves nothing. Every fence that is given out is above `fence_floor`;
     /// pass the greatest that was ever given out. Must be called within a tokio runtime.
     #[must_use]
     pub fn start(devices: Devices, settings: Settings, fence_floor: u64) -> Self {
         start::start(devices, settings, fence_floor)
+    }
+
+    /// Whether the cell's task still takes requests. Where it does not and nobody has closed it, it has failed: every device was
+    /// told to halt, and nothing here is true any more.
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
+        !self.requests.is_closed()
     }
 
     /// The cell as it is now.

@@ -4,13 +4,15 @@ use super::driver::moves;
 use super::input::{Manual, Taken};
 use super::snapshot::Live;
 use super::{Refusal, ScanOrder};
-use crate::device::{AxisState, CommandResult, Mode, Reading, SensorReading, StageReading};
-use crate::motion::{Carrier, Pair, Position};
+use crate::device::{AxisReading, AxisState, CommandResult, Mode, Reading, SensorReading, StageReading};
+use crate::motion::{Axes, Axis, Carrier, MotionRefusal, Pair, Path, Position};
 use std::time::Duration;
 use tokio::time::Instant;
 
 /// Profiles that one scan may have.
 const PROFILES_MAX: u64 = 1_000_000;
+/// Relative slack of a device's own limits: what single precision on the way may round.
+const ROUNDING: f64 = 1e-6;
 
 /// Everything that keeps the two manipulators from being moved, the first to see to first.
 pub(super) fn of_move(live: &Pair<Live<Reading>>, now: Instant) -> Vec<Refusal> {
@@ -41,19 +43,6 @@ fn of_homing(device: &str, carrier: Carrier, reading: &Reading) -> Vec<Refusal> 
     found
 }
 
-/// Why a manipulator must not go on, nor the other one with it, while either is under way.
-pub(super) fn under_way(carrier: Carrier, reading: &Reading) -> Option<Refusal> {
-    if !reading.safety.allows_motion() {
-        return Some(Refusal::SafetyOpen { carrier });
-    }
-    if reading.mode != Mode::Automatic {
-        return Some(Refusal::NotRemote { carrier, mode: reading.mode });
-    }
-    let states = reading.axes.iter().map(|(_, axis)| axis.state).chain([reading.state]);
-    let powerless = states.into_iter().find(|state| matches!(state, AxisState::Disabled | AxisState::ErrorStop));
-    powerless.map(|state| Refusal::NotEnabled { carrier, state })
-}
-
 fn of_enabling(device: &str, carrier: Carrier, reading: &Reading) -> Vec<Refusal> {
     let mut found = Vec::new();
     if let Some(code) = fault_of(reading) {
@@ -68,18 +57,95 @@ fn of_enabling(device: &str, carrier: Carrier, reading: &Reading) -> Vec<Refusal
     found
 }
 
-/// Whether a manipulator can be told so by hand, or is so already.
+/// What keeps a motion under way from going on.
+pub(super) fn of_motion(carrier: Carrier, reading: &Reading) -> Option<Refusal> {
+    if !reading.safety.allows_motion() {
+        Some(Refusal::SafetyOpen { carrier })
+    } else if reading.mode != Mode::Automatic {
+        Some(Refusal::NotRemote { carrier, mode: reading.mode })
+    } else if matches!(reading.state, AxisState::Disabled | AxisState::ErrorStop) {
+        Some(Refusal::NotEnabled { carrier, state: reading.state })
+    } else {
+        None
+    }
+}
+
+/// What is wrong with one that should stay where it is.
+pub(super) fn of_staying(
+    device: &str,
+    carrier: Carrier,
+    reading: &Reading,
+    place: &Position,
+    tolerance: &Axes<f64>,
+) -> Option<Refusal> {
+    if moves(reading) {
+        return Some(Refusal::Moves { device: device.to_owned() });
+    }
+    let (axis, actual, planned) = away(&reading.position(), place, tolerance)?;
+    Some(Refusal::Motion(MotionRefusal::Stale { carrier, axis, actual, planned }))
+}
+
+/// The first axis that is not where it should be, with where it is and should be; mm or degrees.
+pub(super) fn away(actual: &Position, planned: &Position, tolerance: &Axes<f64>) -> Option<(Axis, f64, f64)> {
+    let far = |axis: &Axis| {
+        let distance = (actual.get(*axis) - planned.get(*axis)).abs();
+        distance.is_nan() || distance > *tolerance.get(*axis)
+    };
+    let axis = Axis::ALL.into_iter().find(far)?;
+    Some((axis, axis.outside(*actual.get(axis)), axis.outside(*planned.get(axis))))
+}
+
+/// Whether the devices' own limits, which may be narrower than the configured ones, allow a path.
+pub(super) fn of_own_limits(live: &Pair<Live<Reading>>, path: &Path, now: Instant) -> Result<(), Refusal> {
+    for (carrier, one) in live.iter().filter(|(carrier, _)| *path.moves.get(*carrier)) {
+        let reading = good(one, now)?;
+        for (axis, own) in reading.axes.iter() {
+            if path.waypoints.iter().any(|to| *to.speeds.get(carrier).get(axis) > 0.0) {
+                for to in &path.waypoints {
+                    let (value, speed) = (*to.targets.get(carrier).get(axis), *to.speeds.get(carrier).get(axis));
+                    within_own(carrier, axis, own, (value, speed))?;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+fn within_own(carrier: Carrier, axis: Axis, own: &AxisReading, (value, speed): (f64, f64)) -> Result<(), Refusal> {
+    let (lower, upper, max) = (own.lower, own.upper, own.speed);
+    let slack = ROUNDING * lower.abs().max(upper.abs());
+    if !(lower - slack..=upper + slack).contains(&value) {
+        let (value, lower, upper) = (axis.outside(value), axis.outside(lower), axis.outside(upper));
+        return Err(Refusal::Motion(MotionRefusal::OutOfLimits { carrier, axis, value, lower, upper }));
+    }
+    if speed > max * (1.0 + ROUNDING) {
+        let (speed, max) = (axis.outside(speed), axis.outside(max));
+        return Err(Refusal::Motion(MotionRefusal::TooFast { carrier, axis, speed, max }));
+    }
+    Ok(())
+}
+
+/// Whether a manipulator can be told so by hand, or is so already. While one finds its references the other one stands.
 pub(super) fn of_manual(
-    live: &Live<Reading>,
+    both: &Pair<Live<Reading>>,
     carrier: Carrier,
     manual: Manual,
     now: Instant,
 ) -> Result<Taken, Refusal> {
+    let live = both.get(carrier);
     let reading = good(live, now)?;
+    if manual == Manual::Home {
+        for (_, other) in both.iter().filter(|(one, _)| *one != carrier) {
+            if moves(good(other, now)?) {
+                return Err(Refusal::Moves { device: other.name.clone() });
+            }
+        }
+    }
+    let homed = reading.axes.iter().all(|(_, one)| one.homed);
     let (found, already) = match manual {
         Manual::Enable => (of_enabling(&live.name, carrier, reading), enabled(reading)),
         Manual::Disable => (Vec::new(), reading.state == AxisState::Disabled),
-        Manual::Home => (of_homing(&live.name, carrier, reading), false),
+        Manual::Home => (of_homing(&live.name, carrier, reading), homed),
     };
     match found.into_iter().next() {
         Some(refusal) => Err(refusal),

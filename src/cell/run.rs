@@ -165,7 +165,7 @@ impl Run {
         if let Some(refusal) = obstacles::of_reading(self.names.get(carrier), carrier, reading).into_iter().next() {
             return Err(refusal);
         }
-        match away(&reading.position(), planned, &self.tolerance) {
+        match obstacles::away(&reading.position(), planned, &self.tolerance) {
             None => Ok(()),
             Some((axis, actual, planned)) => {
                 Err(Refusal::Motion(MotionRefusal::Stale { carrier, axis, actual, planned }))
@@ -184,17 +184,21 @@ impl Run {
     /// A manipulator was read while set-points are out.
     fn watch(&mut self, now: Instant, carrier: Carrier, asked_at: Instant, reading: &Reading) -> Step {
         let Some(to) = self.waypoint(self.next) else { return Step::Finished };
-        let Phase::Go { legs, .. } = &mut self.phase else { return Step::Wait };
-        // One that has lost its power or its guard ends the way of both: the other would carry the part on alone.
-        if let Some(refusal) = obstacles::under_way(carrier, reading) {
-            return Step::Fail(Failure::NotReady(Box::new(refusal)));
+        if let Some(refusal) = obstacles::of_motion(carrier, reading) {
+            return Step::Fail(Failure::Interrupted(Box::new(refusal)));
         }
+        let Phase::Go { legs, .. } = &mut self.phase else { return Step::Wait };
         let leg = legs.get_mut(carrier);
         if matches!(leg, Leg::Stays | Leg::There)
-            && let Some((axis, actual, planned)) = away(&reading.position(), to.targets.get(carrier), &self.tolerance)
+            && let Some(refusal) = obstacles::of_staying(
+                self.names.get(carrier),
+                carrier,
+                reading,
+                to.targets.get(carrier),
+                &self.tolerance,
+            )
         {
-            let moved = Refusal::Motion(MotionRefusal::Stale { carrier, axis, actual, planned });
-            return Step::Fail(Failure::NotReady(Box::new(moved)));
+            return Step::Fail(Failure::Interrupted(Box::new(refusal)));
         }
         let Leg::Goes { sequence, since } = *leg else { return Step::Wait };
         if asked_at < since {
@@ -204,7 +208,7 @@ impl Run {
             return Step::Fail(failure);
         }
         let stands = !moves(reading) && reading.axes.iter().all(|(_, axis)| axis.state == AxisState::Standstill);
-        if stands && away(&reading.position(), to.targets.get(carrier), &self.tolerance).is_none() {
+        if stands && obstacles::away(&reading.position(), to.targets.get(carrier), &self.tolerance).is_none() {
             *leg = Leg::There;
         }
         let all_there = legs.iter().all(|(_, leg)| matches!(leg, Leg::Stays | Leg::There));
@@ -236,7 +240,7 @@ impl Run {
 
     fn not_arrived(&self, carrier: Carrier, last: Option<&Position>) -> Failure {
         let target = self.waypoint(self.next).map(|to| *to.targets.get(carrier)).unwrap_or_default();
-        let worst = last.and_then(|position| away(position, &target, &self.tolerance));
+        let worst = last.and_then(|position| obstacles::away(position, &target, &self.tolerance));
         let (axis, actual, target) = worst.unwrap_or((Axis::X, last.map_or(f64::NAN, |at| at.x), target.x));
         Failure::NotArrived { carrier, axis, actual, target, within: self.patience() }
     }
@@ -244,16 +248,6 @@ impl Run {
 
 fn looking(since: Instant) -> Phase {
     Phase::Look { since, readings: Box::new(Pair { m1: None, m2: None }) }
-}
-
-/// The first axis that is not where it should be, with where it is and should be; mm or degrees.
-fn away(actual: &Position, planned: &Position, tolerance: &Axes<f64>) -> Option<(Axis, f64, f64)> {
-    let far = |axis: &Axis| {
-        let distance = (actual.get(*axis) - planned.get(*axis)).abs();
-        distance.is_nan() || distance > *tolerance.get(*axis)
-    };
-    let axis = Axis::ALL.into_iter().find(far)?;
-    Some((axis, axis.outside(*actual.get(axis)), axis.outside(*planned.get(axis))))
 }
 
 /// Whether the device does not do our command any more.

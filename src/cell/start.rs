@@ -40,23 +40,8 @@ pub(super) fn start(devices: Devices, settings: Settings, fence_floor: u64) -> C
     let (requests, requested) = mpsc::channel(REQUESTS_WAITING);
     let task = Task::new(settings, lines, (live, live_stage, live_sensor), &flag, Arc::clone(&log), fence_floor);
     let (published, snapshots) = watch::channel(Arc::new(task.snapshot(0, now())));
-    let last_word = LastWord(Arc::clone(&flag));
-    tokio::spawn(async move {
-        let running = task.run(requested, reported, published);
-        // Dropped before what the task holds, however it ends: drivers halt before they find nobody to work for.
-        let _last_word = last_word;
-        running.await;
-    });
+    tokio::spawn(task.run(requested, reported, published));
     Cell { requests, stops: Arc::new(StopDoor::new(flag, watched)), snapshots, log }
-}
-
-/// Halts everything when the task ends, by a panic, too.
-struct LastWord(Arc<HaltFlag>);
-
-impl Drop for LastWord {
-    fn drop(&mut self) {
-        self.0.raise();
-    }
 }
 
 fn live<R>(name: &str, settings: &Settings) -> Live<R> {

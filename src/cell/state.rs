@@ -137,7 +137,7 @@ impl Machine {
                 self.closing = true;
                 self.halt(now, StopCause::Closing)
             }
-            Input::Up(member) => self.up(now, member),
+            Input::Up { member, moves } => self.up(now, member, moves),
             Input::Lost(member, fault) => self.lost(now, member, fault),
             Input::Fault(fault) => self.fault(now, fault),
             Input::Finished => self.finished(now),
@@ -300,14 +300,19 @@ impl Machine {
         Verdict::Accepted(acts)
     }
 
-    fn up(&mut self, now: Instant, member: Member) -> Verdict {
+    /// Where something moves that nobody here has told to, it is halted, and idle waits for its rest.
+    fn up(&mut self, now: Instant, member: Member, moves: bool) -> Verdict {
         if let Member::Manipulator(carrier) = member {
             *self.present.get_mut(carrier) = true;
         }
-        if self.state == State::Offline && self.present.m1 && self.present.m2 {
-            return Verdict::Accepted(self.enter(now, State::Idle));
+        let complete = self.present.m1 && self.present.m2;
+        match self.state {
+            State::Offline if complete && !moves => Verdict::Accepted(self.enter(now, State::Idle)),
+            State::Offline if complete => Verdict::Accepted(self.stopping(now, JobEnd::Done, None)),
+            State::Offline if moves => Verdict::Accepted(vec![Act::Halt]),
+            State::Idle if moves => Verdict::Accepted(self.stopping(now, JobEnd::Done, None)),
+            State::Offline | State::Idle | State::Scanning | State::Moving | State::Stopping | State::Faulted => done(),
         }
-        done()
     }
 
     /// A device that can move is in doubt from here on; the sensor only while it scans.
@@ -325,7 +330,8 @@ impl Machine {
     fn fault(&mut self, now: Instant, fault: Fault) -> Verdict {
         self.resetting = false;
         let known = self.faults.iter().any(|one| one.device == fault.device && one.failure == fault.failure);
-        if known && self.state == State::Faulted {
+        // What is not kept would be new each time it is said, and would halt each time.
+        if (known || self.faults.len() >= FAULTS_KEPT) && self.state == State::Faulted {
             return Verdict::AlreadySo;
         }
         let mut acts = vec![Act::Halt];

@@ -20,7 +20,7 @@ pub struct StopReport {
     pub sent_within: Duration,
     /// Every device that moves.
     pub devices: Vec<DeviceStop>,
-    /// Axes that were not seen at rest after the halt, yet; an operator must take them for moving.
+    /// All axes of each manipulator that was not seen at rest after the halt, yet; an operator must take them for moving.
     pub unconfirmed: Vec<(Carrier, Axis)>,
 }
 
@@ -78,16 +78,10 @@ impl StopDoor {
             if let Member::Manipulator(carrier) = member
                 && !confirmed
             {
-                report.unconfirmed.extend(unconfirmed(&halted, number).map(|axis| (*carrier, axis)));
+                report.unconfirmed.extend(Axis::ALL.map(|axis| (*carrier, axis)));
             }
             report.devices.push(DeviceStop { name: name.clone(), sent: halted.sent >= number, confirmed });
         }
         report
     }
-}
-
-/// The axes that were not seen at rest since.
-fn unconfirmed(halted: &Halted, number: u64) -> impl Iterator<Item = Axis> {
-    let Halted { moves, read_after, .. } = *halted;
-    Axis::ALL.into_iter().zip(moves).filter(move |(_, moves)| *moves || read_after < number).map(|(axis, _)| axis)
 }

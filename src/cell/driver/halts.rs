@@ -1,6 +1,7 @@
 //! The halt flag: a number that grows with every halt, raised by whoever must stop the devices and looked at first by every
 //! driver. Raising it takes no lock that anybody holds for long, and waits for nobody.
 
+use std::sync::Arc;
 use tokio::sync::watch;
 
 /// What the flag shows.
@@ -21,10 +22,32 @@ pub(in crate::cell) struct Halted {
     pub(in crate::cell) sent: u64,
     /// The newest halt after which the device was seen at rest.
     pub(in crate::cell) rested: u64,
-    /// Which axes moved when it was read last after a halt; those of a manipulator in their order.
-    pub(in crate::cell) moves: [bool; 4],
-    /// It was read after the newest halt that was sent.
-    pub(in crate::cell) read_after: u64,
+}
+
+/// Raises the flag when it is dropped before it was disarmed: a task that ends in the middle leaves nothing moving.
+#[derive(Debug)]
+pub(in crate::cell) struct HaltAtEnd {
+    flag: Arc<HaltFlag>,
+    armed: bool,
+}
+
+impl HaltAtEnd {
+    pub(in crate::cell) const fn new(flag: Arc<HaltFlag>) -> Self {
+        Self { flag, armed: true }
+    }
+
+    /// The end is a good one.
+    pub(in crate::cell) fn disarm(mut self) {
+        self.armed = false;
+    }
+}
+
+impl Drop for HaltAtEnd {
+    fn drop(&mut self) {
+        if self.armed {
+            self.flag.raise();
+        }
+    }
 }
 
 /// The flag.

@@ -12,16 +12,13 @@
 
 use super::backoff::Backoff;
 use super::call::{Answer, Patience, call, raised};
-use super::{FIRST_SILENCE, Gone, Handling, News, Order, Outcome, Post, Seen};
+use super::{Gone, Handling, News, Order, Outcome, Post, Seen, WATCHDOG_MARGIN};
 use crate::cell::{Failure, now};
 use crate::device::{Action, Command, CommandResult, DeviceError, Manipulator, Mode, Reading};
-use crate::motion::{Axis, Carrier};
+use crate::motion::Carrier;
 use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio::time::{Instant, sleep_until};
-
-/// Silence on top of the device's watchdog before it is spoken to again after a loss.
-const WATCHDOG_MARGIN: Duration = Duration::from_millis(50);
 
 /// A command whose word is waited for.
 #[derive(Debug, Clone, Copy)]
@@ -82,7 +79,8 @@ impl ManipulatorDriver {
     pub(in crate::cell) async fn run(mut self) {
         let mut backoff = Backoff::new(self.post.timing.backoff_first, self.post.timing.backoff_last);
         let mut told = false;
-        if !self.wait(now() + FIRST_SILENCE).await {
+        // Whoever commanded it before us may have died in a motion: our reading would keep that alive.
+        if !self.wait(now() + self.post.timing.first_silence()).await {
             return;
         }
         loop {
@@ -97,10 +95,15 @@ impl ManipulatorDriver {
             let gone = match gone {
                 Gone::Closed => return,
                 // One attempt at once, for the halt's sake; if that fails too, it is a loss like any other.
-                Gone::Cut => match self.connect().await {
-                    Ok(()) => self.attend().await,
-                    Err(gone) => gone,
-                },
+                Gone::Cut => {
+                    if let Some(sequence) = self.leave_unknown().await {
+                        self.in_doubt = Some(sequence);
+                    }
+                    match self.connect().await {
+                        Ok(()) => self.attend().await,
+                        Err(gone) => gone,
+                    }
+                }
                 Gone::Lost(_) => gone,
             };
             match gone {
@@ -194,18 +197,26 @@ impl ManipulatorDriver {
     /// Sends the halt that is due, and reads what came of it.
     async fn halt(&mut self) -> Result<(), Gone> {
         let halts = self.post.halts();
-        if let Some(awaited) = self.awaited.take() {
-            self.told(awaited.order, Outcome::Overtaken).await;
-        }
+        self.leave_unknown().await;
         let sequence = self.next_sequence();
         let answer = self.send(sequence, halts.fence, Action::Halt, halts.number).await?;
+        let taken = answer.is_ok();
         match answer {
             Ok(()) => self.halting = Some(Halting { number: halts.number, sequence }),
             Err(error) if error.leaves_unknown() => return Err(Gone::Lost(error)),
             Err(error) => self.post.tell(News::WillNotHalt { error }).await,
         }
-        self.post.handed(halts.number);
+        self.post.handed(halts.number, taken);
         self.read().await
+    }
+
+    /// A halt comes before the word on a command whose bytes may have gone: nobody knows whether it was done.
+    async fn leave_unknown(&mut self) -> Option<u16> {
+        let Awaited { order, sequence, .. } = self.awaited.take()?;
+        let within = self.post.timing.grace;
+        let failure = Failure::NotAcknowledged { carrier: self.carrier, sequence, within };
+        self.told(order, Outcome::Unknown(failure)).await;
+        Some(sequence)
     }
 
     async fn obey(&mut self, order: Order<Handling>) -> Result<(), Gone> {
@@ -283,8 +294,6 @@ impl ManipulatorDriver {
     /// Looks whether the device stands after a halt: it has seen the halt, or does not listen to us, and no axis moves.
     async fn rest(&mut self, reading: &Reading) {
         let Some(Halting { number, sequence }) = self.halting else { return };
-        let moving = Axis::ALL.map(|axis| reading.axes.get(axis).state.moves());
-        self.post.halted.send_modify(|halted| (halted.moves, halted.read_after) = (moving, number));
         let heard = reading.acknowledged.sequence == sequence;
         let deaf = reading.mode != Mode::Automatic || !reading.safety.remote_enabled;
         if (heard || deaf) && !moves(reading) {

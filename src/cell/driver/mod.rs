@@ -9,7 +9,7 @@ mod manipulator;
 mod sensor;
 mod stage;
 
-pub(super) use halts::{HaltFlag, Halted, Halts};
+pub(super) use halts::{HaltAtEnd, HaltFlag, Halted, Halts};
 pub(super) use manipulator::{ManipulatorDriver, moves};
 pub(super) use sensor::SensorDriver;
 pub(super) use stage::StageDriver;
@@ -20,10 +20,6 @@ use crate::device::{Action, DeviceError, Profile, Reading, SensorReading, StageR
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
-
-/// Nothing is said to a device that moves for so long after the start: longer than any watchdog, 400 ms at most, so that what
-/// an earlier process left moving has stopped before our first reading, which is a heartbeat, could keep it going.
-const FIRST_SILENCE: Duration = Duration::from_millis(450);
 
 /// Something that a device is to do.
 #[derive(Debug)]
@@ -72,7 +68,7 @@ pub(super) enum Outcome {
     Taken { sequence: u16 },
     /// It was not sent, or the device refused it: nothing was done.
     Refused(DeviceError),
-    /// A halt came before it; it was not sent.
+    /// A halt came before it; not a byte of it was sent.
     Overtaken,
     /// It may have been done.
     Unknown(Failure),
@@ -130,7 +126,18 @@ pub(super) struct Timing {
     backoff_last: Duration,
 }
 
+/// What is taken for a device's watchdog at the start, at least: a process before us, or whoever set it at the device, may have
+/// chosen a slower one than ours.
+const WATCHDOG_LEAST: Duration = Duration::from_millis(500);
+/// Silence on top of the device's watchdog before it is spoken to.
+const WATCHDOG_MARGIN: Duration = Duration::from_millis(50);
+
 impl Timing {
+    /// How long nothing is said at the start, so that whatever a process before us has moved stops by its watchdog.
+    fn first_silence(&self) -> Duration {
+        self.watchdog.max(WATCHDOG_LEAST) + WATCHDOG_MARGIN
+    }
+
     pub(super) const fn of(settings: &Settings) -> Self {
         Self {
             poll: settings.poll,
@@ -200,10 +207,12 @@ impl Post {
         self.halts().number > self.handled
     }
 
-    /// The halt was handed to the device.
-    fn handed(&mut self, number: u64) {
+    /// The halt was handed to the device; where the device refuses it, it is not tried again and does not count as sent.
+    fn handed(&mut self, number: u64, taken: bool) {
         self.handled = number;
-        self.halted.send_modify(|halted| halted.sent = number);
+        if taken {
+            self.halted.send_modify(|halted| halted.sent = number);
+        }
     }
 
     /// It was seen at rest after this halt.

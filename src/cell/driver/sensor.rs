@@ -122,7 +122,7 @@ impl SensorDriver {
     /// A halt ends whatever the sensor takes; harmless where it takes nothing.
     async fn end_scan(&mut self, number: u64) -> Result<(), Gone> {
         let answer = self.stop().await?;
-        self.post.handed(number);
+        self.post.handed(number, true);
         self.post.rested(number).await;
         answer.or_else(|error| if error.leaves_unknown() { Err(Gone::Lost(error)) } else { Ok(()) })
     }

@@ -3,17 +3,11 @@
 
 use super::backoff::Backoff;
 use super::call::{Patience, call, raised};
-use super::{FIRST_SILENCE, Gone, News, Order, Outcome, Post, Seen, Travel};
+use super::{Gone, News, Order, Outcome, Post, Seen, Travel, WATCHDOG_MARGIN};
 use crate::cell::{Failure, now};
 use crate::device::{DeviceError, Stage};
-use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio::time::{Instant, sleep_until};
-
-/// Silence on top of the device's watchdog before it is spoken to again after a loss.
-/// A stage's watchdog is its adaptor's; none is longer.
-const WATCHDOG_MOST: Duration = Duration::from_millis(400);
-const WATCHDOG_MARGIN: Duration = Duration::from_millis(50);
 
 /// The driver.
 pub(in crate::cell) struct StageDriver {
@@ -37,7 +31,8 @@ impl StageDriver {
     pub(in crate::cell) async fn run(mut self) {
         let mut backoff = Backoff::new(self.post.timing.backoff_first, self.post.timing.backoff_last);
         let mut told = false;
-        if !self.wait(now() + FIRST_SILENCE).await {
+        // Whoever commanded it before us may have died in a motion: our reading would keep that alive.
+        if !self.wait(now() + self.post.timing.first_silence()).await {
             return;
         }
         loop {
@@ -55,7 +50,7 @@ impl StageDriver {
                 self.post.tell(News::Lost { error, was_up: self.was_up }).await;
                 told = true;
             }
-            let silence = self.spoke_at + WATCHDOG_MOST + WATCHDOG_MARGIN;
+            let silence = self.spoke_at + self.post.timing.watchdog + WATCHDOG_MARGIN;
             if !self.wait(silence.max(now() + backoff.wait())).await {
                 return;
             }
@@ -129,12 +124,14 @@ impl StageDriver {
         let number = self.post.halts().number;
         self.speak();
         let (name, patience) = (self.name(), self.patience(number));
-        match call(&name, self.device.halt(), &self.post.halts, patience).await? {
+        let answer = call(&name, self.device.halt(), &self.post.halts, patience).await?;
+        let taken = answer.is_ok();
+        match answer {
             Ok(()) => self.halting = Some(number),
             Err(error) if error.leaves_unknown() => return Err(Gone::Lost(error)),
             Err(error) => self.post.tell(News::WillNotHalt { error }).await,
         }
-        self.post.handed(number);
+        self.post.handed(number, taken);
         self.read().await
     }
 
@@ -155,7 +152,9 @@ impl StageDriver {
                 return Err(Gone::Lost(error));
             }
             Err(gone) => {
-                self.told(order.number, Outcome::Overtaken).await;
+                // Its bytes may have gone.
+                let error = DeviceError::Silent { device: self.name(), within: self.post.timing.grace };
+                self.told(order.number, Outcome::Unknown(Failure::Device(error))).await;
                 return Err(gone);
             }
         };
@@ -167,12 +166,11 @@ impl StageDriver {
         let asked_at = self.speak();
         let (name, patience) = (self.name(), self.patience(self.post.handled));
         let reading = call(&name, self.device.read(), &self.post.halts, patience).await?.map_err(Gone::Lost)?;
-        if let Some(number) = self.halting {
-            self.post.halted.send_modify(|halted| (halted.moves[0], halted.read_after) = (reading.moves, number));
-            if !reading.moves {
-                self.halting = None;
-                self.post.rested(number).await;
-            }
+        if let Some(number) = self.halting
+            && !reading.moves
+        {
+            self.halting = None;
+            self.post.rested(number).await;
         }
         let busy = reading.moves || self.halting.is_some();
         self.next_read = now() + if busy { self.post.timing.poll_moving } else { self.post.timing.poll };

@@ -8,7 +8,7 @@ mod publish;
 mod reports;
 mod requests;
 
-use super::driver::{HaltFlag, Halts, Handling, Order, Report, Taking, Travel};
+use super::driver::{HaltAtEnd, HaltFlag, Halts, Handling, Order, Report, Taking, Travel};
 use super::events::EventLog;
 use super::input::{Act, Input, Member, Verdict};
 use super::lease::Bounds;
@@ -122,6 +122,8 @@ impl Task {
         mut reports: mpsc::Receiver<Report>,
         published: watch::Sender<Arc<Snapshot>>,
     ) {
+        // Dropped before the lines to the drivers: they see the halt first, and then that nobody orders any more.
+        let halt = HaltAtEnd::new(Arc::clone(&self.flag));
         let mut sequence = 0;
         while !self.is_over(now()) {
             let wake = self.wake();
@@ -138,6 +140,7 @@ impl Task {
             published.send_replace(Arc::new(self.snapshot(sequence, now())));
         }
         self.note(EventKind::Closed);
+        halt.disarm();
         for closer in self.closers {
             let _nobody_waits = closer.send(());
         }

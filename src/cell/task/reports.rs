@@ -1,7 +1,7 @@
 //! Takes what the drivers say: keeps the readings, latches what is wrong, and gives what is under way its next step.
 
 use super::Task;
-use crate::cell::driver::{News, Outcome, Report, Seen};
+use crate::cell::driver::{News, Outcome, Report, Seen, moves};
 use crate::cell::input::{Input, Member};
 use crate::cell::obstacles::fault_of;
 use crate::cell::snapshot::{Link, Live};
@@ -40,8 +40,16 @@ impl Task {
         }
         let device = self.name_of(member);
         self.note(EventKind::LinkUp { device });
-        self.tell(Input::Up(member));
         self.read(member, asked_at, seen);
+        let moves = self.anything_moves();
+        self.tell(Input::Up { member, moves });
+    }
+
+    /// By what was read last.
+    fn anything_moves(&self) -> bool {
+        let manipulator = self.live.iter().any(|(_, one)| one.reading.as_ref().is_some_and(moves));
+        let stage = self.live_stage.as_ref().and_then(|stage| stage.reading);
+        manipulator || stage.is_some_and(|reading| reading.moves)
     }
 
     fn read(&mut self, member: Member, asked_at: Instant, seen: Seen) {
@@ -130,6 +138,10 @@ impl Task {
             Outcome::Overtaken => {
                 let cause = "a halt came first".to_owned();
                 self.note(EventKind::ManualRefused { device, verb, cause });
+            }
+            // A halt came before its word; the devices are told to rest already.
+            Outcome::Unknown(failure) if self.machine.state() == State::Stopping => {
+                self.note(EventKind::ManualRefused { device, verb, cause: failure.to_string() });
             }
             Outcome::Unknown(failure) => self.fault(member, failure),
         }

@@ -8,7 +8,7 @@ use crate::cell::obstacles;
 use crate::cell::request::{Reply, Request, ScanBegun, answer};
 use crate::cell::run::Run;
 use crate::cell::scanning::Scanning;
-use crate::cell::work::{Course, Work};
+use crate::cell::work::{Course, Purpose, Work};
 use crate::cell::{Job, Lease, LeaseRequest, Refusal, ScanOrder, now};
 use crate::motion::{Carrier, Path, check_path};
 use tokio::sync::mpsc;
@@ -57,11 +57,19 @@ impl Task {
     }
 
     fn manual(&mut self, lease: String, carrier: Carrier, manual: Manual) -> Result<Taken, Refusal> {
-        let fit = obstacles::of_manual(self.live.get(carrier), carrier, manual, now());
+        let mut fit = obstacles::of_manual(&self.live, carrier, manual, now());
+        // The same order once more, while its word is out, would only fill the line.
+        if fit == Ok(Taken::Accepted) && self.purposes.values().any(|one| *one == Purpose::Manual(carrier, manual)) {
+            fit = Ok(Taken::AlreadySo);
+        }
         match manual {
+            Manual::Home if fit == Ok(Taken::AlreadySo) && !self.works() => {
+                self.put(Input::Command { lease, carrier, manual, fit })
+            }
             Manual::Enable | Manual::Disable => self.put(Input::Command { lease, carrier, manual, fit }),
             Manual::Home => {
-                self.prepared = Some(Course::homing(Homing::new(carrier, &self.settings, now())));
+                let names = self.live.map(|_, one| one.name.clone());
+                self.prepared = Some(Course::homing(Homing::new(carrier, names, &self.settings, now())));
                 self.put(Input::Start { lease, activity: Activity::Home(carrier), fit: fit.map(drop) })
             }
         }
@@ -96,7 +104,8 @@ impl Task {
             return Err(obstacle);
         }
         let actual = obstacles::positions(&self.live, now)?;
-        Ok(check_path(&self.settings.arrangement, &actual, path)?)
+        check_path(&self.settings.arrangement, &actual, path)?;
+        obstacles::of_own_limits(&self.live, path, now)
     }
 
     fn start_scan(&mut self, lease: String, job: &str, order: ScanOrder, reply: Reply<ScanBegun>) {

@@ -1,6 +1,5 @@
 //! A made cell with a cell in charge of it, and eyes on what really goes over the lines.
 
-use crate::cell::Link;
 use crate::cell::{Cell, Devices, Job, LeaseRequest, Manual, Settings, Snapshot, State, now};
 use crate::device::simulated::{Mounting, Settings as MadeSettings, World};
 use crate::device::{Command, DeviceError, Manipulator, Pending, ProfileSensor, Reading, SensorReading, Stage};
@@ -159,8 +158,7 @@ impl Bench {
     /// A cell that is idle, with the lease taken for a minute and both manipulators enabled.
     pub(super) async fn ready(made: &MadeSettings) -> Self {
         let bench = Self::start(made);
-        let stage_is_up = |now: &Snapshot| now.stage.as_ref().is_none_or(|stage| stage.link == Link::Up);
-        bench.until(|now| now.state == State::Idle && stage_is_up(now)).await;
+        bench.until(|now| now.state == State::Idle).await;
         bench.take_lease(Duration::from_secs(60)).await;
         bench.enable().await;
         bench

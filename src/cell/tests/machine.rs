@@ -181,9 +181,12 @@ impl Model {
 
     fn event(&mut self, ms: u64, input: &Input) -> Said {
         match input {
-            Input::Up(Member::Manipulator(carrier)) => {
-                self.up[usize::from(*carrier == Carrier::M2)] = true;
+            Input::Up { member, moves } => {
+                if let Member::Manipulator(carrier) = member {
+                    self.up[usize::from(*carrier == Carrier::M2)] = true;
+                }
                 self.begun |= self.up == [true, true] && !self.faulted;
+                self.halting |= *moves && self.state() == State::Idle;
             }
             Input::Lost(Member::Manipulator(carrier), _) => {
                 self.up[usize::from(*carrier == Carrier::M2)] = false;
@@ -255,7 +258,7 @@ fn input(rng: &mut ChaCha8Rng) -> Input {
         26..44 => Input::Start { lease, activity: activity(rng), fit },
         44..48 => Input::Stop,
         48..60 => Input::Reset { lease, fit },
-        60..68 => Input::Up(member(rng)),
+        60..68 => Input::Up { member: member(rng), moves: rng.random_ratio(1, 4) },
         68..70 => {
             let fault = fault(rng);
             Input::Lost(member(rng), fault)

@@ -159,6 +159,36 @@ async fn the_manipulator_must_be_enabled_homed_remote_and_safe() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_safety_function_that_opens_in_a_move_is_latched_even_at_the_one_that_stays() {
+    let bench = Bench::ready(&made()).await;
+    let targets = Axes { x: None, y: Some(0.3), z: None, c: None };
+    let path = bench.path(&Pair { m1: None, m2: Some(targets) });
+    let job = bench.cell.start_move(LEASE, "job-1", path).await.expect("allowed");
+    bench.until(|now| now.manipulators.m2.reading.as_ref().is_some_and(|seen| seen.state.moves())).await;
+    bench.world.set_mode(Carrier::M1, Mode::Manual);
+    let refusal = Refusal::NotRemote { carrier: Carrier::M1, mode: Mode::Manual };
+    assert_eq!(job.ended().await, JobEnd::Failed(crate::cell::Failure::Interrupted(Box::new(refusal))));
+    assert_eq!(bench.cell.snapshot().state, State::Faulted);
+}
+
+#[tokio::test(start_paused = true)]
+async fn homing_what_is_homed_moves_nothing() {
+    let bench = Bench::ready(&made()).await;
+    assert_eq!(bench.cell.act(LEASE, Carrier::M1, Manual::Home).await, Ok(Taken::AlreadySo));
+    sleep(Duration::from_secs(1)).await;
+    assert!(bench.sent(Carrier::M1, |command| matches!(command.action, Action::Home { .. })).is_empty());
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_cell_that_starts_says_nothing_before_the_watchdogs_have_run_out() {
+    let bench = Bench::start(&made());
+    let started_at = now();
+    bench.until(|now| now.state == State::Idle).await;
+    // 500 ms of the slowest watchdog and 50 ms of margin.
+    assert!(now() - started_at >= Duration::from_millis(550), "spoke after {:?}", now() - started_at);
+}
+
+#[tokio::test(start_paused = true)]
 async fn events_are_numbered_without_a_gap_and_can_be_waited_for() {
     let bench = Bench::ready(&made()).await;
     let seen = bench.cell.events(0);

@@ -19,7 +19,7 @@ pub(crate) const FAST: f64 = 50.0;
 /// As a machine would go.
 pub(crate) const REAL: f64 = 1.0;
 
-/// A service with a simulated cell whose lease is taken and whose manipulators are enabled.
+/// A service with a simulated cell whose lease is taken and whose manipulators are enabled; they may want their references.
 pub(crate) struct Line {
     pub(crate) service: Running,
     pub(crate) lease: String,
@@ -69,7 +69,9 @@ impl Line {
         for manipulator in ["m1", "m2"] {
             line.act(&format!("/v1/manipulators/{manipulator}/enable")).expect(200);
         }
-        until(&line.service, "/v1/cell", |cell| cell["commands_allowed"] == true);
+        until(&line.service, "/v1/cell", |cell| {
+            cell["reasons"].as_array().is_some_and(|reasons| reasons.iter().all(|one| one["code"] == "not_homed"))
+        });
         line
     }
 

@@ -92,8 +92,13 @@ fn the_kept_scan_measured_again_gives_the_same_pose_to_the_last_bit() {
 
 #[test]
 fn a_home_is_done_and_told() {
-    let line = Line::ready(FAST);
-    assert_eq!(line.act("/v1/manipulators/m1/home").expect(200)["result"], "accepted");
+    let line = Line::ready_with(FAST, |config| config.cell.simulated.manipulators.homed = false);
+    for manipulator in ["m1", "m2"] {
+        let home = format!("/v1/manipulators/{manipulator}/home");
+        assert_eq!(line.act(&home).expect(200)["result"], "accepted");
+        super::until(&line.service, "/v1/cell", |cell| cell["state"] == "idle");
+        assert_eq!(line.act(&home).expect(200)["result"], "already_so", "a known reference is not looked for again");
+    }
     let cell =
         super::until(&line.service, "/v1/cell", |cell| cell["state"] == "idle" && cell["commands_allowed"] == true);
     assert_eq!(cell["faults"], json!([]));
