@@ -67,6 +67,10 @@ const RADIUS_SIGMAS: f64 = 3.0;
 const PLANE: f64 = 1.5;
 /// A shorter arc, radians (75°), with points of a plane at its ends still looks like an arc.
 const ARC_BESIDE_PLANE: f64 = 1.31;
+/// A gap in it, radians (20°), beyond which
+const GAP: f64 = 0.35;
+/// less than this share of its points is no part of it.
+const PIECE_MIN: f64 = 0.1;
 /// Less of a scan than this on a surface is chance.
 const SUPPORT_MIN: f64 = 0.1;
 /// What is left of a sample after a surface was taken out is worth another search above this share.
@@ -100,7 +104,8 @@ pub(super) fn candidates(sample: &Sample, bounds: &Bounds, noise: Noise, hold: H
     counted(&found, sample)
 }
 
-/// The arc that the sample's points on it span, radians about the direction in which their mean lies.
+/// The arc that the sample's points on it span, radians about the direction in which their mean lies. A few points beyond a
+/// wide gap do not lengthen it: there a floor crosses the circle that the arc's ends were bent into.
 fn seen(settled: &Settled, sample: &Sample) -> f64 {
     let reach = robust::TUKEY_C * settled.sigma;
     let mut on = Vec::new();
@@ -112,9 +117,12 @@ fn seen(settled: &Settled, sample: &Sample) -> f64 {
     }
     let [u, w] = on.iter().fold([0.0, 0.0], |[u, w], point| [u + point[0], w + point[1]]);
     let angle = |point: &[f64; 2]| (point[1] * u - point[0] * w).atan2(point[0] * u + point[1] * w);
-    let ends = |[low, high]: [f64; 2], angle: f64| [low.min(angle), high.max(angle)];
-    let [low, high] = on.iter().map(angle).fold([0.0, 0.0], ends);
-    high - low
+    let mut angles: Vec<f64> = on.iter().map(angle).collect();
+    angles.sort_unstable_by(f64::total_cmp);
+    let pieces = angles.chunk_by(|one, next| next - one < GAP);
+    let held = pieces.filter(|piece| piece.len() as f64 >= PIECE_MIN * on.len() as f64);
+    let ends: Vec<f64> = held.flat_map(|piece| piece.first().into_iter().chain(piece.last())).copied().collect();
+    ends.last().zip(ends.first()).map_or(0.0, |(last, first)| last - first)
 }
 
 /// A floor or a jaw's face is a plane: a cylinder of any large radius fits it, and none is the part.

@@ -9,6 +9,7 @@
 use super::areas;
 use super::candidates::{self, COVERAGE_MIN, Candidate, Choice, Noise};
 use super::consensus::Bounds;
+use super::extent;
 use super::kernel::Inner;
 use super::model::Cylinder;
 use super::patches::{self, Averages, Cut, Surface};
@@ -84,6 +85,10 @@ pub(super) fn mend(problem: &Problem<'_>, fit: &Solution, bounds: &Bounds, nomin
     let base = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
     if let Some(surface) = surface {
         rivals.extend(readings::lower(&surface, &base.cylinder, problem.hold, base.sigma));
+        if !rivals.is_empty() {
+            let roughness = extent::roughness(problem.scan);
+            rivals.extend(readings::beside(&surface, &base.cylinder, problem.hold, base.sigma, roughness));
+        }
     }
     match verdict {
         verdict if rivals.is_empty() => verdict,

@@ -65,6 +65,10 @@ const NOMINAL_REACH: f64 = 0.02;
 const TOLERANCE_ROUGHNESS: f64 = 4.0;
 const TOLERANCE_SIZES: [f64; 2] = [0.002, 0.02];
 
+/// So few profiles have to agree by half,
+const FEW: usize = 20;
+/// and one agrees that has this share on the surface of what the fullest has.
+const AGREEING: f64 = 0.25;
 /// A surface so much rougher than neighbouring points is looked at again,
 const SUSPICIOUS: f64 = 2.0;
 /// unless they are so smooth, relative to its radius, that this is rounding.
@@ -201,6 +205,21 @@ fn too_few(
     Refusal::TooFewValidProfiles { valid_count, profiles_count, profiles_min, most_common, sigma_mm, epsilon_mm }
 }
 
+/// Where there are few profiles, half of them have to lie on the surface. A cylinder can be tilted until it meets some that
+/// vibration has shifted, and then says nothing of the others.
+fn agreed(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(), Refusal> {
+    let share = |(station, sums): (&Station, &sums::Sums)| sums.weight / (station.end - station.start).max(1) as f64;
+    let shares: Vec<f64> = scan.stations().iter().zip(&solution.profiles).map(share).collect();
+    let fullest = shares.iter().copied().fold(0.0, f64::max);
+    let agreeing_count = shares.iter().filter(|share| **share >= AGREEING * fullest).count();
+    if shares.len() > FEW || 2 * agreeing_count >= shares.len() {
+        return Ok(());
+    }
+    let profiles_min = shares.len().div_ceil(2).try_into().unwrap_or(u32::MAX);
+    let settings = Settings { profiles_min, ..settings.clone() };
+    Err(too_few(scan, agreeing_count, Reason::NotConverged, Some(solution.sigma), &settings))
+}
+
 fn too_short<'a>(stations: impl Iterator<Item = &'a Station>, settings: &Settings) -> Result<(), Refusal> {
     let (low, high) = stations.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), s| (low.min(s.x), high.max(s.x)));
     let (axial_length_mm, axial_length_min_mm) = (high - low, settings.axial_length_min_mm);
@@ -226,6 +245,7 @@ fn weigh(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(Pose,
     if valid_count < settings.profiles_min as usize {
         return Err(too_few(scan, valid_count, Reason::NotConverged, Some(solution.sigma), settings));
     }
+    agreed(scan, solution, settings)?;
     let stations = scan.stations().iter().zip(&solution.profiles).filter(shown).map(|(station, _)| station);
     too_short(stations, settings)?;
     let hold = hold(settings);

@@ -148,6 +148,11 @@ fn angle([mean_u, mean_w]: [f64; 2], slice: &Slice, y: f64, z: f64) -> f64 {
 }
 
 impl Surface {
+    /// The plane of a point, mm along x.
+    pub(super) fn plane(&self, point: &Near) -> f64 {
+        self.planes.get(point.index).copied().unwrap_or(0.0)
+    }
+
     /// One in so many points was looked at.
     pub(super) fn thinned(&self) -> usize {
         self.every * self.stride
@@ -160,7 +165,7 @@ impl Surface {
         for point in &self.near {
             if let Some(patch) = patches.get_mut(grid.patch(point.index, point.angle)) {
                 patch.count += 1.0;
-                patch.x += self.planes.get(point.index).copied().unwrap_or(0.0);
+                patch.x += self.plane(point);
                 patch.angle += point.angle;
                 patch.d += point.d;
             }

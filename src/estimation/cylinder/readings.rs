@@ -7,7 +7,7 @@
 
 use super::layers;
 use super::model::{Cylinder, Response};
-use super::patches::{Averages, Cut, Patch, Surface};
+use super::patches::{Averages, Cut, Near, Patch, Surface};
 use super::step::{self, Hold};
 use super::sums::Sums;
 use nalgebra::Vector5;
@@ -29,6 +29,10 @@ const ROUNDS: usize = 8;
 const BLOCK_MIN: f64 = 6.0;
 /// How often the lower patches are chosen.
 const READINGS: usize = 4;
+/// Pieces of the arc between which a layer may end.
+const SPLITS: usize = 6;
+/// Where y_ref and, behind it, z_ref stand among the parameters.
+const Y_REF: usize = 2;
 
 /// How far (p, q, y_ref, z_ref, R) are from the lower reading, by each window; none where no layer shows.
 pub(super) fn lower(surface: &Surface, cylinder: &Cylinder, hold: Hold, sigma: f64) -> Vec<Vector5<f64>> {
@@ -134,6 +138,38 @@ fn reading(
         shift = step::solve(&normal, &gradient)?;
     }
     Some(shift)
+}
+
+/// What a layer beside the part does, as high as the scatter beyond the points' own `roughness` and up to one of some places
+/// along the arc: the worst of them. A fit that was bent into both surfaces shows neither its height nor its edge.
+pub(super) fn beside(
+    surface: &Surface,
+    cylinder: &Cylinder,
+    hold: Hold,
+    sigma: f64,
+    roughness: f64,
+) -> Option<Vector5<f64>> {
+    // Half of the points above the middle and half below scatter by half of the height.
+    let height = 2.0 * (sigma * sigma - roughness * roughness).max(0.0).sqrt();
+    let mut angles: Vec<f64> = surface.near.iter().map(|point| point.angle).collect();
+    angles.sort_unstable_by(f64::total_cmp);
+    let row = |point: &Near| {
+        let Response { a, b, t, .. } = cylinder.slice(surface.plane(point)).response(point.y, point.z);
+        Vector5::new(a * t, b * t, a, b, -1.0)
+    };
+    let rows: Vec<Vector5<f64>> = surface.near.iter().map(row).collect();
+    let mut whole = Sums::zero();
+    rows.iter().for_each(|row| whole.normal += row * row.transpose());
+    let (normal, _) = step::system(&whole, hold, sigma, cylinder.radius);
+    let shift = |place: usize| {
+        let edge = *angles.get(angles.len() * place / SPLITS)?;
+        let above = surface.near.iter().zip(&rows).filter(|(point, _)| point.angle >= edge);
+        let pull = above.map(|(_, row)| row * height).sum::<Vector5<f64>>();
+        let pull = if matches!(hold, Hold::Fixed { .. }) { pull.component_mul(&step::OTHERS) } else { pull };
+        step::solve(&normal, &pull)
+    };
+    let aside = |shift: &Vector5<f64>| shift.fixed_rows::<2>(Y_REF).norm();
+    (1..SPLITS).filter_map(shift).max_by(|one, other| aside(one).total_cmp(&aside(other)))
 }
 
 /// Half way between the mean of what is above it and the mean of what is below.
