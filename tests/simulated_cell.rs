@@ -5,9 +5,8 @@
 
 use coaxis::device::contract::motion::{check_manipulator_motion, check_sensor_scan, check_stage_motion};
 use coaxis::device::contract::{Report, check_manipulator, check_sensor, check_stage};
-use coaxis::device::simulated::{
-    Device, Fault, FaultSwitch, Mounting, Settings, SimulatedManipulator, World, is_newer,
-};
+use coaxis::device::sequence::is_newer;
+use coaxis::device::simulated::{Device, Fault, FaultSwitch, Mounting, Settings, SimulatedManipulator, World};
 use coaxis::device::{
     Action, AxisState, Command, DeviceError, Manipulator, Pending, Profile, ProfileSensor, Reading, ScanFault, Stage,
 };

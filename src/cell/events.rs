@@ -94,7 +94,7 @@ pub enum EventKind {
         /// Its verb.
         verb: &'static str,
     },
-    /// A manual command was not taken; nothing was done.
+    /// A manual command was not taken, or a halt came before its word.
     ManualRefused {
         /// The device's name in the configuration.
         device: String,

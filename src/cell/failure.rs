@@ -1,6 +1,7 @@
 //! Why a job ended early, why a device is not trusted any more, and what is latched until a reset. An operator reads these.
 
 use super::Refusal;
+use super::number::said;
 use crate::device::DeviceError;
 use crate::motion::{Axis, Carrier};
 use std::time::Duration;
@@ -49,7 +50,7 @@ pub enum Failure {
         within: Duration,
     },
     /// The device took a command and gave it up.
-    #[error("{}: gave up command {sequence} at its own", carrier.name())]
+    #[error("{}: has given up command {sequence} by itself", carrier.name())]
     Aborted {
         /// Which.
         carrier: Carrier,
@@ -67,7 +68,7 @@ pub enum Failure {
         found: u16,
     },
     /// An axis has not come to its target in time.
-    #[error("axis {} of {} is at {actual} {unit} and not at {target} {unit} after {} ms", axis.name(), carrier.name(), within.as_millis(), unit = axis.unit())]
+    #[error("axis {} of {} is at {} {unit} and not at {} {unit} after {} ms", axis.name(), carrier.name(), said(*actual), said(*target), within.as_millis(), unit = axis.unit())]
     NotArrived {
         /// Which.
         carrier: Carrier,
@@ -110,8 +111,11 @@ pub enum Failure {
         /// How long was waited.
         within: Duration,
     },
+    /// The device does not take the halt.
+    #[error("it refuses to halt: {0}; look whether it moves, and stop it at its panel")]
+    HaltRefused(DeviceError),
     /// The device reports a fault of its own.
-    #[error("{device}: reports fault {code}")]
+    #[error("{device}: reports {}; see to it, then reset", fault_code(*code))]
     DeviceFault {
         /// Its name in the configuration.
         device: String,
@@ -119,7 +123,7 @@ pub enum Failure {
         code: u32,
     },
     /// The stage has not come to where it was sent.
-    #[error("{device}: is at {actual_mm} mm and not at {target_mm} mm after {} ms", within.as_millis())]
+    #[error("{device}: is at {} mm and not at {} mm after {} ms", said(*actual_mm), said(*target_mm), within.as_millis())]
     StageNotArrived {
         /// Its name in the configuration.
         device: String,
@@ -171,6 +175,7 @@ impl Failure {
             Self::Interrupted(_) => "interrupted",
             Self::NotReadBack { .. } => "not_read_back",
             Self::NotAtRest { .. } => "not_at_rest",
+            Self::HaltRefused(_) => "halt_refused",
             Self::DeviceFault { .. } => "device_fault",
             Self::ScanStalled { .. } => "scan_stalled",
             Self::ProfilesNotTaken => "profiles_not_taken",
@@ -200,6 +205,7 @@ impl Failure {
             | Self::Overridden { .. }
             | Self::NotReadBack { .. }
             | Self::NotAtRest { .. }
+            | Self::HaltRefused(_)
             | Self::CellGone => true,
             Self::Aborted { .. }
             | Self::NotArrived { .. }
@@ -211,6 +217,14 @@ impl Failure {
             | Self::ScanStalled { .. }
             | Self::ProfilesNotTaken => false,
         }
+    }
+}
+
+/// A device's own fault code, as a sentence carries it.
+pub(super) fn fault_code(code: u32) -> String {
+    match code {
+        0 => "a fault without a code".to_owned(),
+        code => format!("fault code {code} of the device (see its manual)"),
     }
 }
 

@@ -48,7 +48,8 @@ impl Homing {
                 Step::Wait
             }
             Outcome::Refused(error) => Step::Fail(Failure::Device(error)),
-            Outcome::Overtaken => Step::Wait,
+            // A halt is on its way to us as well.
+            Outcome::Overtaken | Outcome::Cut => Step::Wait,
             Outcome::Unknown(failure) => Step::Fail(failure),
         }
     }

@@ -17,6 +17,7 @@ mod homing;
 mod input;
 mod job;
 mod lease;
+mod number;
 mod obstacles;
 mod refusal;
 mod request;
@@ -71,7 +72,7 @@ impl Cell {
     /// pass the greatest that was ever given out. Must be called within a tokio runtime.
     #[must_use]
     pub fn start(devices: Devices, settings: Settings, fence_floor: u64) -> Self {
-        start::start(devices, settings, fence_floor)
+        start::start(devices, settings, fence_floor).0
     }
 
     /// Whether the cell's task still takes requests. Where it does not and nobody has closed it, it has failed: every device was

@@ -11,6 +11,8 @@ use tokio::time::Instant;
 
 /// Profiles that one scan may have.
 const PROFILES_MAX: u64 = 1_000_000;
+/// Slowest and shortest that is scanned, mm/s and mm: what is less is a slip of the pen.
+const SCAN_LEAST: f64 = 0.001;
 /// Relative slack of a device's own limits: what single precision on the way may round.
 const ROUNDING: f64 = 1e-6;
 
@@ -34,7 +36,8 @@ pub(super) fn of_reading(device: &str, carrier: Carrier, reading: &Reading) -> V
 /// What keeps one from finding its references.
 fn of_homing(device: &str, carrier: Carrier, reading: &Reading) -> Vec<Refusal> {
     let mut found = of_enabling(device, carrier, reading);
-    if !enabled(reading) && !moves(reading) {
+    // One in error stop has its fault told already, and needs a reset.
+    if !enabled(reading) && !moves(reading) && fault_of(reading).is_none() {
         found.push(Refusal::NotEnabled { carrier, state: reading.state });
     }
     if moves(reading) {
@@ -172,11 +175,11 @@ pub(super) fn of_scan(
         return Err(Refusal::Moves { device: stage.name.clone() });
     }
     let (lower, upper) = (reading.lower_mm, reading.upper_mm);
-    in_range("the start of the scan, mm,", order.x_from_mm, lower, upper)?;
-    in_range("the end of the scan, mm,", order.x_to_mm, lower, upper)?;
-    in_range("the speed of the scan, mm/s,", order.speed_mm_s, f64::MIN_POSITIVE, reading.speed_mm_s)?;
+    in_range("the start of the scan in mm", order.x_from_mm, lower, upper)?;
+    in_range("the end of the scan in mm", order.x_to_mm, lower, upper)?;
+    in_range("the speed of the scan in mm/s", order.speed_mm_s, SCAN_LEAST, reading.speed_mm_s)?;
     let way = (order.x_to_mm - order.x_from_mm).abs();
-    in_range("the way of the scan, mm,", way, f64::MIN_POSITIVE, f64::MAX)?;
+    in_range("the way of the scan in mm", way, SCAN_LEAST, upper - lower)?;
     // Counts this small are exact as doubles.
     in_range("the number of profiles", order.profiles_count as f64, 1.0, PROFILES_MAX as f64)
 }

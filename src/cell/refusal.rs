@@ -1,6 +1,8 @@
 //! Why the cell does not do what it is asked, as an operator would say it. Nothing was sent to any device then.
 
 use super::State;
+use super::failure::fault_code;
+use super::number::said;
 use crate::device::{AxisState, Mode};
 use crate::motion::{Axis, Carrier};
 use std::time::Duration;
@@ -9,7 +11,7 @@ use std::time::Duration;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Refusal {
     /// The cell is doing something else, or cannot do anything.
-    #[error("the cell is {state}, so it cannot {verb}", state = state.name())]
+    #[error("cannot {verb}: {}", occupation(*state, job.as_deref()))]
     WrongState {
         /// What it does.
         state: State,
@@ -33,7 +35,7 @@ pub enum Refusal {
     #[error("the lease is over; take it again")]
     LeaseOver,
     /// Faults are latched.
-    #[error("{count} faults are latched; see to them, then reset")]
+    #[error("{}; see to the cause, then reset", latched(*count))]
     Faulted {
         /// How many.
         count: usize,
@@ -47,7 +49,7 @@ pub enum Refusal {
         age: Duration,
     },
     /// Somebody commands the manipulator at its panel, or nobody does.
-    #[error("{} is in mode {mode:?}; switch it to automatic", carrier.name())]
+    #[error("{} is in mode {}; switch it to automatic", carrier.name(), mode_name(*mode))]
     NotRemote {
         /// Which.
         carrier: Carrier,
@@ -61,7 +63,7 @@ pub enum Refusal {
         carrier: Carrier,
     },
     /// The manipulator is not enabled.
-    #[error("{} is {state:?}; enable it first", carrier.name())]
+    #[error("{} {}", carrier.name(), unfit(*state))]
     NotEnabled {
         /// Which.
         carrier: Carrier,
@@ -92,7 +94,7 @@ pub enum Refusal {
         job: String,
     },
     /// The stage cannot go there, or not as fast.
-    #[error("{what} of {given} is outside of {least} to {most}")]
+    #[error("{what} is {}; it must be from {} to {}", said(*given), said(*least), said(*most))]
     ScanOutOfRange {
         /// Which number of the order, with its unit.
         what: &'static str,
@@ -110,7 +112,7 @@ pub enum Refusal {
         device: String,
     },
     /// A device reports a fault.
-    #[error("{device} reports fault {code}; see to it, then reset")]
+    #[error("{device} reports {}; see to it, then reset", fault_code(*code))]
     DeviceFault {
         /// Its name in the configuration.
         device: String,
@@ -120,4 +122,87 @@ pub enum Refusal {
     /// The cell is being shut down.
     #[error("the service is stopping")]
     Closing,
+}
+
+/// What the cell is busy with.
+const fn occupation(state: State, job: Option<&str>) -> &'static str {
+    match (state, job) {
+        (State::Offline, _) => "the cell is offline",
+        (State::Idle, _) => "nothing is under way",
+        (State::Scanning, _) => "a scan is under way",
+        (State::Moving, Some(_)) => "a move is under way",
+        (State::Moving, None) => "a manipulator is finding its references",
+        (State::Stopping, _) => "the cell is coming to rest",
+        (State::Faulted, _) => "a fault is latched",
+    }
+}
+
+fn latched(count: usize) -> String {
+    if count == 1 { "a fault is latched".to_owned() } else { format!("{count} faults are latched") }
+}
+
+const fn mode_name(mode: Mode) -> &'static str {
+    match mode {
+        Mode::Off => "off",
+        Mode::Manual => "manual",
+        Mode::Automatic => "automatic",
+    }
+}
+
+/// What keeps a manipulator in this state from moving, and what to do about it.
+const fn unfit(state: AxisState) -> &'static str {
+    match state {
+        AxisState::Disabled => "is switched off; enable it first",
+        AxisState::ErrorStop => "is in error stop; see to the cause, then reset",
+        AxisState::Standstill => "has an axis that is not under control; enable it first",
+        AxisState::Homing
+        | AxisState::DiscreteMotion
+        | AxisState::ContinuousMotion
+        | AxisState::SynchronizedMotion
+        | AxisState::Stopping => "moves; wait for its rest",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::Failure;
+
+    fn busy(state: State, job: Option<&str>) -> String {
+        Refusal::WrongState { state, verb: "move", job: job.map(str::to_owned) }.to_string()
+    }
+
+    #[test]
+    fn what_keeps_a_manipulator_from_moving_is_said_in_an_operators_words() {
+        let unfit = |state| Refusal::NotEnabled { carrier: Carrier::M1, state }.to_string();
+        assert_eq!(unfit(AxisState::Disabled), "m1 is switched off; enable it first");
+        assert_eq!(unfit(AxisState::ErrorStop), "m1 is in error stop; see to the cause, then reset");
+        let remote = Refusal::NotRemote { carrier: Carrier::M2, mode: Mode::Manual };
+        assert_eq!(remote.to_string(), "m2 is in mode manual; switch it to automatic");
+        assert_eq!(busy(State::Moving, Some("job-1")), "cannot move: a move is under way");
+        assert_eq!(busy(State::Moving, None), "cannot move: a manipulator is finding its references");
+        assert_eq!(busy(State::Scanning, Some("job-1")), "cannot move: a scan is under way");
+        assert_eq!(Refusal::Faulted { count: 1 }.to_string(), "a fault is latched; see to the cause, then reset");
+    }
+
+    #[test]
+    fn a_devices_code_is_said_to_be_the_devices() {
+        let fault = |code| Refusal::DeviceFault { device: "stage".to_owned(), code }.to_string();
+        assert_eq!(fault(17), "stage reports fault code 17 of the device (see its manual); see to it, then reset");
+        assert_eq!(fault(0), "stage reports a fault without a code; see to it, then reset");
+        let latched = Failure::DeviceFault { device: "m1".to_owned(), code: 17 };
+        assert_eq!(
+            latched.to_string(),
+            "m1: reports fault code 17 of the device (see its manual); see to it, then reset"
+        );
+    }
+
+    #[test]
+    fn no_text_grows_with_its_numbers() {
+        let refusal = Refusal::ScanOutOfRange { what: "x", given: f64::MAX, least: f64::MIN_POSITIVE, most: -f64::MAX };
+        assert!(refusal.to_string().len() < 80, "{refusal}");
+        let (carrier, axis, within) = (Carrier::M1, Axis::C, Duration::from_secs(1));
+        let failure = Failure::NotArrived { carrier, axis, actual: f64::NAN, target: f64::MAX, within };
+        assert!(failure.to_string().len() < 100, "{failure}");
+    }
 }

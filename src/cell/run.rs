@@ -122,7 +122,7 @@ impl Run {
             }
             Outcome::Refused(error) => Step::Fail(Failure::Device(error)),
             // A halt is on its way to us as well.
-            Outcome::Overtaken => Step::Wait,
+            Outcome::Overtaken | Outcome::Cut => Step::Wait,
             Outcome::Unknown(failure) => Step::Fail(failure),
         }
     }

@@ -113,7 +113,7 @@ impl Scanning {
                 }
                 ScanStep::Wait
             }
-            Outcome::Overtaken => ScanStep::Wait,
+            Outcome::Overtaken | Outcome::Cut => ScanStep::Wait,
             Outcome::Refused(error) => ScanStep::Fail(Failure::Device(error)),
             Outcome::Unknown(failure) => ScanStep::Fail(failure),
         }
@@ -129,7 +129,7 @@ impl Scanning {
                 self.phase = Phase::Travel { since: None, until: now + self.arrival + seconds(way_s), there: false };
                 ScanStep::Carry(Travel::To { target_mm: x_to_mm, speed_mm_s })
             }
-            Outcome::Taken { .. } | Outcome::Overtaken => ScanStep::Wait,
+            Outcome::Taken { .. } | Outcome::Overtaken | Outcome::Cut => ScanStep::Wait,
             Outcome::Refused(error) => ScanStep::Fail(Failure::Device(error)),
             Outcome::Unknown(failure) => ScanStep::Fail(failure),
         }

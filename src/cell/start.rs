@@ -13,6 +13,7 @@ use crate::device::{Manipulator, ProfileSensor, Stage};
 use crate::motion::{Carrier, Pair};
 use std::sync::Arc;
 use tokio::sync::{mpsc, watch};
+use tokio::task::JoinHandle;
 
 /// Requests that may wait; a client that sends faster is slowed.
 const REQUESTS_WAITING: usize = 64;
@@ -21,8 +22,8 @@ const REPORTS_WAITING: usize = 256;
 /// Orders that may wait at a driver; the task gives the next one after the word on the last.
 const ORDERS_WAITING: usize = 8;
 
-/// Starts everything.
-pub(super) fn start(devices: Devices, settings: Settings, fence_floor: u64) -> Cell {
+/// Starts everything; the handle is that of the cell's task.
+pub(super) fn start(devices: Devices, settings: Settings, fence_floor: u64) -> (Cell, JoinHandle<()>) {
     let flag = Arc::new(HaltFlag::new(fence_floor));
     let (reports, reported) = mpsc::channel(REPORTS_WAITING);
     let mut hire = Hire { settings: &settings, flag: &flag, reports, watched: Vec::new() };
@@ -40,8 +41,8 @@ pub(super) fn start(devices: Devices, settings: Settings, fence_floor: u64) -> C
     let (requests, requested) = mpsc::channel(REQUESTS_WAITING);
     let task = Task::new(settings, lines, (live, live_stage, live_sensor), &flag, Arc::clone(&log), fence_floor);
     let (published, snapshots) = watch::channel(Arc::new(task.snapshot(0, now())));
-    tokio::spawn(task.run(requested, reported, published));
-    Cell { requests, stops: Arc::new(StopDoor::new(flag, watched)), snapshots, log }
+    let running = tokio::spawn(task.run(requested, reported, published));
+    (Cell { requests, stops: Arc::new(StopDoor::new(flag, watched)), snapshots, log }, running)
 }
 
 fn live<R>(name: &str, settings: &Settings) -> Live<R> {
@@ -61,30 +62,36 @@ struct Hire<'a> {
 }
 
 impl Hire<'_> {
+    /// A driver's ends of the lines; whoever stops watches what moves.
+    fn post(&mut self, member: Member, name: &str, timing: Timing) -> Post {
+        let (post, halted) = Post::new(member, name.to_owned(), self.reports.clone(), self.flag, timing);
+        if member != Member::Sensor {
+            self.watched.push((member, name.to_owned(), halted));
+        }
+        post
+    }
+
     fn manipulator(
         &mut self,
         carrier: Carrier,
         device: Box<dyn Manipulator>,
     ) -> mpsc::Sender<Order<super::driver::Handling>> {
         let member = Member::Manipulator(carrier);
-        let (post, halted) = Post::new(member, self.reports.clone(), self.flag, Timing::of(self.settings));
-        self.watched.push((member, device.name().to_owned(), halted));
+        let post = self.post(member, device.name(), Timing::of(self.settings));
         let (orders, ordered) = mpsc::channel(ORDERS_WAITING);
         tokio::spawn(ManipulatorDriver::new(carrier, device, post, ordered).run());
         orders
     }
 
     fn stage(&mut self, device: Box<dyn Stage>) -> mpsc::Sender<Order<Travel>> {
-        let (post, halted) = Post::new(Member::Stage, self.reports.clone(), self.flag, Timing::of(self.settings));
-        self.watched.push((Member::Stage, device.name().to_owned(), halted));
+        let post = self.post(Member::Stage, device.name(), Timing::of(self.settings));
         let (orders, ordered) = mpsc::channel(ORDERS_WAITING);
         tokio::spawn(StageDriver::new(device, post, ordered).run());
         orders
     }
 
     fn sensor(&mut self, device: Box<dyn ProfileSensor>) -> mpsc::Sender<Order<Taking>> {
-        let timing = Timing::of_sensor(self.settings);
-        let (post, _halted) = Post::new(Member::Sensor, self.reports.clone(), self.flag, timing);
+        let post = self.post(Member::Sensor, device.name(), Timing::of_sensor(self.settings));
         let (orders, ordered) = mpsc::channel(ORDERS_WAITING);
         tokio::spawn(SensorDriver::new(device, post, ordered).run());
         orders

@@ -16,16 +16,17 @@
 //!  any but offline --- a link lost, a device's fault, an outcome unknown ---> faulted (every device is told to halt)
 //! ```
 //!
-//! The good path: offline, idle, moving, idle. Words in -ing pass by themselves; `faulted` is left only by a reset.
+//! The good path: offline, idle, moving, idle. Words in -ing pass by themselves; `faulted` is left only by a reset. `requests`
+//! decides what is asked, `events` what happens.
 
-use super::input::{Act, Activity, Input, Manual, Member, Taken, Verdict};
+mod events;
+mod requests;
+
+use super::input::{Act, Activity, Input, Verdict};
 use super::lease::{Bounds, Tenancy};
-use super::{EventKind, Failure, Fault, JobEnd, Lease, LeaseRequest, Refusal, StopCause};
-use crate::motion::{Carrier, Pair};
+use super::{EventKind, Fault, JobEnd, StopCause};
+use crate::motion::Pair;
 use tokio::time::Instant;
-
-/// How many faults are kept; what comes after them adds nothing an operator needs.
-const FAULTS_KEPT: usize = 32;
 
 /// What the cell does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -148,118 +149,6 @@ impl Machine {
         }
     }
 
-    fn take_lease(&mut self, now: Instant, request: &LeaseRequest) -> Verdict {
-        if self.closing {
-            return Verdict::Refused(Refusal::Closing);
-        }
-        // What the lease before has moved stops, however soon the next one comes.
-        let mut acts = self.time(now);
-        let before = self.tenancy.fence();
-        match self.tenancy.take(now, request) {
-            Ok(Lease { fence, .. }) if fence == before => Verdict::AlreadySo,
-            Ok(Lease { holder, fence, .. }) => {
-                acts.push(Act::Note(EventKind::LeaseTaken { holder, fence }));
-                Verdict::Accepted(acts)
-            }
-            Err(refusal) => Verdict::Refused(refusal),
-        }
-    }
-
-    fn release_lease(&mut self, now: Instant, id: &str) -> Verdict {
-        let held = self.tenancy.held(now).cloned();
-        match (self.tenancy.release(now, id), held) {
-            (Ok(()), Some(lease)) => Verdict::Accepted(self.lease_ended(now, lease, StopCause::LeaseReleased)),
-            (Ok(()), None) => done(),
-            (Err(refusal), _) => Verdict::Refused(refusal),
-        }
-    }
-
-    /// What the lease moved stops with it.
-    fn lease_ended(&mut self, now: Instant, lease: Lease, cause: StopCause) -> Vec<Act> {
-        let ran_out = cause == StopCause::LeaseOver;
-        let mut acts = vec![Act::Note(EventKind::LeaseEnded { holder: lease.holder, fence: lease.fence, ran_out })];
-        if matches!(self.state, State::Moving | State::Scanning) {
-            acts.extend(self.stopping(now, JobEnd::Stopped(cause), Some(cause)));
-        }
-        acts
-    }
-
-    /// What every command needs: an open cell, the lease (which this renews), no fault, and nothing under way.
-    fn admit(&mut self, now: Instant, lease: &str, verb: &'static str) -> Result<(), Refusal> {
-        self.leased(now, lease)?;
-        match self.state {
-            State::Idle => Ok(()),
-            State::Faulted => Err(Refusal::Faulted { count: self.faults.len() }),
-            State::Offline | State::Scanning | State::Moving | State::Stopping => Err(self.wrong_state(verb)),
-        }
-    }
-
-    fn leased(&self, now: Instant, lease: &str) -> Result<(), Refusal> {
-        if self.closing { Err(Refusal::Closing) } else { self.tenancy.check(now, lease) }
-    }
-
-    fn wrong_state(&self, verb: &'static str) -> Refusal {
-        let job = self.activity().and_then(Activity::job).map(str::to_owned);
-        Refusal::WrongState { state: self.state, verb, job }
-    }
-
-    fn command(
-        &mut self,
-        now: Instant,
-        lease: &str,
-        carrier: Carrier,
-        manual: Manual,
-        fit: Result<Taken, Refusal>,
-    ) -> Verdict {
-        match self.admit(now, lease, manual.name()).and(fit) {
-            Err(refusal) => Verdict::Refused(refusal),
-            Ok(taken) => {
-                self.used(now, lease);
-                match taken {
-                    Taken::AlreadySo => Verdict::AlreadySo,
-                    Taken::Accepted => Verdict::Accepted(vec![Act::Tell(carrier, manual)]),
-                }
-            }
-        }
-    }
-
-    fn start(&mut self, now: Instant, lease: &str, activity: Activity, fit: Result<(), Refusal>) -> Verdict {
-        if let Err(refusal) = self.leased(now, lease) {
-            return Verdict::Refused(refusal);
-        }
-        if self.state == State::Moving && self.activity() == Some(&activity) {
-            self.used(now, lease);
-            return Verdict::AlreadySo;
-        }
-        if let Err(refusal) = self.admit(now, lease, activity.verb()).and(fit) {
-            return Verdict::Refused(refusal);
-        }
-        self.used(now, lease);
-        let mut acts = self.enter(now, activity.state());
-        acts.extend(activity.job().map(|job| Act::Note(EventKind::JobStarted { job: job.to_owned() })));
-        acts.push(Act::Begin);
-        self.course = Some(Course { activity: Some(activity), end: JobEnd::Done });
-        Verdict::Accepted(acts)
-    }
-
-    /// Renews a lease that was checked.
-    fn used(&mut self, now: Instant, lease: &str) {
-        // It was checked at the same `now`, so it cannot be refused.
-        let _renewed = self.tenancy.renew(now, lease);
-    }
-
-    /// Halts in every state; where something can come to rest, says so.
-    fn halt(&mut self, now: Instant, cause: StopCause) -> Verdict {
-        Verdict::Accepted(match self.state {
-            State::Offline | State::Faulted => {
-                vec![Act::Halt, Act::Note(EventKind::Stopping { cause: Some(cause) })]
-            }
-            State::Idle | State::Scanning | State::Moving | State::Stopping => {
-                self.stopping(now, JobEnd::Stopped(cause), Some(cause))
-            }
-        })
-    }
-
     /// Goes to `stopping`. Asked again on the way, it halts again and keeps the first reason.
     fn stopping(&mut self, now: Instant, end: JobEnd, cause: Option<StopCause>) -> Vec<Act> {
         let mut acts = vec![Act::Halt, Act::Note(EventKind::Stopping { cause })];
@@ -271,118 +160,6 @@ impl Machine {
         acts
     }
 
-    fn reset(&mut self, now: Instant, lease: &str, fit: Result<(), Refusal>) -> Verdict {
-        if let Err(refusal) = self.leased(now, lease) {
-            return Verdict::Refused(refusal);
-        }
-        if self.state != State::Faulted || self.resetting {
-            self.used(now, lease);
-            return Verdict::AlreadySo;
-        }
-        if let Err(refusal) = fit {
-            return Verdict::Refused(refusal);
-        }
-        self.used(now, lease);
-        self.resetting = true;
-        Verdict::Accepted(vec![Act::Reread])
-    }
-
-    /// All devices were read after a reset.
-    fn reread(&mut self, now: Instant) -> Verdict {
-        let there = self.present.m1 && self.present.m2;
-        if self.state != State::Faulted || !self.resetting || !there {
-            return Verdict::AlreadySo;
-        }
-        self.resetting = false;
-        self.faults.clear();
-        let mut acts = vec![Act::Note(EventKind::Reset)];
-        acts.extend(self.enter(now, State::Idle));
-        Verdict::Accepted(acts)
-    }
-
-    /// Where something moves that nobody here has told to, it is halted, and idle waits for its rest.
-    fn up(&mut self, now: Instant, member: Member, moves: bool) -> Verdict {
-        if let Member::Manipulator(carrier) = member {
-            *self.present.get_mut(carrier) = true;
-        }
-        let complete = self.present.m1 && self.present.m2;
-        match self.state {
-            State::Offline if complete && !moves => Verdict::Accepted(self.enter(now, State::Idle)),
-            State::Offline if complete => Verdict::Accepted(self.stopping(now, JobEnd::Done, None)),
-            State::Offline if moves => Verdict::Accepted(vec![Act::Halt]),
-            State::Idle if moves => Verdict::Accepted(self.stopping(now, JobEnd::Done, None)),
-            State::Offline | State::Idle | State::Scanning | State::Moving | State::Stopping | State::Faulted => done(),
-        }
-    }
-
-    /// A device that can move is in doubt from here on; the sensor only while it scans.
-    fn lost(&mut self, now: Instant, member: Member, fault: Fault) -> Verdict {
-        if let Member::Manipulator(carrier) = member {
-            *self.present.get_mut(carrier) = false;
-        }
-        let matters = match member {
-            Member::Manipulator(_) | Member::Stage => self.state != State::Offline,
-            Member::Sensor => self.state == State::Scanning,
-        };
-        if matters { self.fault(now, fault) } else { done() }
-    }
-
-    fn fault(&mut self, now: Instant, fault: Fault) -> Verdict {
-        self.resetting = false;
-        let known = self.faults.iter().any(|one| one.device == fault.device && one.failure == fault.failure);
-        // What is not kept would be new each time it is said, and would halt each time.
-        if (known || self.faults.len() >= FAULTS_KEPT) && self.state == State::Faulted {
-            return Verdict::AlreadySo;
-        }
-        let mut acts = vec![Act::Halt];
-        if self.faults.len() < FAULTS_KEPT {
-            acts.push(Act::Note(EventKind::Faulted(fault.clone())));
-            self.faults.push(fault.clone());
-        }
-        if let Some(Course { activity: Some(activity), .. }) = self.course.take() {
-            acts.extend(ended(&activity, end_by(fault.failure)));
-        }
-        acts.extend(self.enter(now, State::Faulted));
-        Verdict::Accepted(acts)
-    }
-
-    fn finished(&mut self, now: Instant) -> Verdict {
-        if !matches!(self.state, State::Moving | State::Scanning) {
-            return Verdict::AlreadySo;
-        }
-        Verdict::Accepted(self.come_to_rest(now))
-    }
-
-    fn given_up(&mut self, now: Instant, failure: Failure) -> Verdict {
-        if !matches!(self.state, State::Moving | State::Scanning) {
-            return Verdict::AlreadySo;
-        }
-        Verdict::Accepted(self.stopping(now, JobEnd::Failed(failure), None))
-    }
-
-    fn at_rest(&mut self, now: Instant) -> Verdict {
-        if self.state != State::Stopping {
-            return Verdict::AlreadySo;
-        }
-        Verdict::Accepted(self.come_to_rest(now))
-    }
-
-    /// Ends what was under way, and is idle.
-    fn come_to_rest(&mut self, now: Instant) -> Vec<Act> {
-        let mut acts = Vec::new();
-        if let Some(Course { activity: Some(activity), end }) = self.course.take() {
-            acts.extend(ended(&activity, end));
-        }
-        acts.extend(self.enter(now, State::Idle));
-        acts
-    }
-
-    /// Ends a lease that has run out.
-    fn time(&mut self, now: Instant) -> Vec<Act> {
-        let over = self.tenancy.expire(now);
-        over.map_or_else(Vec::new, |lease| self.lease_ended(now, lease, StopCause::LeaseOver))
-    }
-
     fn enter(&mut self, now: Instant, to: State) -> Vec<Act> {
         let from = self.state;
         if from == to {
@@ -390,21 +167,6 @@ impl Machine {
         }
         (self.state, self.since) = (to, now);
         vec![Act::Note(EventKind::StateChanged { from, to })]
-    }
-}
-
-/// How a fault ends what was under way.
-fn end_by(failure: Failure) -> JobEnd {
-    if failure.leaves_unknown() { JobEnd::Unknown(failure) } else { JobEnd::Failed(failure) }
-}
-
-fn ended(activity: &Activity, end: JobEnd) -> Vec<Act> {
-    match activity.job() {
-        Some(job) => {
-            let note = Act::Note(EventKind::JobEnded { job: job.to_owned(), end: end.clone() });
-            vec![note, Act::End(end)]
-        }
-        None => Vec::new(),
     }
 }
 

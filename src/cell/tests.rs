@@ -2,6 +2,8 @@
 
 mod bench;
 mod campaign;
+mod faults;
+mod homing;
 mod leases;
 mod links;
 mod machine;

@@ -10,6 +10,7 @@ pub mod modbus;
 #[cfg(feature = "opcua")]
 pub mod opcua;
 mod sensor;
+pub mod sequence;
 pub mod simulated;
 mod stage;
 

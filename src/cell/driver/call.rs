@@ -18,7 +18,7 @@ pub(super) struct Patience {
 }
 
 /// What came of a call that was answered.
-pub(super) type Answer<T> = Result<T, DeviceError>;
+pub(in crate::cell) type Answer<T> = Result<T, DeviceError>;
 
 /// Waits for the answer. The outer error says that the call was dropped, which costs the connection.
 pub(super) async fn call<T>(

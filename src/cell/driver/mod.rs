@@ -1,24 +1,30 @@
 //! The drivers: a task for each device, which owns its adaptor, reads it at a pace, does one errand at a time with a deadline,
 //! and looks at the halt flag before anything else. A lost link is reported, dropped and tried again; nothing is sent again.
-//! In: orders, and the halt flag. Out: reports. Must not know leases, jobs or what an errand is for.
+//! In: orders, and the halt flag. Out: reports. `attend` is the loop that they share; read it first. Must not know leases, jobs
+//! or what an errand is for.
 
+mod attend;
 mod backoff;
 mod call;
 mod halts;
 mod manipulator;
+mod post;
 mod sensor;
 mod stage;
+mod timing;
 
 pub(super) use halts::{HaltAtEnd, HaltFlag, Halted, Halts};
 pub(super) use manipulator::{ManipulatorDriver, moves};
+pub(super) use post::Post;
 pub(super) use sensor::SensorDriver;
 pub(super) use stage::StageDriver;
+pub(super) use timing::Timing;
 
+use super::Failure;
 use super::input::Member;
-use super::{Failure, Settings};
 use crate::device::{Action, DeviceError, Profile, Reading, SensorReading, StageReading};
 use std::time::Duration;
-use tokio::sync::{mpsc, watch};
+use tokio::sync::mpsc;
 use tokio::time::Instant;
 
 /// Something that a device is to do.
@@ -70,6 +76,8 @@ pub(super) enum Outcome {
     Refused(DeviceError),
     /// A halt came before it; not a byte of it was sent.
     Overtaken,
+    /// A halt came before the word on it; it may have been done.
+    Cut,
     /// It may have been done.
     Unknown(Failure),
 }
@@ -112,112 +120,13 @@ pub(super) struct Report {
     pub(super) news: News,
 }
 
-/// How a driver waits.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Timing {
-    poll: Duration,
-    poll_moving: Duration,
-    reply: Duration,
-    connect: Duration,
-    acknowledge: Duration,
-    grace: Duration,
-    watchdog: Duration,
-    backoff_first: Duration,
-    backoff_last: Duration,
-}
-
-/// What is taken for a device's watchdog at the start, at least: a process before us, or whoever set it at the device, may have
-/// chosen a slower one than ours.
-const WATCHDOG_LEAST: Duration = Duration::from_millis(500);
-/// Silence on top of the device's watchdog before it is spoken to.
-const WATCHDOG_MARGIN: Duration = Duration::from_millis(50);
-
-impl Timing {
-    /// How long nothing is said at the start, so that whatever a process before us has moved stops by its watchdog.
-    fn first_silence(&self) -> Duration {
-        self.watchdog.max(WATCHDOG_LEAST) + WATCHDOG_MARGIN
-    }
-
-    pub(super) const fn of(settings: &Settings) -> Self {
-        Self {
-            poll: settings.poll,
-            poll_moving: settings.poll_moving,
-            reply: settings.reply,
-            connect: settings.connect,
-            acknowledge: settings.acknowledge,
-            grace: settings.halt_grace,
-            watchdog: settings.watchdog,
-            backoff_first: settings.backoff_first,
-            backoff_last: settings.backoff_last,
-        }
-    }
-
-    /// For the sensor, which moves nothing: slower, and with more patience.
-    pub(super) const fn of_sensor(settings: &Settings) -> Self {
-        let reply = settings.sensor_reply;
-        Self { poll: settings.sensor_poll, reply, connect: reply, ..Self::of(settings) }
-    }
-}
-
-/// A driver's ends of the lines to the cell.
-#[derive(Debug)]
-pub(super) struct Post {
-    member: Member,
-    reports: mpsc::Sender<Report>,
-    halts: watch::Receiver<Halts>,
-    halted: watch::Sender<Halted>,
-    /// The newest halt that was handed to the device.
-    handled: u64,
-    timing: Timing,
-}
-
 /// Why a driver does not attend its device any more.
 #[derive(Debug)]
-enum Gone {
+pub(super) enum Gone {
     /// The link.
     Lost(DeviceError),
     /// A call was dropped so that a halt could go out; the connection was the price.
     Cut,
     /// The cell has ended.
     Closed,
-}
-
-impl Post {
-    pub(super) fn new(
-        member: Member,
-        reports: mpsc::Sender<Report>,
-        flag: &HaltFlag,
-        timing: Timing,
-    ) -> (Self, watch::Receiver<Halted>) {
-        let (halted, seen) = watch::channel(Halted::default());
-        (Self { member, reports, halts: flag.watch(), halted, handled: 0, timing }, seen)
-    }
-
-    /// Tells the cell. Where the cell has ended there is nobody to tell, and the orders are closed too.
-    async fn tell(&self, news: News) {
-        let _nobody_listens = self.reports.send(Report { member: self.member, news }).await;
-    }
-
-    /// What the halt flag says now.
-    fn halts(&self) -> Halts {
-        *self.halts.borrow()
-    }
-
-    fn halt_is_due(&self) -> bool {
-        self.halts().number > self.handled
-    }
-
-    /// The halt was handed to the device; where the device refuses it, it is not tried again and does not count as sent.
-    fn handed(&mut self, number: u64, taken: bool) {
-        self.handled = number;
-        if taken {
-            self.halted.send_modify(|halted| halted.sent = number);
-        }
-    }
-
-    /// It was seen at rest after this halt.
-    async fn rested(&self, number: u64) {
-        self.halted.send_modify(|halted| halted.rested = number);
-        self.tell(News::Rested { halt: number }).await;
-    }
 }

@@ -7,7 +7,7 @@ use crate::cell::obstacles::fault_of;
 use crate::cell::snapshot::{Link, Live};
 use crate::cell::state::State;
 use crate::cell::work::{Next, Purpose};
-use crate::cell::{EventKind, Failure, Fault, now};
+use crate::cell::{EventKind, Failure, Fault, Refusal, now};
 use crate::device::{DeviceError, Reading};
 use crate::motion::Carrier;
 use tokio::time::Instant;
@@ -22,7 +22,7 @@ impl Task {
             News::Rested { halt } => {
                 self.rested.insert(member, halt);
             }
-            News::WillNotHalt { error } => self.fault(member, Failure::Device(error)),
+            News::WillNotHalt { error } => self.fault(member, Failure::HaltRefused(error)),
             News::Resolved { sequence, taken } => {
                 let device = self.name_of(member);
                 self.note(EventKind::Resolved { device, sequence, taken });
@@ -72,18 +72,22 @@ impl Task {
     }
 
     fn read_manipulator(&mut self, carrier: Carrier, asked_at: Instant, reading: &Reading) {
-        let fault = fault_of(reading);
         keep(Some(self.live.get_mut(carrier)), asked_at, reading.clone());
         self.reread_of(carrier, asked_at);
-        if let Some(code) = fault
+        let member = Member::Manipulator(carrier);
+        if let Some(code) = fault_of(reading)
             && !self.machine.resetting()
         {
-            self.device_fault(Member::Manipulator(carrier), code);
+            // Most devices report a fault of their own then, too; the guard is what an operator has to see to first.
+            if self.works() && !reading.safety.allows_motion() {
+                self.fault(member, Failure::Interrupted(Box::new(Refusal::SafetyOpen { carrier })));
+            }
+            self.device_fault(member, code);
         }
         if self.works()
             && let Some(next) = self.course.as_mut().map(|course| course.read(now(), carrier, asked_at, reading))
         {
-            let device = self.name_of(Member::Manipulator(carrier));
+            let device = self.name_of(member);
             self.follow(next, &device);
         }
     }
@@ -139,9 +143,10 @@ impl Task {
                 let cause = "a halt came first".to_owned();
                 self.note(EventKind::ManualRefused { device, verb, cause });
             }
-            // A halt came before its word; the devices are told to rest already.
-            Outcome::Unknown(failure) if self.machine.state() == State::Stopping => {
-                self.note(EventKind::ManualRefused { device, verb, cause: failure.to_string() });
+            // No fault of its own: whatever has raised the halt is told already.
+            Outcome::Cut => {
+                let cause = "a halt came before its acknowledgement; whether it was done is not known".to_owned();
+                self.note(EventKind::ManualRefused { device, verb, cause });
             }
             Outcome::Unknown(failure) => self.fault(member, failure),
         }
@@ -157,8 +162,8 @@ impl Task {
             }
             Outcome::Refused(error) => self.fault(Member::Manipulator(carrier), Failure::Device(error)),
             Outcome::Unknown(failure) => self.fault(Member::Manipulator(carrier), failure),
-            // The halt that came first has its own word.
-            Outcome::Overtaken => {}
+            // Whatever has raised the halt is told already; what is read says whether the device's fault is gone.
+            Outcome::Overtaken | Outcome::Cut => {}
         }
     }
 

@@ -1,11 +1,14 @@
 //! A made cell with a cell in charge of it, and eyes on what really goes over the lines.
 
+use crate::cell::start::start;
 use crate::cell::{Cell, Devices, Job, LeaseRequest, Manual, Settings, Snapshot, State, now};
+use crate::device::sequence::next;
 use crate::device::simulated::{Mounting, Settings as MadeSettings, World};
-use crate::device::{Command, DeviceError, Manipulator, Pending, ProfileSensor, Reading, SensorReading, Stage};
+use crate::device::{Action, Command, DeviceError, Manipulator, Pending, ProfileSensor, Reading, SensorReading, Stage};
 use crate::motion::{Arrangement, Axes, AxisLimits, Carrier, MoveTargets, Pair, Path, Position, Support, plan_move};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
+use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep, timeout};
 
 /// The id of the lease that the tests take.
@@ -96,6 +99,8 @@ impl ProfileSensor for Unplugged {
 pub(super) struct Bench {
     pub(super) world: World,
     pub(super) cell: Cell,
+    /// The cell's own task.
+    pub(super) task: JoinHandle<()>,
     pub(super) lines: Pair<Arc<Mutex<Line>>>,
     pub(super) arrangement: Arrangement,
 }
@@ -138,10 +143,19 @@ impl Bench {
     }
 
     pub(super) fn start_with(made: &MadeSettings, settings: Settings) -> Self {
+        Self::start_within(made, settings, |limits| limits)
+    }
+
+    /// A cell whose manipulators have their own limits.
+    pub(super) fn start_within(
+        made: &MadeSettings,
+        settings: Settings,
+        own: impl Fn(Axes<AxisLimits>) -> Axes<AxisLimits>,
+    ) -> Self {
         settings.check().expect("settings that are allowed");
         let arrangement = settings.arrangement;
-        let mountings =
-            arrangement.supports.map(|_, support| Mounting { mount_mm: support.mount_mm, limits: support.limits });
+        let mounting = |support: &Support| Mounting { mount_mm: support.mount_mm, limits: own(support.limits) };
+        let mountings = arrangement.supports.map(|_, support| mounting(support));
         let world = World::new(made, &mountings).expect("settings that are allowed");
         let lines = Pair::from_fn(|_| Arc::new(Mutex::new(Line::default())));
         let watched = |carrier: Carrier| -> Box<dyn Manipulator> {
@@ -151,17 +165,21 @@ impl Bench {
         let sensor: Box<dyn ProfileSensor> = Box::new(world.sensor());
         let manipulators = Pair { m1: watched(Carrier::M1), m2: watched(Carrier::M2) };
         let devices = Devices { manipulators, sensor: Some(sensor), stage: Some(stage) };
-        let cell = Cell::start(devices, settings, 41);
-        Self { world, cell, lines, arrangement }
+        let (cell, task) = start(devices, settings, 41);
+        Self { world, cell, task, lines, arrangement }
     }
 
     /// A cell that is idle, with the lease taken for a minute and both manipulators enabled.
     pub(super) async fn ready(made: &MadeSettings) -> Self {
-        let bench = Self::start(made);
-        bench.until(|now| now.state == State::Idle).await;
-        bench.take_lease(Duration::from_secs(60)).await;
-        bench.enable().await;
-        bench
+        Self::start(made).made_ready().await
+    }
+
+    /// Waits for idle, takes the lease for a minute, and enables both.
+    pub(super) async fn made_ready(self) -> Self {
+        self.until(|now| now.state == State::Idle).await;
+        self.take_lease(Duration::from_secs(60)).await;
+        self.enable().await;
+        self
     }
 
     pub(super) async fn take_lease(&self, time_to_live: Duration) {
@@ -174,6 +192,20 @@ impl Bench {
             self.cell.act(LEASE, carrier, Manual::Enable).await.expect("allowed");
         }
         self.until(|now| now.commands_allowed).await;
+    }
+
+    /// Somebody else commands a manipulator, over a line of their own.
+    pub(super) async fn command_from_elsewhere(&self, carrier: Carrier, action: Action) {
+        let mut line = self.world.manipulator(carrier);
+        let sequence = next(line.connect().await.expect("a link").acknowledged.sequence);
+        let watchdog = Duration::from_millis(400);
+        line.send(&Command { sequence, fence: 99, watchdog, action }).await.expect("a link");
+    }
+
+    /// Waits for the next reading of m1: nothing is said to it for 50 ms then, but what is ordered.
+    pub(super) async fn m1_was_read(&self) {
+        let before = self.cell.snapshot().manipulators.m1.read_at;
+        self.until(|now| now.manipulators.m1.read_at != before).await;
     }
 
     /// Waits until the cell is so; a minute at most.

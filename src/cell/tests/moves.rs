@@ -1,9 +1,9 @@
 //! Moves: what is refused before a byte goes out, and what a good path does.
 
-use super::bench::{Bench, LEASE, made};
+use super::bench::{Bench, LEASE, made, settings};
 use crate::cell::{EventKind, JobEnd, JobState, Manual, Refusal, State, Taken, now};
 use crate::device::{Action, Mode};
-use crate::motion::{Axes, Carrier, MotionRefusal, Pair};
+use crate::motion::{Axes, Axis, AxisLimits, Carrier, MotionRefusal, Pair};
 use std::time::Duration;
 use tokio::time::sleep;
 
@@ -159,7 +159,7 @@ async fn the_manipulator_must_be_enabled_homed_remote_and_safe() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_safety_function_that_opens_in_a_move_is_latched_even_at_the_one_that_stays() {
+async fn a_mode_that_is_left_during_a_move_is_latched_even_at_the_one_that_stays() {
     let bench = Bench::ready(&made()).await;
     let targets = Axes { x: None, y: Some(0.3), z: None, c: None };
     let path = bench.path(&Pair { m1: None, m2: Some(targets) });
@@ -172,11 +172,28 @@ async fn a_safety_function_that_opens_in_a_move_is_latched_even_at_the_one_that_
 }
 
 #[tokio::test(start_paused = true)]
-async fn homing_what_is_homed_moves_nothing() {
-    let bench = Bench::ready(&made()).await;
-    assert_eq!(bench.cell.act(LEASE, Carrier::M1, Manual::Home).await, Ok(Taken::AlreadySo));
-    sleep(Duration::from_secs(1)).await;
-    assert!(bench.sent(Carrier::M1, |command| matches!(command.action, Action::Home { .. })).is_empty());
+async fn the_devices_own_limits_are_kept_before_the_first_set_point() {
+    let shorter = |limits: Axes<AxisLimits>| Axes { y: AxisLimits { upper: 5.0, ..limits.y }, ..limits };
+    let slower = |limits: Axes<AxisLimits>| Axes { y: AxisLimits { speed: 5.0, ..limits.y }, ..limits };
+    let bench = Bench::start_within(&made(), settings(), shorter).made_ready().await;
+    let refused = bench.cell.start_move(LEASE, "a", bench.path_to_y(6.0)).await.map(|job| job.id);
+    let (carrier, axis, lower, upper) = (Carrier::M1, Axis::Y, -40.0, 5.0);
+    let Err(Refusal::Motion(MotionRefusal::OutOfLimits { value, .. })) = refused else { panic!("{refused:?}") };
+    assert!(value > 5.0 && value <= 6.0, "the first set-point beyond 5 mm: {value}");
+    let beyond = Refusal::Motion(MotionRefusal::OutOfLimits { carrier, axis, value, lower, upper });
+    assert_eq!(refused, Err(beyond));
+    // Up to there it goes.
+    assert_eq!(bench.begin("b", 5.0).await.ended().await, JobEnd::Done);
+
+    let bench = Bench::start_within(&made(), settings(), slower).made_ready().await;
+    let refused = bench.cell.start_move(LEASE, "a", bench.path_to_y(20.0)).await.map(|job| job.id);
+    assert!(
+        matches!(refused, Err(Refusal::Motion(MotionRefusal::TooFast { axis: Axis::Y, max: 5.0, .. }))),
+        "{refused:?}"
+    );
+    for carrier in Carrier::ALL {
+        assert!(bench.sent(carrier, |command| is_move(&command.action)).is_empty());
+    }
 }
 
 #[tokio::test(start_paused = true)]

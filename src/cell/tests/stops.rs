@@ -1,10 +1,10 @@
 //! Stops: in every state, without a lease, past everything.
 
 use super::bench::{Bench, LEASE, made};
-use crate::cell::{JobEnd, LeaseRequest, Refusal, State, StopCause, now};
-use crate::device::Action;
+use crate::cell::{Failure, JobEnd, LeaseRequest, Refusal, State, StopCause, now};
 use crate::device::simulated::{Device, Fault};
-use crate::motion::Carrier;
+use crate::device::{Action, DeviceError};
+use crate::motion::{Axis, Carrier};
 use std::time::Duration;
 use tokio::time::sleep;
 
@@ -38,10 +38,29 @@ async fn axes_that_still_move_are_named() {
     bench.begin("job-1", 20.0).await;
     sleep(Duration::from_millis(700)).await;
     let report = bench.cell.stop().await;
-    assert!(report.unconfirmed.contains(&(Carrier::M1, crate::motion::Axis::Y)), "{report:?}");
+    assert!(report.unconfirmed.contains(&(Carrier::M1, Axis::Y)), "{report:?}");
     bench.until(|now| now.state == State::Idle).await;
     let report = bench.cell.stop().await;
     assert!(report.unconfirmed.is_empty() && report.devices.iter().all(|device| device.confirmed), "{report:?}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_halt_that_a_device_refuses_is_not_said_to_be_sent_and_is_latched_by_that_name() {
+    let bench = Bench::ready(&made()).await;
+    bench.m1_was_read().await;
+    // The halt, a reading, and the halt that the fault raises.
+    let (m1, faults) = (Device::Manipulator(Carrier::M1), bench.world.faults());
+    for ahead in [1, 3] {
+        faults.at(m1, faults.steps(m1) + ahead, Fault::Rejected { code: 5 });
+    }
+    let report = bench.cell.stop().await;
+    let told: Vec<_> =
+        report.devices.iter().map(|device| (device.name.as_str(), device.sent, device.confirmed)).collect();
+    assert_eq!(told, [("m1", false, false), ("m2", true, true), ("stage", true, true)]);
+    assert_eq!(report.unconfirmed, Axis::ALL.map(|axis| (Carrier::M1, axis)));
+    let seen = bench.until(|now| now.state == State::Faulted).await;
+    let refused = Failure::HaltRefused(DeviceError::Rejected { device: "m1".to_owned(), code: 5 });
+    assert_eq!(seen.faults.iter().map(|fault| &fault.failure).collect::<Vec<_>>(), [&refused]);
 }
 
 #[tokio::test(start_paused = true)]
@@ -125,8 +144,8 @@ async fn closing_stops_first_and_then_lets_go() {
 
 #[tokio::test(start_paused = true)]
 async fn the_cell_stops_when_nobody_holds_it_any_more() {
-    let Bench { world, cell, lines, arrangement } = Bench::ready(&made()).await;
-    let bench = Bench { world, cell: cell.clone(), lines, arrangement };
+    let Bench { world, cell, task, lines, arrangement } = Bench::ready(&made()).await;
+    let bench = Bench { world, cell: cell.clone(), task, lines, arrangement };
     bench.begin("job-1", 20.0).await;
     sleep(Duration::from_millis(700)).await;
     let Bench { world, cell: last, lines, .. } = bench;

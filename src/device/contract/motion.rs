@@ -2,6 +2,7 @@
 //! part. In: an adaptor, connected or not. Out: a [`Report`]. Must not know which adaptor it is.
 
 use super::{Report, STANDS, moved, say_state};
+use crate::device::sequence::next;
 use crate::device::{
     Acknowledged, Action, AxisState, Command, CommandResult, DeviceError, Manipulator, ProfileSensor, Reading, Stage,
     StageReading,
@@ -35,7 +36,7 @@ impl Commander<'_> {
 
     /// Sends once, with a new number.
     async fn send(&mut self, action: Action) -> Result<(), DeviceError> {
-        self.sequence = if self.sequence == u16::MAX { 1 } else { self.sequence + 1 };
+        self.sequence = next(self.sequence);
         self.device.send(&self.command(action)).await
     }
 
@@ -145,7 +146,7 @@ async fn fenced(commander: &mut Commander<'_>, report: &mut Report) -> Result<()
     commander.fence += 1;
     commander.settle(Action::Enable).await?;
     let before = commander.device.read().await?;
-    let sequence = if commander.sequence == u16::MAX { 1 } else { commander.sequence + 1 };
+    let sequence = next(commander.sequence);
     let older = Command { sequence, fence: commander.fence - 1, ..commander.command(Action::Halt) };
     let answer = commander.device.send(&older).await;
     let after = commander.device.read().await?;

@@ -5,7 +5,7 @@ use super::block::Block;
 use super::error::MapError;
 use super::link::now;
 use super::status::{Head, StatusRegisters};
-use crate::device::simulated::is_newer;
+use crate::device::sequence::{is_newer, next};
 use crate::device::{
     Action, AxisReading, AxisState, Command, CommandResult, DeviceError, FenceGate, Pending, Stage, StageReading,
 };
@@ -39,7 +39,7 @@ impl ModbusStage {
     async fn command(&mut self, fence: u64, action: Action) -> Result<(), DeviceError> {
         self.gate.admit(self.block.name(), fence)?;
         // Spent even where it is not sent: no number may ever stand for two commands.
-        self.sequence = self.sequence % u16::MAX + 1;
+        self.sequence = next(self.sequence);
         let command = Command { sequence: self.sequence, fence, watchdog: self.watchdog, action };
         self.block.command(&command).await?;
         let deadline = now() + self.seen_within;

@@ -29,7 +29,7 @@ mod stage;
 mod world;
 
 pub use carriage::{STAGE_OUT_OF_LIMITS, STAGE_STALLED, STAGE_WATCHDOG};
-pub use controller::{Controller, ControllerSettings, Taken, code, is_newer};
+pub use controller::{Controller, ControllerSettings, Taken, code};
 pub use faults::{Device, Fault, Struck};
 pub use manipulator::SimulatedManipulator;
 pub use profiler::SimulatedSensor;

@@ -4,7 +4,7 @@
 
 use super::{Wire, WireFault, command, manipulator, plc, x_to};
 use crate::device::modbus::{ModbusManipulator, Plc};
-use crate::device::simulated::is_newer;
+use crate::device::sequence::{is_newer, next};
 use crate::device::{Acknowledged, Action, CommandResult, Manipulator, Reading};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -187,7 +187,7 @@ impl Campaign {
         if is_newer(seen.sequence, self.sequence) {
             self.sequence = seen.sequence;
         }
-        self.sequence = self.sequence % u16::MAX + 1;
+        self.sequence = next(self.sequence);
     }
 
     /// On a good wire: the device is enabled and at rest, and the watchdog's fault is acknowledged.

@@ -1,0 +1,196 @@
+//! What is latched, by which name, and what it leaves moving: nothing.
+
+use super::bench::{Bench, LEASE, made};
+use crate::cell::input::{Act, Input, Verdict};
+use crate::cell::lease::Bounds;
+use crate::cell::state::Machine;
+use crate::cell::{EventKind, Failure, Fault, JobEnd, Link, Manual, Refusal, ScanOrder, State, Taken, now};
+use crate::device::simulated::{Device, Fault as MadeFault, STAGE_WATCHDOG};
+use crate::device::{Action, Safety};
+use crate::motion::{Axes, Carrier, Pair};
+use std::time::Duration;
+use tokio::time::{Instant, sleep};
+
+/// A reading every 20 ms, an answer and the halt of some ms each, and 0.1 s to come to rest from 10 mm/s at 100 mm/s².
+const ALL_STAND_WITHIN: Duration = Duration::from_millis(200);
+const GUARD_OPEN: Safety =
+    Safety { emergency_stop_ok: true, guard_closed: false, drives_ready: true, remote_enabled: true };
+
+fn interrupted(refusal: Refusal) -> Failure {
+    Failure::Interrupted(Box::new(refusal))
+}
+
+/// Both were sent a halt, and stand soon after `since`.
+async fn both_were_halted(bench: &Bench, since: Instant) {
+    let moved_at = bench.last_motion(Duration::from_secs(2)).await;
+    let stood = moved_at.map(|at| at - since);
+    assert!(stood.is_none_or(|stood| stood <= ALL_STAND_WITHIN), "stood after {stood:?}");
+    for carrier in Carrier::ALL {
+        assert!(!bench.sent(carrier, |command| command.action == Action::Halt).is_empty(), "{}", carrier.name());
+        assert_eq!(bench.world.record(carrier).all_ignored().len(), 0, "{} has heard all of it", carrier.name());
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_safety_function_that_opens_in_a_move_halts_both_and_is_named() {
+    let bench = Bench::ready(&made()).await;
+    let job = bench.begin("job-1", 20.0).await;
+    sleep(Duration::from_millis(700)).await;
+    bench.world.set_safety(Carrier::M2, GUARD_OPEN);
+    let opened_at = now();
+    let open = interrupted(Refusal::SafetyOpen { carrier: Carrier::M2 });
+    assert_eq!(job.ended().await, JobEnd::Failed(open.clone()));
+    let seen = bench.cell.snapshot();
+    assert_eq!((seen.state, seen.faults.first().map(|fault| &fault.failure)), (State::Faulted, Some(&open)));
+    assert!(open.to_string().contains("safety functions of m2"), "{open}");
+    both_were_halted(&bench, opened_at).await;
+    // It stays latched when the guard is closed, until somebody resets.
+    let closed = Safety { guard_closed: true, ..GUARD_OPEN };
+    bench.world.set_safety(Carrier::M2, closed);
+    sleep(Duration::from_secs(1)).await;
+    assert_eq!(bench.cell.snapshot().state, State::Faulted);
+    assert_eq!(bench.cell.reset(LEASE).await, Ok(Taken::Accepted));
+    bench.until(|now| now.state == State::Idle && now.commands_allowed).await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_manipulator_that_drifts_while_the_other_moves_stops_both_whoever_commands_it() {
+    let bench = Bench::ready(&made()).await;
+    // 15 mm across at one end lengthen 500 mm by 0.22 mm, of 0.5 that are allowed.
+    let y_to = |y| Axes { x: None, y: Some(y), z: None, c: None };
+    let path = bench.path(&Pair { m1: None, m2: Some(y_to(15.0)) });
+    let job = bench.cell.start_move(LEASE, "job-1", path).await.expect("allowed");
+    bench.until(|now| now.manipulators.m2.reading.as_ref().is_some_and(|seen| seen.state.moves())).await;
+    let axes = Axes { y: true, ..Axes::default() };
+    let (targets, speeds) = (Axes { y: 2.0, ..Axes::default() }, Axes { y: 5.0, ..Axes::default() });
+    bench.command_from_elsewhere(Carrier::M1, Action::MoveTo { axes, targets, speeds }).await;
+    let drifts_since = now();
+    let moves = interrupted(Refusal::Moves { device: "m1".to_owned() });
+    assert_eq!(job.ended().await, JobEnd::Failed(moves));
+    assert_eq!(bench.cell.snapshot().state, State::Faulted);
+    both_were_halted(&bench, drifts_since).await;
+    let y = bench.positions().m1.y;
+    assert!(y > 0.0 && y < 1.5, "mm; it was on its way to 2 mm, and stands at {y}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_command_that_a_faults_own_halt_has_cut_is_no_second_fault() {
+    let bench = Bench::ready(&made()).await;
+    bench.m1_was_read().await;
+    // m1 takes its time with the command; meanwhile the stage's link breaks.
+    bench.world.faults().next(Device::Manipulator(Carrier::M1), MadeFault::Late { by: Duration::from_millis(120) });
+    bench.world.faults().next(Device::Stage, MadeFault::LinkLost { arrives: false });
+    assert_eq!(bench.cell.act(LEASE, Carrier::M1, Manual::Disable).await, Ok(Taken::Accepted));
+    bench.until(|now| now.state == State::Faulted).await;
+    sleep(Duration::from_secs(1)).await;
+    let seen = bench.cell.snapshot();
+    assert_eq!(seen.faults.iter().map(|fault| fault.device.as_str()).collect::<Vec<_>>(), ["stage"]);
+    let refused = |kind: &EventKind| matches!(kind, EventKind::ManualRefused { verb: "disable", .. });
+    assert!(bench.cell.events(0).events.iter().any(|event| refused(&event.kind)), "and yet it is told");
+}
+
+#[tokio::test(start_paused = true)]
+async fn no_more_than_32_faults_are_latched_and_what_comes_after_halts_no_more() {
+    let bounds = Bounds { least: Duration::from_secs(1), most: Duration::from_secs(10) };
+    let mut machine = Machine::new(now(), bounds, 0);
+    for code in 1..=40 {
+        let failure = Failure::DeviceFault { device: "m1".to_owned(), code };
+        let verdict = machine.put(now(), Input::Fault(Fault { device: "m1".to_owned(), failure, at: now() }));
+        match verdict {
+            Verdict::Accepted(acts) => assert!(code <= 32 && acts.contains(&Act::Halt), "{code}: {acts:?}"),
+            other => assert!(code > 32 && other == Verdict::AlreadySo, "{code}: {other:?}"),
+        }
+    }
+    assert_eq!(machine.faults().len(), 32);
+    let first = Failure::DeviceFault { device: "m1".to_owned(), code: 1 };
+    assert_eq!(machine.faults().first().map(|fault| &fault.failure), Some(&first), "the cause is kept");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_task_that_ends_in_the_middle_leaves_everything_halted() {
+    let bench = Bench::ready(&made()).await;
+    let job = bench.begin("job-1", 20.0).await;
+    sleep(Duration::from_millis(700)).await;
+    assert!(bench.cell.is_alive());
+    // What a panic would do to it: it is dropped where it stands.
+    bench.task.abort();
+    let ended_at = now();
+    both_were_halted(&bench, ended_at).await;
+    assert!(!bench.cell.is_alive());
+    assert_eq!(job.ended().await, JobEnd::Unknown(Failure::CellGone));
+    let refused = bench.cell.act(LEASE, Carrier::M1, Manual::Disable).await;
+    assert_eq!(refused, Err(Refusal::Closing));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_driver_without_a_link_sends_nothing_but_a_halt_after_the_task_has_ended() {
+    let m1 = Device::Manipulator(Carrier::M1);
+    // In its silence, while it tries to connect, and in between.
+    for ended_after_ms in [210, 400, 600, 800, 900, 1_000, 1_200] {
+        let bench = Bench::ready(&made()).await;
+        bench.begin("job-1", 20.0).await;
+        sleep(Duration::from_millis(700)).await;
+        bench.world.faults().hold(m1, MadeFault::Silence { arrives: false });
+        let silent_since = now();
+        sleep(Duration::from_millis(ended_after_ms)).await;
+        bench.task.abort();
+        let ended_at = now();
+        bench.world.faults().clear(m1);
+        let moved_at = bench.last_motion(Duration::from_secs(2)).await;
+        let held = moved_at.map(|at| at - silent_since);
+        assert!(held.is_none_or(|held| held <= Duration::from_millis(500)), "{ended_after_ms} ms: {held:?}");
+        let said = bench.sent(Carrier::M1, |command| command.action != Action::Halt);
+        assert!(said.iter().all(|at| *at <= ended_at), "{ended_after_ms} ms: {said:?}");
+        // It is gone, and its device is left alone.
+        let steps = bench.world.faults().steps(m1);
+        sleep(Duration::from_secs(10)).await;
+        assert_eq!(bench.world.faults().steps(m1), steps, "{ended_after_ms} ms");
+    }
+}
+
+/// When a device was spoken to, looked at each millisecond for so long.
+async fn words(bench: &Bench, device: Device, within: Duration) -> Vec<Instant> {
+    let until = now() + within;
+    let (mut steps, mut words) = (bench.world.faults().steps(device), Vec::new());
+    while now() < until {
+        sleep(Duration::from_millis(1)).await;
+        let seen = bench.world.faults().steps(device);
+        if seen != steps {
+            steps = seen;
+            words.push(now());
+        }
+    }
+    words
+}
+
+#[tokio::test(start_paused = true)]
+async fn after_a_loss_nothing_is_said_for_as_long_as_the_longest_watchdog() {
+    let mut slow = made();
+    slow.stage.watchdog_ms = 400.0;
+    for device in [Device::Stage, Device::Manipulator(Carrier::M1)] {
+        let bench = Bench::ready(&slow).await;
+        let order = ScanOrder { x_from_mm: 100.0, x_to_mm: 900.0, profiles_count: 350, speed_mm_s: 50.0 };
+        let mut profiles = None;
+        if device == Device::Stage {
+            profiles = Some(bench.cell.start_scan(LEASE, "job-1", order).await.expect("allowed"));
+            bench.until(|now| now.job.as_ref().is_some_and(|job| job.progress > 0.05)).await;
+        } else {
+            bench.begin("job-1", 20.0).await;
+            sleep(Duration::from_millis(700)).await;
+        }
+        // Nothing that is said from here on arrives; the device hears nobody.
+        bench.world.faults().hold(device, MadeFault::Silence { arrives: false });
+        let words = words(&bench, device, Duration::from_millis(1_200)).await;
+        // An answer is waited for 200 ms at most, so a longer pause is the silence.
+        let silence = words.windows(2).map(|two| two[1] - two[0]).find(|pause| *pause > Duration::from_millis(210));
+        // 500 ms of the longest watchdog and 50 ms of margin; the millisecond is that of the looking.
+        assert!(silence.is_some_and(|pause| pause >= Duration::from_millis(549)), "{device:?}: {silence:?}");
+        bench.world.faults().clear(device);
+        drop(profiles);
+        if device == Device::Stage {
+            let seen = bench.until(|now| now.stage.as_ref().is_some_and(|stage| stage.link == Link::Up)).await;
+            let stage = seen.stage.as_ref().and_then(|stage| stage.reading).expect("was read");
+            assert_eq!((stage.moves, stage.fault_code), (false, STAGE_WATCHDOG), "it has stopped by itself");
+        }
+    }
+}
