@@ -1,14 +1,12 @@
-//! What requests to the cell have in common: a body that may be left out, the lease in header, query or body, a bounded wait.
+//! What requests to the cell have in common: the lease in header, query or body, a bounded wait, what was made.
 //! Must not know what is commanded.
 
 use super::app::App;
-use super::body::Pieces;
-use super::extract::{header_text, is_json, json};
+use super::extract::{header_text, optional_json, query};
 use super::problem::{Code, Problem};
 use axum::extract::{FromRequest, Request};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 use utoipa::{IntoParams, ToSchema};
@@ -19,24 +17,18 @@ pub(super) const REPLAYED: HeaderName = HeaderName::from_static("idempotency-rep
 /// Longest wait that may be asked for, seconds.
 const WAIT_MAX_S: u8 = 60;
 
-/// A JSON body that may be left out.
+/// The lease that a command names which says nothing else.
 #[derive(Debug)]
-pub(super) struct OptionalJson<T>(pub(super) T);
+pub(super) struct CommandLease(pub(super) String);
 
-impl<T: DeserializeOwned + Default> FromRequest<App> for OptionalJson<T> {
+impl FromRequest<App> for CommandLease {
     type Rejection = Problem;
 
     async fn from_request(request: Request, app: &App) -> Result<Self, Problem> {
         let (parts, body) = request.into_parts();
-        let bytes = Pieces::new(&parts, body, app, app.limits.json_bytes_max)?.all().await?;
-        if bytes.trim_ascii().is_empty() {
-            return Ok(Self(T::default()));
-        }
-        if !is_json(&parts.headers) {
-            let detail = "send JSON with the header Content-Type: application/json, or no body";
-            return Err(Problem::new(Code::ContentTypeUnsupported, detail));
-        }
-        json(&bytes).map(Self)
+        let LeaseQuery { lease_id: in_query } = query(&parts)?;
+        let LeaseBody { lease_id: in_body } = optional_json(&parts, body, app).await?;
+        lease_id(app, [in_body, in_query], &parts.headers).map(Self)
     }
 }
 
@@ -58,25 +50,32 @@ pub(super) struct LeaseBody {
     pub(super) lease_id: Option<String>,
 }
 
-/// Which lease a request names, wherever it names it.
+/// Which lease a command names, wherever it names it.
 ///
 /// # Errors
-/// [`Code::LeaseRequired`] where it names none, [`Code::OptionInvalid`] where it names two.
-pub(super) fn lease_id(said: [Option<String>; 2], headers: &HeaderMap) -> Result<String, Problem> {
+/// [`Code::CellAbsent`] where there is nothing to command, [`Code::LeaseRequired`] where it names none, [`Code::OptionInvalid`]
+/// where it names two.
+pub(super) fn lease_id(app: &App, said: [Option<String>; 2], headers: &HeaderMap) -> Result<String, Problem> {
+    app.service.cell_config()?;
+    named_lease(said, headers)?.ok_or_else(|| {
+        let detail = "this needs the lease: POST /v1/cell/lease, then name it by the header Lease-Id or by lease_id";
+        Problem::new(Code::LeaseRequired, detail)
+    })
+}
+
+/// Which lease a request names, where it names one.
+///
+/// # Errors
+/// [`Code::OptionInvalid`] where it names two.
+pub(super) fn named_lease(said: [Option<String>; 2], headers: &HeaderMap) -> Result<Option<String>, Problem> {
     let mut named: Vec<String> = said.into_iter().chain([header_text(headers, &LEASE_ID)?]).flatten().collect();
     named.dedup();
-    match named.pop() {
-        Some(_) if !named.is_empty() => {
-            let detail = "the header Lease-Id, the query and the body name different leases; send one of them";
-            Err(Problem::new(Code::OptionInvalid, detail).with("field", "lease_id"))
-        }
-        Some(id) => Ok(id),
-        None => {
-            let detail =
-                "this needs the lease: POST /v1/cell/lease, then name it by the header Lease-Id or by lease_id";
-            Err(Problem::new(Code::LeaseRequired, detail))
-        }
+    let one = named.pop();
+    if named.is_empty() {
+        return Ok(one);
     }
+    let detail = "the header Lease-Id, the query and the body name different leases; send one of them";
+    Err(Problem::new(Code::OptionInvalid, detail).with("field", "lease_id"))
 }
 
 /// How long to wait for an end.

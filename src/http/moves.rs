@@ -5,12 +5,11 @@ use super::app::App;
 use super::axes::{TargetsDocument, TravelsDocument};
 use super::command::{LeaseQuery, WaitQuery, lease_id, made, wait};
 use super::extract::{Json as JsonBody, Path, Query};
-use super::paging::{PageQuery, link_next};
+use super::paging::{PageQuery, listed};
 use super::problem::Problem;
 use super::receive::request_id;
 use crate::motion::Pair;
 use crate::service::{Ending, JobStanding, Move, MoveRequest, Service};
-use crate::store::Listing;
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, Uri};
@@ -164,7 +163,7 @@ pub(super) async fn create_move(
     JsonBody(body): JsonBody<MoveRequestDocument>,
 ) -> Result<Response, Problem> {
     let request = MoveRequest {
-        lease_id: lease_id([body.lease_id, query.lease_id], &headers)?,
+        lease_id: lease_id(&app, [body.lease_id, query.lease_id], &headers)?,
         targets: Pair { m1: body.m1.map(Into::into), m2: body.m2.map(Into::into) },
         speed_ratio: body.speed_ratio.unwrap_or(1.0),
         request_id: request_id(body.request_id, &headers)?,
@@ -187,10 +186,9 @@ pub(super) async fn list_moves(
     Query(query): Query<PageQuery>,
     uri: Uri,
 ) -> Result<(HeaderMap, Json<MoveList>), Problem> {
-    let Listing { rows, next } = app.service.moves(&query.page()?).await?;
-    let next_cursor = next.map(|cursor| cursor.to_string());
-    let moves = rows.into_iter().map(|one| MoveDocument::of(one, &app.service)).collect();
-    Ok((link_next(&uri, next_cursor.as_deref()), Json(MoveList { moves, next_cursor })))
+    let page = app.service.moves(&query.page()?).await?;
+    let (link, moves, next_cursor) = listed(&uri, page, |one| MoveDocument::of(one, &app.service));
+    Ok((link, Json(MoveList { moves, next_cursor })))
 }
 
 /// Get a move

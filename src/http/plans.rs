@@ -3,16 +3,15 @@
 
 use super::app::App;
 use super::axes::TravelsDocument;
-use super::command::{LeaseBody, LeaseQuery, OptionalJson, lease_id, made};
-use super::extract::{Json as JsonBody, Path, Query};
+use super::command::{CommandLease, LeaseBody, LeaseQuery, made};
+use super::extract::{Json as JsonBody, NoQuery, Path, Query};
 use super::moves::MoveDocument;
-use super::paging::{PageQuery, link_next};
+use super::paging::{PageQuery, listed};
 use super::problem::Problem;
 use super::receive::request_id;
 use crate::geometry::AxisLine;
 use crate::motion::PartPose;
 use crate::service::{PlanRequest, StoredPlan, Target};
-use crate::store::Listing;
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, Uri};
@@ -208,6 +207,7 @@ impl PlanDocument {
 )]
 pub(super) async fn create_plan(
     State(app): State<App>,
+    _: NoQuery,
     headers: HeaderMap,
     JsonBody(body): JsonBody<PlanRequestDocument>,
 ) -> Result<Response, Problem> {
@@ -236,10 +236,9 @@ pub(super) async fn list_plans(
     Query(query): Query<PageQuery>,
     uri: Uri,
 ) -> Result<(HeaderMap, Json<PlanList>), Problem> {
-    let Listing { rows, next } = app.service.plans(&query.page()?).await?;
-    let next_cursor = next.map(|cursor| cursor.to_string());
-    let plans = rows.into_iter().map(|plan| PlanDocument::of(plan, None)).collect();
-    Ok((link_next(&uri, next_cursor.as_deref()), Json(PlanList { plans, next_cursor })))
+    let page = app.service.plans(&query.page()?).await?;
+    let (link, plans, next_cursor) = listed(&uri, page, |plan| PlanDocument::of(plan, None));
+    Ok((link, Json(PlanList { plans, next_cursor })))
 }
 
 /// Get a plan
@@ -250,7 +249,11 @@ pub(super) async fn list_plans(
     params(("id" = String, Path, description = "Id of the plan")),
     responses((status = 200, description = "The plan", body = PlanDocument))
 )]
-pub(super) async fn get_plan(State(app): State<App>, Path(id): Path<String>) -> Result<Json<PlanDocument>, Problem> {
+pub(super) async fn get_plan(
+    State(app): State<App>,
+    Path(id): Path<String>,
+    _: NoQuery,
+) -> Result<Json<PlanDocument>, Problem> {
     let plan = app.service.plan(&id).await?;
     let move_id = app.service.move_of_plan(&id).await?;
     Ok(Json(PlanDocument::of(plan, move_id)))
@@ -276,11 +279,8 @@ pub(super) async fn get_plan(State(app): State<App>, Path(id): Path<String>) -> 
 pub(super) async fn execute_plan(
     State(app): State<App>,
     Path(id): Path<String>,
-    Query(query): Query<LeaseQuery>,
-    headers: HeaderMap,
-    OptionalJson(body): OptionalJson<LeaseBody>,
+    CommandLease(lease_id): CommandLease,
 ) -> Result<Response, Problem> {
-    let lease_id = lease_id([body.lease_id, query.lease_id], &headers)?;
     let started = app.service.execute_plan(&id, lease_id).await?;
     let address = format!("/v1/moves/{}", started.job.id);
     made(&address, started.replayed, MoveDocument::of(started.job, &app.service))

@@ -8,10 +8,10 @@ pub(super) use document::RecipeDocument;
 
 use super::app::App;
 use super::extract::{Json as JsonBody, Path, Query, header_text};
-use super::paging::{PageQuery, link_next};
+use super::paging::{PageQuery, listed};
 use super::problem::{Code, Problem};
 use crate::service::{Put, RecipeName, StoredRecipe};
-use crate::store::{Listing, Precondition};
+use crate::store::Precondition;
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
@@ -63,10 +63,9 @@ pub(super) async fn list_recipes(
     Query(query): Query<PageQuery>,
     uri: Uri,
 ) -> Result<(HeaderMap, Json<RecipeList>), Problem> {
-    let Listing { rows, next } = app.service.recipes(&query.page()?).await?;
-    let next_cursor = next.map(|cursor| cursor.to_string());
-    let recipes = rows.into_iter().map(StoredRecipeDocument::from).collect();
-    Ok((link_next(&uri, next_cursor.as_deref()), Json(RecipeList { recipes, next_cursor })))
+    let page = app.service.recipes(&query.page()?).await?;
+    let (link, recipes, next_cursor) = listed(&uri, page, StoredRecipeDocument::from);
+    Ok((link, Json(RecipeList { recipes, next_cursor })))
 }
 
 /// Get a recipe

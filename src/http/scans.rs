@@ -4,12 +4,12 @@ use super::app::App;
 use super::body::Pieces;
 use super::extract::{Path, Query, query};
 use super::names::FormatName;
-use super::paging::{PageQuery, link_next};
+use super::paging::{PageQuery, listed};
 use super::problem::Problem;
 use super::receive::{content_encoding, origin, receive};
 use crate::scan::decode::Format;
 use crate::service::{Content, Kept, Order};
-use crate::store::{Listing, ScanRow};
+use crate::store::ScanRow;
 use axum::Json;
 use axum::body::{Body, Bytes};
 use axum::extract::{Request, State};
@@ -104,10 +104,9 @@ pub(super) async fn list_scans(
     Query(query): Query<PageQuery>,
     uri: Uri,
 ) -> Result<(HeaderMap, Json<ScanList>), Problem> {
-    let Listing { rows, next } = app.service.scans(&query.page()?).await?;
-    let next_cursor = next.map(|cursor| cursor.to_string());
-    let scans = rows.into_iter().map(ScanDocument::from).collect();
-    Ok((link_next(&uri, next_cursor.as_deref()), Json(ScanList { scans, next_cursor })))
+    let page = app.service.scans(&query.page()?).await?;
+    let (link, scans, next_cursor) = listed(&uri, page, ScanDocument::from);
+    Ok((link, Json(ScanList { scans, next_cursor })))
 }
 
 /// Get a scan

@@ -2,6 +2,7 @@
 //! command anything.
 
 use super::super::app::App;
+use super::super::extract::NoQuery;
 use super::super::problem::Problem;
 use crate::cell::{Fault, LeaseView, Live, Refusal};
 use crate::device::{SensorReading, StageReading};
@@ -156,7 +157,7 @@ pub(in super::super) struct SensorDocument {
     get, path = "/v1/cell", tag = "cell",
     responses((status = 200, description = "The cell", body = CellDocument))
 )]
-pub(in super::super) async fn get_cell(State(app): State<App>) -> Result<Json<CellDocument>, Problem> {
+pub(in super::super) async fn get_cell(State(app): State<App>, _: NoQuery) -> Result<Json<CellDocument>, Problem> {
     Ok(Json(CellDocument::from(&app.service.cell_view()?)))
 }
 

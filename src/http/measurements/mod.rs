@@ -20,10 +20,10 @@ pub use uncertainty::UncertaintyDocument;
 use super::app::App;
 use super::command::wait;
 use super::extract::{Path, Query};
-use super::paging::{link_next, page};
+use super::paging::{listed, page};
 use super::problem::Problem;
 use crate::service::AnyMeasurement;
-use crate::store::{Filter, Listing};
+use crate::store::Filter;
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, Uri};
@@ -90,10 +90,9 @@ pub(super) async fn list_measurements(
         VerdictFilter::Refused => "refused".to_owned(),
     });
     let filter = Filter { scan_id: query.scan_id, verdict, recipe: query.recipe };
-    let Listing { rows, next } = app.service.measurements(&filter, &page).await?;
-    let next_cursor = next.map(|cursor| cursor.to_string());
-    let measurements = rows.iter().map(MeasurementDocument::from).collect();
-    Ok((link_next(&uri, next_cursor.as_deref()), Json(MeasurementList { measurements, next_cursor })))
+    let page = app.service.measurements(&filter, &page).await?;
+    let (link, measurements, next_cursor) = listed(&uri, page, |one| MeasurementDocument::from(&one));
+    Ok((link, Json(MeasurementList { measurements, next_cursor })))
 }
 
 /// How one measurement is shown.

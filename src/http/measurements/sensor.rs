@@ -170,7 +170,7 @@ pub(super) async fn measure_from_sensor(
         request_id: request_id(body.request_id, headers)?,
     };
     let request = SensorRequest {
-        lease_id: lease_id([body.lease_id, None], headers)?,
+        lease_id: lease_id(app, [body.lease_id, None], headers)?,
         way: ScanWay {
             x_from_mm: body.x_from_mm,
             x_to_mm: body.x_to_mm,
