@@ -7,7 +7,8 @@ use super::problem::{Code, Problem};
 use axum::extract::{FromRequest, Request};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 use std::time::Duration;
 use utoipa::{IntoParams, ToSchema};
 
@@ -84,22 +85,25 @@ pub(super) fn named_lease(said: [Option<String>; 2], headers: &HeaderMap) -> Res
 #[into_params(parameter_in = Query)]
 pub(super) struct WaitQuery {
     /// How long to wait for the end, in seconds; the answer comes at the end or after this time, whichever is first.
-    #[param(minimum = 0, maximum = 60)]
-    pub(super) wait_s: Option<u8>,
+    #[param(value_type = Option<u8>, minimum = 0, maximum = 60)]
+    pub(super) wait_s: Option<WaitSeconds>,
 }
 
-/// The wait that is asked for.
-///
-/// # Errors
-/// [`Code::QueryInvalid`] where it is too long.
-pub(super) fn wait(wait_s: Option<u8>) -> Result<Duration, Problem> {
-    match wait_s {
-        Some(wait_s) if wait_s > WAIT_MAX_S => {
-            let detail = format!("wait_s must be between 0 and {WAIT_MAX_S}, got {wait_s}");
-            Err(Problem::new(Code::QueryInvalid, detail).with("wait_s", wait_s))
-        }
-        wait_s => Ok(Duration::from_secs(u64::from(wait_s.unwrap_or(0)))),
+/// A wait that is asked for, in whole seconds.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct WaitSeconds(u8);
+
+impl<'de> Deserialize<'de> for WaitSeconds {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let text = String::deserialize(deserializer)?;
+        let seconds = text.parse().ok().filter(|seconds| *seconds <= WAIT_MAX_S);
+        seconds.map(Self).ok_or_else(|| D::Error::custom(format!("must be a whole number from 0 to {WAIT_MAX_S}")))
     }
+}
+
+/// The wait that is asked for; none where nothing is said.
+pub(super) fn wait(asked: Option<WaitSeconds>) -> Duration {
+    Duration::from_secs(asked.map_or(0, |WaitSeconds(seconds)| seconds.into()))
 }
 
 /// Something that was made, or had been made for the same request before: 201 or 200, with its address.

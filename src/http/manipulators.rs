@@ -5,6 +5,7 @@ use super::axes::carrier;
 use super::cell::TakenDocument;
 use super::command::{CommandLease, LeaseBody, LeaseQuery};
 use super::extract::{NoQuery, Path};
+use super::numbers::{degrees, rounded};
 use super::problem::{Code, Problem};
 use crate::cell::Manual;
 use crate::config;
@@ -271,24 +272,24 @@ fn reading_document(reading: &Reading, limits: &config::SupportLimits) -> Readin
 
 fn linear(axis: &AxisReading, limits: &config::LinearLimits) -> LinearAxisDocument {
     LinearAxisDocument {
-        actual_mm: axis.actual,
-        commanded_mm: axis.commanded,
-        lower_mm: axis.lower.max(limits.lower_mm),
-        upper_mm: axis.upper.min(limits.upper_mm),
+        actual_mm: rounded(axis.actual),
+        commanded_mm: rounded(axis.commanded),
+        lower_mm: rounded(axis.lower.max(limits.lower_mm)),
+        upper_mm: rounded(axis.upper.min(limits.upper_mm)),
         step_mm: limits.step_mm,
-        speed_mm_s: axis.speed.min(limits.speed_mm_s),
+        speed_mm_s: rounded(axis.speed.min(limits.speed_mm_s)),
         flags: flags(axis),
     }
 }
 
 fn turn(axis: &AxisReading, limits: &config::TurnLimits) -> TurnAxisDocument {
     TurnAxisDocument {
-        actual_deg: axis.actual.to_degrees(),
-        commanded_deg: axis.commanded.to_degrees(),
-        lower_deg: axis.lower.to_degrees().max(limits.lower_deg),
-        upper_deg: axis.upper.to_degrees().min(limits.upper_deg),
+        actual_deg: degrees(axis.actual),
+        commanded_deg: degrees(axis.commanded),
+        lower_deg: degrees(axis.lower).max(limits.lower_deg),
+        upper_deg: degrees(axis.upper).min(limits.upper_deg),
         step_deg: limits.step_deg,
-        speed_deg_s: axis.speed.to_degrees().min(limits.speed_deg_s),
+        speed_deg_s: degrees(axis.speed).min(limits.speed_deg_s),
         flags: flags(axis),
     }
 }

@@ -6,6 +6,7 @@ use super::axes::TravelsDocument;
 use super::command::{CommandLease, LeaseBody, LeaseQuery, made};
 use super::extract::{Json as JsonBody, NoQuery, Path, Query};
 use super::moves::MoveDocument;
+use super::numbers::{LENGTH_MAX_MM, TILT_MAX_DEG, TURN_MAX_DEG, degrees, rounded, within};
 use super::paging::{PageQuery, listed};
 use super::problem::Problem;
 use super::receive::request_id;
@@ -35,7 +36,7 @@ pub(super) struct PlanRequestDocument {
     /// Where it is wanted.
     target: TargetDocument,
     /// Share of the greatest speeds; 1 where nothing is said.
-    #[schema(exclusive_minimum = 0.0, maximum = 1.0)]
+    #[schema(minimum = 0.001, maximum = 1.0)]
     speed_ratio: Option<f64>,
     /// A repeated request of the same id gets the first answer again.
     #[schema(pattern = "^[A-Za-z0-9._:-]{1,128}$")]
@@ -54,14 +55,18 @@ pub(super) struct TargetDocument {
     #[schema(minimum = -45.0, maximum = 45.0)]
     pitch_deg: f64,
     /// Where the axis is to meet the plane x = 0.
+    #[schema(minimum = -100000.0, maximum = 100000.0)]
     y_c0_mm: f64,
     /// Where the axis is to meet the plane x = 0.
+    #[schema(minimum = -100000.0, maximum = 100000.0)]
     z_c0_mm: f64,
     /// Turn about the axis from where it is, from +Y towards +Z; 0 where nothing is said.
     #[serde(default)]
+    #[schema(minimum = -3600.0, maximum = 3600.0)]
     roll_deg: f64,
     /// Shift along the axis from where it is; 0 where nothing is said.
     #[serde(default)]
+    #[schema(minimum = -100000.0, maximum = 100000.0)]
     shift_x_mm: f64,
 }
 
@@ -127,17 +132,18 @@ pub(super) struct PlanList {
     next_cursor: Option<String>,
 }
 
-impl From<TargetDocument> for Target {
-    fn from(target: TargetDocument) -> Self {
-        let TargetDocument { deflection_deg, pitch_deg, y_c0_mm, z_c0_mm, roll_deg, shift_x_mm } = target;
-        Self {
-            deflection: deflection_deg.to_radians(),
-            pitch: pitch_deg.to_radians(),
-            y_c0: y_c0_mm,
-            z_c0: z_c0_mm,
-            roll: roll_deg.to_radians(),
-            shift_x: shift_x_mm,
-        }
+impl TargetDocument {
+    /// The target, where it can be one.
+    fn target(self) -> Result<Target, Problem> {
+        let Self { deflection_deg, pitch_deg, y_c0_mm, z_c0_mm, roll_deg, shift_x_mm } = self;
+        Ok(Target {
+            deflection: within("target.deflection_deg", deflection_deg, TILT_MAX_DEG)?.to_radians(),
+            pitch: within("target.pitch_deg", pitch_deg, TILT_MAX_DEG)?.to_radians(),
+            y_c0: within("target.y_c0_mm", y_c0_mm, LENGTH_MAX_MM)?,
+            z_c0: within("target.z_c0_mm", z_c0_mm, LENGTH_MAX_MM)?,
+            roll: within("target.roll_deg", roll_deg, TURN_MAX_DEG)?.to_radians(),
+            shift_x: within("target.shift_x_mm", shift_x_mm, LENGTH_MAX_MM)?,
+        })
     }
 }
 
@@ -145,12 +151,12 @@ impl From<Target> for TargetDocument {
     fn from(target: Target) -> Self {
         let Target { deflection, pitch, y_c0, z_c0, roll, shift_x } = target;
         Self {
-            deflection_deg: deflection.to_degrees(),
-            pitch_deg: pitch.to_degrees(),
-            y_c0_mm: y_c0,
-            z_c0_mm: z_c0,
-            roll_deg: roll.to_degrees(),
-            shift_x_mm: shift_x,
+            deflection_deg: degrees(deflection),
+            pitch_deg: degrees(pitch),
+            y_c0_mm: rounded(y_c0),
+            z_c0_mm: rounded(z_c0),
+            roll_deg: degrees(roll),
+            shift_x_mm: rounded(shift_x),
         }
     }
 }
@@ -158,11 +164,11 @@ impl From<Target> for TargetDocument {
 impl AxisDocument {
     fn of(axis: &AxisLine, x_ref_mm: f64) -> Self {
         Self {
-            deflection_deg: axis.deflection().degrees(),
-            pitch_deg: axis.pitch().degrees(),
-            y_c0_mm: axis.y0,
-            z_c0_mm: axis.z0,
-            x_ref_mm,
+            deflection_deg: rounded(axis.deflection().degrees()),
+            pitch_deg: rounded(axis.pitch().degrees()),
+            y_c0_mm: rounded(axis.y0),
+            z_c0_mm: rounded(axis.z0),
+            x_ref_mm: rounded(x_ref_mm),
         }
     }
 }
@@ -178,9 +184,9 @@ impl PlanDocument {
             target: stored.target.into(),
             predicted: plan.predicted.as_ref().map(|PartPose { axis, x_ref }| AxisDocument::of(axis, *x_ref)),
             speed_ratio: stored.speed_ratio,
-            duration_s: plan.duration_s,
-            strain_mm: plan.strain_mm,
-            twist_deg: plan.twist.to_degrees(),
+            duration_s: rounded(plan.duration_s),
+            strain_mm: rounded(plan.strain_mm),
+            twist_deg: degrees(plan.twist),
             waypoints_count: u64::try_from(plan.path.waypoints.len()).unwrap_or(u64::MAX),
             axes: plan.into(),
             measurement_id: stored.measurement_id,
@@ -214,7 +220,7 @@ pub(super) async fn create_plan(
     let request = PlanRequest {
         measurement_id: body.measurement_id,
         part: body.part,
-        target: body.target.into(),
+        target: body.target.target()?,
         speed_ratio: body.speed_ratio.unwrap_or(1.0),
         request_id: request_id(body.request_id, &headers)?,
     };

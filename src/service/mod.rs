@@ -7,6 +7,7 @@
 //! order --write down--> job --start--> cell --end--> job, written down
 //! ```
 
+mod acts;
 mod answer;
 mod arriving;
 mod clock;
@@ -15,7 +16,9 @@ mod equipment;
 mod error;
 mod events;
 mod findings;
+mod followers;
 mod jobs;
+mod leases;
 mod live;
 mod measure;
 mod measurement;
@@ -27,8 +30,10 @@ mod reading;
 mod recipe;
 mod recipes;
 mod records;
+mod scan_order;
 mod scans;
 mod sensor;
+mod side;
 mod tee;
 #[cfg(test)]
 mod tests;
@@ -40,10 +45,11 @@ pub use clock::Stopwatch;
 pub use compute::{Compute, ComputeError, Load};
 pub use equipment::{Equipment, EquipmentError};
 pub use error::{ContentError, ServiceError};
-pub use events::{Event, Events, Happening};
+pub use events::{After, Event, Events, Happening};
 pub use findings::{Chosen, Finding, Findings, MeasuredPart};
 pub use jobs::{Commander, Ending, JobStanding, Recorded, Started, stop_code};
-pub use live::{CellView, HOLDER_CHARACTERS_MAX, HeldLease};
+pub use leases::{HOLDER_CHARACTERS_MAX, HeldLease};
+pub use live::CellView;
 pub use measure::{Decoded, MeasureError, Measured, Prepared, measure, prepare, read};
 pub use measurement::{Identity, Measurement, SOFTWARE, Tally, Verdict};
 pub use moves::{Move, MoveOrder, MoveRequest};
@@ -52,8 +58,9 @@ pub use plans::{PlanAnswer, PlanRequest, Stale, StoredPlan, Target};
 pub use recipe::{DESCRIPTION_CHARACTERS_MAX, Recipe, RecipeError, Resolved};
 pub use recipes::{Put, RecipeName, StoredRecipe};
 pub use records::Last;
+pub use scan_order::{ScanWay, SensorOrder, SensorRequest};
 pub use scans::{Content, Kept, Origin};
-pub use sensor::{AnyMeasurement, ScanWay, SensorOrder, SensorRequest, SensorScan};
+pub use sensor::{AnyMeasurement, SensorScan};
 pub use upload::{Arrived, Upload};
 pub use view::View;
 
@@ -63,9 +70,9 @@ use crate::scan::decode::Limits;
 use crate::store::Store;
 use clock::Clock;
 use events::EventLog;
+use followers::Followers;
 use jiff::Timestamp;
-use jobs::Followers;
-use live::CellSide;
+use side::CellSide;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::Mutex;

@@ -4,9 +4,10 @@
 use super::super::app::App;
 use super::super::command::{CommandLease, LeaseBody, LeaseQuery, named_lease};
 use super::super::extract::{NoQuery, OptionalJson, Query};
+use super::super::numbers::plain;
 use super::super::problem::{Code, Problem};
 use super::live::{LeaseViewDocument, lease_view, ms};
-use crate::service::HeldLease;
+use crate::service::{HOLDER_CHARACTERS_MAX, HeldLease};
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
@@ -19,7 +20,6 @@ use utoipa::ToSchema;
 /// Bounds of what may be asked for; the configuration has narrower ones.
 const TTL_S_MIN: f64 = 0.1;
 const TTL_S_MAX: f64 = 600.0;
-const HOLDER_CHARACTERS_MAX: usize = 64;
 
 /// Who wants to move, or goes on.
 #[derive(Debug, Default, Deserialize, ToSchema)]
@@ -138,7 +138,7 @@ pub(in super::super) async fn release_lease(
 
 fn time_to_live(ttl_s: f64) -> Result<Duration, Problem> {
     if !(TTL_S_MIN..=TTL_S_MAX).contains(&ttl_s) {
-        let detail = format!("ttl_s must be between {TTL_S_MIN} and {TTL_S_MAX}, got {ttl_s:e}");
+        let detail = format!("ttl_s must be between {TTL_S_MIN} and {TTL_S_MAX}, got {}", plain(ttl_s));
         return Err(Problem::new(Code::OptionInvalid, detail).with("field", "ttl_s"));
     }
     Ok(Duration::from_secs_f64(ttl_s))
