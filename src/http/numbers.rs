@@ -1,7 +1,8 @@
-//! Numbers on the wire: those of requests within bounds beyond which nothing can be meant, those of answers and of messages
-//! rounded to what can be meant. Must not know what they are used for.
+//! Numbers on the wire: those of requests within bounds beyond which nothing can be meant, those of answers rounded to what can
+//! be meant. Must not know what they are used for.
 
 use super::problem::{Code, Problem};
+use crate::service::plain;
 
 /// Longest length of a request, mm, whichever way.
 pub(super) const LENGTH_MAX_MM: f64 = 100_000.0;
@@ -41,34 +42,9 @@ pub(super) const fn degrees(turn: f64) -> f64 {
     rounded(turn.to_degrees())
 }
 
-/// A number for people to read: seven digits, and an exponent where there would be a row of zeros.
-pub(super) fn plain(value: f64) -> String {
-    let short = format!("{value:.6e}").parse().unwrap_or(value);
-    match value.abs() {
-        0.0 => "0".to_owned(),
-        size if (1e-4..1e7).contains(&size) => format!("{short}"),
-        _ => format!("{short:e}"),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_number_in_a_message_is_short_whatever_it_is() {
-        for (value, text) in [
-            (0.0, "0"),
-            (-0.5, "-0.5"),
-            (30.000000000000004, "30"),
-            (123_456.0, "123456"),
-            (1e300, "1e300"),
-            (f64::MIN_POSITIVE, "2.225074e-308"),
-            (-1.0 / 3.0, "-0.3333333"),
-        ] {
-            assert_eq!(plain(value), text);
-        }
-    }
 
     #[test]
     fn a_number_of_an_answer_has_six_digits_behind_the_point() {

@@ -199,7 +199,8 @@ fn refusals(operation_id: &str) -> Vec<&'static [Code]> {
             ];
             vec![STORE, BODY, SCAN, MEASURING, MOVING, by_the_sensor]
         }
-        "get_cell" | "get_lease" | "stop_cell" | "list_manipulators" => vec![CELL],
+        "get_cell" | "get_lease" | "list_manipulators" => vec![CELL],
+        "stop_cell" => vec![&[Code::CellAbsent]],
         "get_manipulator" => vec![CELL, &[Code::ManipulatorUnknown, Code::RouteUnknown]],
         "take_lease" | "release_lease" => vec![COMMAND],
         "reset_cell" => vec![COMMAND, MOVING],

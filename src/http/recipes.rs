@@ -7,7 +7,7 @@ mod type_b;
 pub(super) use document::RecipeDocument;
 
 use super::app::App;
-use super::extract::{Json as JsonBody, Path, Query, header_text};
+use super::extract::{Json as JsonBody, NoQuery, Path, Query, header_text};
 use super::paging::{PageQuery, listed};
 use super::problem::{Code, Problem};
 use crate::service::{Put, RecipeName, StoredRecipe};
@@ -77,7 +77,11 @@ pub(super) async fn list_recipes(
     responses((status = 200, description = "The recipe", body = StoredRecipeDocument,
         headers(("ETag" = String, description = "Names the revision"))))
 )]
-pub(super) async fn get_recipe(State(app): State<App>, Path(name): Path<String>) -> Result<Response, Problem> {
+pub(super) async fn get_recipe(
+    State(app): State<App>,
+    Path(name): Path<String>,
+    _: NoQuery,
+) -> Result<Response, Problem> {
     let name = RecipeName::parse(&name).ok_or_else(|| {
         Problem::new(Code::RecipeUnknown, format!("there is no recipe {name}; list them with GET /v1/recipes"))
     })?;
@@ -107,6 +111,7 @@ pub(super) async fn get_recipe(State(app): State<App>, Path(name): Path<String>)
 pub(super) async fn put_recipe(
     State(app): State<App>,
     Path(name): Path<String>,
+    _: NoQuery,
     headers: HeaderMap,
     JsonBody(document): JsonBody<RecipeDocument>,
 ) -> Result<Response, Problem> {

@@ -2,7 +2,7 @@
 
 use super::app::App;
 use super::body::Pieces;
-use super::extract::{Path, Query, query};
+use super::extract::{NoQuery, Path, Query, query};
 use super::names::FormatName;
 use super::paging::{PageQuery, listed};
 use super::problem::Problem;
@@ -117,7 +117,11 @@ pub(super) async fn list_scans(
     params(("id" = String, Path, description = "Id of the scan")),
     responses((status = 200, description = "The scan", body = ScanDocument))
 )]
-pub(super) async fn get_scan(State(app): State<App>, Path(id): Path<String>) -> Result<Json<ScanDocument>, Problem> {
+pub(super) async fn get_scan(
+    State(app): State<App>,
+    Path(id): Path<String>,
+    _: NoQuery,
+) -> Result<Json<ScanDocument>, Problem> {
     Ok(Json(app.service.scan(&id).await?.into()))
 }
 
@@ -129,7 +133,11 @@ pub(super) async fn get_scan(State(app): State<App>, Path(id): Path<String>) -> 
     params(("id" = String, Path, description = "Id of the scan")),
     responses((status = 200, description = "The bytes", content((Vec<u8> = "application/octet-stream"))))
 )]
-pub(super) async fn get_scan_content(State(app): State<App>, Path(id): Path<String>) -> Result<Response, Problem> {
+pub(super) async fn get_scan_content(
+    State(app): State<App>,
+    Path(id): Path<String>,
+    _: NoQuery,
+) -> Result<Response, Problem> {
     let Content { row, file } = app.service.scan_content(&id).await?;
     let extension = Format::from_name(&row.format).map_or("bin", |format| match format {
         Format::Csv | Format::GocatorCsv => "csv",

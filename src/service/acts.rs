@@ -109,7 +109,8 @@ impl Service {
             match &taken {
                 Ok(_) => service.conclude(&act, JobStanding::Done, None).await,
                 Err(refusal) => {
-                    service.conclude(&act, JobStanding::Refused, Some(&Ending::refused(refusal))).await;
+                    let (standing, ending) = Ending::of_refusal(refusal);
+                    service.conclude(&act, standing, Some(&ending)).await;
                 }
             }
             Ok(taken?)

@@ -144,9 +144,14 @@ impl Ending {
         }
     }
 
-    /// That the cell has refused.
-    pub(super) fn refused(refusal: &Refusal) -> Self {
-        Self { code: "refused".to_owned(), text: refusal.to_string() }
+    /// How a job stands that the cell did not say it had begun.
+    pub(super) fn of_refusal(refusal: &Refusal) -> (JobStanding, Self) {
+        if *refusal == Refusal::Closing {
+            // It took the lease a moment ago, so it ended with the order in its hands.
+            let text = "the cell ended before it said whether it had begun this";
+            return (JobStanding::Unknown, Self { code: "service_stopping".to_owned(), text: text.to_owned() });
+        }
+        (JobStanding::Refused, Self { code: "refused".to_owned(), text: refusal.to_string() })
     }
 }
 
@@ -317,4 +322,15 @@ pub(super) fn read_back<T: DeserializeOwned>(row: &JobRow) -> Result<Recorded<T>
     };
     let JobRow { id, created_at, ended_at, plan_id, .. } = row.clone();
     Ok(Recorded { id, created_at, ended_at, standing, plan_id, order, ending })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_was_refused_is_called_so() {
+        assert_eq!(Ending::of_refusal(&Refusal::LeaseRequired).0, JobStanding::Refused);
+        assert_eq!(Ending::of_refusal(&Refusal::Closing).0, JobStanding::Unknown, "it may have been begun");
+    }
 }

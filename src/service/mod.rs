@@ -25,6 +25,7 @@ mod measurement;
 mod moves;
 mod offline;
 mod pictures;
+mod plain;
 mod plans;
 mod reading;
 mod recipe;
@@ -54,6 +55,7 @@ pub use measure::{Decoded, MeasureError, Measured, Prepared, measure, prepare, r
 pub use measurement::{Identity, Measurement, SOFTWARE, Tally, Verdict};
 pub use moves::{Move, MoveOrder, MoveRequest};
 pub use offline::{Offline, measure_offline};
+pub use plain::plain;
 pub use plans::{PlanAnswer, PlanRequest, Stale, StoredPlan, Target};
 pub use recipe::{DESCRIPTION_CHARACTERS_MAX, Recipe, RecipeError, Resolved};
 pub use recipes::{Put, RecipeName, StoredRecipe};

@@ -131,10 +131,13 @@ impl Service {
                     Ok(started)
                 }
                 Err(refusal) => {
-                    // Nobody will ask for the set-points of what never began.
-                    let mut refused = started.job;
-                    refused.order.plan.path.waypoints.clear();
-                    service.conclude(&refused, JobStanding::Refused, Some(&Ending::refused(&refusal))).await;
+                    let (standing, ending) = Ending::of_refusal(&refusal);
+                    let mut job = started.job;
+                    if standing == JobStanding::Refused {
+                        // Nobody will ask for the set-points of what never began.
+                        job.order.plan.path.waypoints.clear();
+                    }
+                    service.conclude(&job, standing, Some(&ending)).await;
                     Err(refusal.into())
                 }
             }

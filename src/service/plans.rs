@@ -140,6 +140,8 @@ impl Service {
         }
         let measurement = self.measurement(&request.measurement_id).await?;
         let pose = pose(&measurement, request.part.as_deref())?;
+        // A cell that has ended says nothing about where anything is.
+        self.cell_view()?;
         let from = side.positions().ok_or(ServiceError::PositionsUnknown)?;
         let taken = self.taking_of(&measurement).await?;
         self.check_fresh(side, taken.at)?;

@@ -112,7 +112,10 @@ impl Service {
         match self.scan_job(&id).await {
             Err(error) => error,
             Ok(None) => ServiceError::MeasurementUnknown { id },
-            Ok(Some(Recorded { standing: JobStanding::Running, .. })) => ServiceError::MeasurementRunning { id },
+            // Where it is done, it was recorded this very moment.
+            Ok(Some(Recorded { standing: JobStanding::Running | JobStanding::Done, .. })) => {
+                ServiceError::MeasurementRunning { id }
+            }
             Ok(Some(Recorded { standing, ending, .. })) => {
                 let (reason, text) = ending.map_or_else(
                     || (standing.name().to_owned(), format!("it is {}", standing.name())),
@@ -152,7 +155,8 @@ impl Service {
                 Ok(started)
             }
             Err(refusal) => {
-                self.conclude(&started.job, JobStanding::Refused, Some(&Ending::refused(&refusal))).await;
+                let (standing, ending) = Ending::of_refusal(&refusal);
+                self.conclude(&started.job, standing, Some(&ending)).await;
                 Err(refusal.into())
             }
         }

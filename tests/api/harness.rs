@@ -26,7 +26,7 @@ pub(crate) struct Running {
     /// What stands behind the simulated devices; `None` where the service has no cell.
     pub(crate) world: Option<World>,
     /// What answers; `None` where it is in another process.
-    pub(crate) service: Option<Arc<Service>>,
+    pub(crate) verbs: Option<Arc<Service>>,
     stopper: Option<Stopper>,
     thread: Option<JoinHandle<()>>,
     agent: ureq::Agent,
@@ -105,13 +105,13 @@ pub(crate) fn start_on(folder: &Folder, change: impl FnOnce(&mut Config)) -> Run
         });
     });
     let (address, stopper, world, service) = receiver.recv().expect("it starts");
-    Running { address, world, service: Some(service), stopper: Some(stopper), thread: Some(thread), agent: agent() }
+    Running { address, world, verbs: Some(service), stopper: Some(stopper), thread: Some(thread), agent: agent() }
 }
 
 /// A service in another process.
 pub(crate) fn at(address: &str) -> Running {
     let address = address.parse().expect("an address");
-    Running { address, world: None, service: None, stopper: None, thread: None, agent: agent() }
+    Running { address, world: None, verbs: None, stopper: None, thread: None, agent: agent() }
 }
 
 fn agent() -> ureq::Agent {
@@ -224,12 +224,12 @@ impl Running {
 
     /// Waits until everything is over, once it was told to stop.
     pub(crate) fn wait(mut self) {
-        self.service = None;
+        self.verbs = None;
         self.thread.take().expect("it runs").join().expect("it ended in good order");
     }
 
     fn end(&mut self) {
-        self.service = None;
+        self.verbs = None;
         if let Some(stopper) = &self.stopper {
             stopper.stop();
         }

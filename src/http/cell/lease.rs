@@ -4,10 +4,9 @@
 use super::super::app::App;
 use super::super::command::{CommandLease, LeaseBody, LeaseQuery, named_lease};
 use super::super::extract::{NoQuery, OptionalJson, Query};
-use super::super::numbers::plain;
 use super::super::problem::{Code, Problem};
 use super::live::{LeaseViewDocument, lease_view, ms};
-use crate::service::{HOLDER_CHARACTERS_MAX, HeldLease};
+use crate::service::{HOLDER_CHARACTERS_MAX, HeldLease, plain};
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};

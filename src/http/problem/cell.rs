@@ -1,10 +1,10 @@
 //! The cell's and the motion's reasons as problems, one by one: what happened, what to do, and the numbers as members.
 
-use super::super::numbers::{plain, rounded};
+use super::super::numbers::rounded;
 use super::{Code, Problem};
 use crate::cell::{Refusal, State};
 use crate::motion::{Axis, Carrier, MotionRefusal};
-use crate::service::Stale;
+use crate::service::{Stale, plain};
 use axum::http::{HeaderValue, header};
 use std::time::Duration;
 

@@ -9,7 +9,7 @@ fn a_service_whose_cell_has_ended_is_not_ready_and_shows_no_cell_as_it_was() {
     let (service, _folder) = untouched(FAST);
     assert_eq!(service.get("/health/ready").expect(200)["status"], "ok");
     assert!(service.get("/metrics").text().contains("coaxis_cell_alive 1"));
-    let verbs = Arc::clone(service.service.as_ref().expect("it runs here"));
+    let verbs = Arc::clone(service.verbs.as_ref().expect("it runs here"));
     tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()

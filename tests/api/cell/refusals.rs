@@ -82,6 +82,9 @@ fn a_number_beyond_its_bounds_is_refused_with_them_and_never_printed_whole() {
     refused("/v1/measurements", json!({"source": "sensor", "x_from_mm": 1e300}), "x_from_mm");
     refused("/v1/measurements", json!({"source": "sensor", "speed_mm_s": 1e300}), "speed_mm_s");
     refused("/v1/cell/lease", json!({"ttl_s": 1e300}), "ttl_s");
+    let recipe =
+        line.service.put("/v1/recipes/a", &[], &json!({"nominal_radius_mm": 1e300})).problem(422, "recipe_invalid");
+    assert!(recipe["detail"].as_str().is_some_and(|text| text.ends_with("got 1e300")), "{recipe}");
 }
 
 #[test]
@@ -97,9 +100,15 @@ fn a_move_without_a_target_is_told_what_to_send() {
 #[test]
 fn what_an_address_does_not_take_is_not_ignored() {
     let (service, _folder) = untouched(FAST);
-    for path in
-        ["/v1/cell", "/v1/cell/lease", "/v1/manipulators", "/v1/manipulators/m1", "/v1/plans/p-1", "/v1/scans/s-1"]
-    {
+    for path in [
+        "/v1/cell",
+        "/v1/cell/lease",
+        "/v1/manipulators",
+        "/v1/manipulators/m1",
+        "/v1/plans/p-1",
+        "/v1/scans/s-1",
+        "/v1/recipes/a",
+    ] {
         service.get(&format!("{path}?wait=1")).problem(400, "query_invalid");
     }
     for wait in ["61", "300", "-1", "1.5", "soon", ""] {
