@@ -137,6 +137,10 @@ impl EventsQuery {
         if let Some(text) = header_text(headers, &LAST_EVENT_ID)? {
             return last_event(text.trim(), instance_id);
         }
+        if self.after.is_some_and(|after| i64::try_from(after).is_err()) {
+            let detail = format!("after must be the number of an event, at most {}", i64::MAX);
+            return Err(Problem::new(Code::QueryInvalid, detail));
+        }
         Ok(match &self.instance_id {
             Some(instance) if instance != instance_id => After::AnotherInstance,
             _ => After::Number(self.after.unwrap_or(0)),

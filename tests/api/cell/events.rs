@@ -77,6 +77,7 @@ fn a_wait_for_an_event_ends_when_there_is_one() {
     });
     assert_eq!(told["events"][0]["number"], newest + 1);
     line.service.get("/v1/events?wait_s=61").problem(400, "query_invalid");
+    line.service.get("/v1/events?after=9223372036854775808").problem(400, "query_invalid");
     line.service.get_with("/v1/events", &[("last-event-id", "x")]).problem(400, "request_header_invalid");
     line.service.get_with("/v1/events", &[("accept", "image/png")]).problem(406, "not_acceptable");
 }
