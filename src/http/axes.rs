@@ -1,5 +1,7 @@
 //! Axes on the wire: lengths in millimetres, turns in degrees, units in every name. Must not know what they are used for.
 
+use super::numbers::{LENGTH_MAX_MM, TURN_MAX_DEG, degrees, rounded, within};
+use super::problem::Problem;
 use crate::motion::{Axes, Axis, AxisTravel, Carrier, Pair, Plan};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -10,19 +12,36 @@ use utoipa::ToSchema;
 #[schema(as = AxisTargets)]
 pub(super) struct TargetsDocument {
     /// Along the rail.
+    #[schema(minimum = -100000.0, maximum = 100000.0)]
     x_mm: Option<f64>,
     /// Across.
+    #[schema(minimum = -100000.0, maximum = 100000.0)]
     y_mm: Option<f64>,
     /// Up.
+    #[schema(minimum = -100000.0, maximum = 100000.0)]
     z_mm: Option<f64>,
     /// The turn, from +Y towards +Z.
+    #[schema(minimum = -3600.0, maximum = 3600.0)]
     c_deg: Option<f64>,
 }
 
-impl From<TargetsDocument> for Axes<Option<f64>> {
-    fn from(targets: TargetsDocument) -> Self {
-        let TargetsDocument { x_mm, y_mm, z_mm, c_deg } = targets;
-        Self { x: x_mm, y: y_mm, z: z_mm, c: c_deg.map(f64::to_radians) }
+impl TargetsDocument {
+    /// The targets of this manipulator; `None` where none is named.
+    ///
+    /// # Errors
+    /// `option_invalid` where one is beyond all bounds.
+    pub(super) fn targets(self, carrier: Carrier) -> Result<Option<Axes<Option<f64>>>, Problem> {
+        let Self { x_mm, y_mm, z_mm, c_deg } = self;
+        let target = |name: &str, value: Option<f64>, most: f64| {
+            value.map(|value| within(&format!("{}.{name}", carrier.name()), value, most)).transpose()
+        };
+        let axes = Axes {
+            x: target("x_mm", x_mm, LENGTH_MAX_MM)?,
+            y: target("y_mm", y_mm, LENGTH_MAX_MM)?,
+            z: target("z_mm", z_mm, LENGTH_MAX_MM)?,
+            c: target("c_deg", c_deg, TURN_MAX_DEG)?.map(f64::to_radians),
+        };
+        Ok((axes != Axes::default()).then_some(axes))
     }
 }
 
@@ -95,16 +114,21 @@ impl From<&Plan> for TravelsDocument {
 
 const fn linear(way: &AxisTravel) -> LinearTravelDocument {
     let AxisTravel { from, to, travel, margin } = *way;
-    LinearTravelDocument { from_mm: from, to_mm: to, travel_mm: travel, margin_mm: margin }
+    LinearTravelDocument {
+        from_mm: rounded(from),
+        to_mm: rounded(to),
+        travel_mm: rounded(travel),
+        margin_mm: rounded(margin),
+    }
 }
 
 const fn turn(way: &AxisTravel) -> TurnTravelDocument {
     let AxisTravel { from, to, travel, margin } = *way;
     TurnTravelDocument {
-        from_deg: from.to_degrees(),
-        to_deg: to.to_degrees(),
-        travel_deg: travel.to_degrees(),
-        margin_deg: margin.to_degrees(),
+        from_deg: degrees(from),
+        to_deg: degrees(to),
+        travel_deg: degrees(travel),
+        margin_deg: degrees(margin),
     }
 }
 

@@ -1,15 +1,14 @@
-//! What requests to the cell have in common: a body that may be left out, the lease in header, query or body, a bounded wait.
+//! What requests to the cell have in common: the lease in header, query or body, a bounded wait, what was made.
 //! Must not know what is commanded.
 
 use super::app::App;
-use super::body::Pieces;
-use super::extract::{header_text, is_json, json};
+use super::extract::{header_text, optional_json, query};
 use super::problem::{Code, Problem};
 use axum::extract::{FromRequest, Request};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 use std::time::Duration;
 use utoipa::{IntoParams, ToSchema};
 
@@ -19,24 +18,18 @@ pub(super) const REPLAYED: HeaderName = HeaderName::from_static("idempotency-rep
 /// Longest wait that may be asked for, seconds.
 const WAIT_MAX_S: u8 = 60;
 
-/// A JSON body that may be left out.
+/// The lease that a command names which says nothing else.
 #[derive(Debug)]
-pub(super) struct OptionalJson<T>(pub(super) T);
+pub(super) struct CommandLease(pub(super) String);
 
-impl<T: DeserializeOwned + Default> FromRequest<App> for OptionalJson<T> {
+impl FromRequest<App> for CommandLease {
     type Rejection = Problem;
 
     async fn from_request(request: Request, app: &App) -> Result<Self, Problem> {
         let (parts, body) = request.into_parts();
-        let bytes = Pieces::new(&parts, body, app, app.limits.json_bytes_max)?.all().await?;
-        if bytes.trim_ascii().is_empty() {
-            return Ok(Self(T::default()));
-        }
-        if !is_json(&parts.headers) {
-            let detail = "send JSON with the header Content-Type: application/json, or no body";
-            return Err(Problem::new(Code::ContentTypeUnsupported, detail));
-        }
-        json(&bytes).map(Self)
+        let LeaseQuery { lease_id: in_query } = query(&parts)?;
+        let LeaseBody { lease_id: in_body } = optional_json(&parts, body, app).await?;
+        lease_id(app, [in_body, in_query], &parts.headers).map(Self)
     }
 }
 
@@ -58,25 +51,32 @@ pub(super) struct LeaseBody {
     pub(super) lease_id: Option<String>,
 }
 
-/// Which lease a request names, wherever it names it.
+/// Which lease a command names, wherever it names it.
 ///
 /// # Errors
-/// [`Code::LeaseRequired`] where it names none, [`Code::OptionInvalid`] where it names two.
-pub(super) fn lease_id(said: [Option<String>; 2], headers: &HeaderMap) -> Result<String, Problem> {
+/// [`Code::CellAbsent`] where there is nothing to command, [`Code::LeaseRequired`] where it names none, [`Code::OptionInvalid`]
+/// where it names two.
+pub(super) fn lease_id(app: &App, said: [Option<String>; 2], headers: &HeaderMap) -> Result<String, Problem> {
+    app.service.cell_config()?;
+    named_lease(said, headers)?.ok_or_else(|| {
+        let detail = "this needs the lease: POST /v1/cell/lease, then name it by the header Lease-Id or by lease_id";
+        Problem::new(Code::LeaseRequired, detail)
+    })
+}
+
+/// Which lease a request names, where it names one.
+///
+/// # Errors
+/// [`Code::OptionInvalid`] where it names two.
+pub(super) fn named_lease(said: [Option<String>; 2], headers: &HeaderMap) -> Result<Option<String>, Problem> {
     let mut named: Vec<String> = said.into_iter().chain([header_text(headers, &LEASE_ID)?]).flatten().collect();
     named.dedup();
-    match named.pop() {
-        Some(_) if !named.is_empty() => {
-            let detail = "the header Lease-Id, the query and the body name different leases; send one of them";
-            Err(Problem::new(Code::OptionInvalid, detail).with("field", "lease_id"))
-        }
-        Some(id) => Ok(id),
-        None => {
-            let detail =
-                "this needs the lease: POST /v1/cell/lease, then name it by the header Lease-Id or by lease_id";
-            Err(Problem::new(Code::LeaseRequired, detail))
-        }
+    let one = named.pop();
+    if named.is_empty() {
+        return Ok(one);
     }
+    let detail = "the header Lease-Id, the query and the body name different leases; send one of them";
+    Err(Problem::new(Code::OptionInvalid, detail).with("field", "lease_id"))
 }
 
 /// How long to wait for an end.
@@ -85,22 +85,25 @@ pub(super) fn lease_id(said: [Option<String>; 2], headers: &HeaderMap) -> Result
 #[into_params(parameter_in = Query)]
 pub(super) struct WaitQuery {
     /// How long to wait for the end, in seconds; the answer comes at the end or after this time, whichever is first.
-    #[param(minimum = 0, maximum = 60)]
-    pub(super) wait_s: Option<u8>,
+    #[param(value_type = Option<u8>, minimum = 0, maximum = 60)]
+    pub(super) wait_s: Option<WaitSeconds>,
 }
 
-/// The wait that is asked for.
-///
-/// # Errors
-/// [`Code::QueryInvalid`] where it is too long.
-pub(super) fn wait(wait_s: Option<u8>) -> Result<Duration, Problem> {
-    match wait_s {
-        Some(wait_s) if wait_s > WAIT_MAX_S => {
-            let detail = format!("wait_s must be between 0 and {WAIT_MAX_S}, got {wait_s}");
-            Err(Problem::new(Code::QueryInvalid, detail).with("wait_s", wait_s))
-        }
-        wait_s => Ok(Duration::from_secs(u64::from(wait_s.unwrap_or(0)))),
+/// A wait that is asked for, in whole seconds.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct WaitSeconds(u8);
+
+impl<'de> Deserialize<'de> for WaitSeconds {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let text = String::deserialize(deserializer)?;
+        let seconds = text.parse().ok().filter(|seconds| *seconds <= WAIT_MAX_S);
+        seconds.map(Self).ok_or_else(|| D::Error::custom(format!("must be a whole number from 0 to {WAIT_MAX_S}")))
     }
+}
+
+/// The wait that is asked for; none where nothing is said.
+pub(super) fn wait(asked: Option<WaitSeconds>) -> Duration {
+    Duration::from_secs(asked.map_or(0, |WaitSeconds(seconds)| seconds.into()))
 }
 
 /// Something that was made, or had been made for the same request before: 201 or 200, with its address.

@@ -3,11 +3,12 @@
 
 use super::accept::choose;
 use super::app::App;
-use super::command::wait;
+use super::command::{WaitSeconds, wait};
 use super::extract::{Query, header_text};
+use super::numbers::rounded;
 use super::problem::{Code, Problem};
 use crate::cell::{EventKind, Failure, JobEnd, StopCause};
-use crate::service::{Event, Events, Happening, Service, stop_code};
+use crate::service::{After, Event, Events, Happening, Service, stop_code};
 use axum::Json;
 use axum::body::{Body, Bytes};
 use axum::extract::State;
@@ -36,11 +37,14 @@ const PIECES_WAITING: usize = 8;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct EventsQuery {
-    /// Number of the last event that is known; 0 where nothing is said. `newest` of the answer goes here next.
+    /// Number of the last event that is known; 0 where nothing is said.
     after: Option<u64>,
+    /// `instance_id` of the answer that `after` is from: where the service was restarted since, that is told by `missed_count`,
+    /// and the events come from the first on.
+    instance_id: Option<String>,
     /// How long to wait for the next event where there is none, in seconds.
-    #[param(minimum = 0, maximum = 60)]
-    wait_s: Option<u8>,
+    #[param(value_type = Option<u8>, minimum = 0, maximum = 60)]
+    wait_s: Option<WaitSeconds>,
 }
 
 /// Events in order.
@@ -48,9 +52,9 @@ pub(super) struct EventsQuery {
 pub(super) struct EventList {
     /// At most 256; ask on behind the last one.
     events: Vec<EventDocument>,
-    /// How many that were asked for are not kept any more; at least 1 where `after` is of another instance.
+    /// How many that were asked for are not kept any more; at least 1 where `after` is known to be of another instance.
     missed_count: u64,
-    /// Number of the newest event of all.
+    /// Number of the newest event of all; it may be beyond the last of these.
     newest: u64,
     /// Events are numbered anew with every instance.
     instance_id: String,
@@ -104,10 +108,11 @@ pub(super) struct EventDocument {
 /// Get events
 ///
 /// Those behind `after`, at most 256; with `wait_s` the answer waits for the first. With `Accept: text/event-stream` the same
-/// comes as server-sent events, resumed behind `Last-Event-ID`; a reader that is too slow finds an event `missed`.
+/// comes as server-sent events, resumed behind `Last-Event-ID`, which holds over the `after` of the address. Whoever is too
+/// slow, or resumes behind an event of an earlier instance, finds an event `missed`.
 #[utoipa::path(
     get, path = "/v1/events", tag = "events",
-    params(EventsQuery, ("Last-Event-ID" = Option<String>, Header, description = "The number of an event: the same as `after`, as browsers send it")),
+    params(EventsQuery, ("Last-Event-ID" = Option<String>, Header, description = "The id of an event of this stream, `instance_id:number`, as browsers send it")),
     responses((status = 200, description = "Events", content((EventList = "application/json"), (String = "text/event-stream"))))
 )]
 pub(super) async fn list_events(
@@ -115,8 +120,8 @@ pub(super) async fn list_events(
     Query(query): Query<EventsQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let wait = wait(query.wait_s)?;
-    let after = query.after.or(last_event_id(&headers)?).unwrap_or(0);
+    let wait = wait(query.wait_s);
+    let after = query.after(&headers, app.service.instance_id())?;
     let streams = choose(&headers, &[("application/json", false), ("text/event-stream", true)])?;
     if streams {
         return Ok(stream(Arc::clone(&app.service), after, app.listeners.place()?));
@@ -126,16 +131,36 @@ pub(super) async fn list_events(
     Ok(Json(EventList::of(events, &app.service)).into_response())
 }
 
-fn last_event_id(headers: &HeaderMap) -> Result<Option<u64>, Problem> {
-    let Some(text) = header_text(headers, &LAST_EVENT_ID)? else { return Ok(None) };
-    let number = text.trim().parse().map_err(|_| {
-        Problem::new(Code::HeaderInvalid, format!("the header Last-Event-ID must be a number of an event, got {text}"))
+impl EventsQuery {
+    /// Behind what is asked on. The header is newer than an address that a browser connects to again.
+    fn after(&self, headers: &HeaderMap, instance_id: &str) -> Result<After, Problem> {
+        if let Some(text) = header_text(headers, &LAST_EVENT_ID)? {
+            return last_event(text.trim(), instance_id);
+        }
+        if self.after.is_some_and(|after| i64::try_from(after).is_err()) {
+            let detail = format!("after must be the number of an event, at most {}", i64::MAX);
+            return Err(Problem::new(Code::QueryInvalid, detail));
+        }
+        Ok(match &self.instance_id {
+            Some(instance) if instance != instance_id => After::AnotherInstance,
+            _ => After::Number(self.after.unwrap_or(0)),
+        })
+    }
+}
+
+/// The event that the id of a stream names.
+fn last_event(id: &str, instance_id: &str) -> Result<After, Problem> {
+    // A number alone is not from us, so it is not known which instance counted it.
+    let (instance, number) = id.rsplit_once(':').unwrap_or(("", id));
+    let number = number.parse().map_err(|_| {
+        let detail = "the header Last-Event-ID must be the id of an event of this stream: instance_id:number";
+        Problem::new(Code::HeaderInvalid, detail)
     })?;
-    Ok(Some(number))
+    Ok(if instance == instance_id { After::Number(number) } else { After::AnotherInstance })
 }
 
 /// A body that tells events as they come, until the client hangs up or the service ends.
-fn stream(service: Arc<Service>, after: u64, place: OwnedSemaphorePermit) -> Response {
+fn stream(service: Arc<Service>, after: After, place: OwnedSemaphorePermit) -> Response {
     let (sender, body) = Channel::<Bytes, Infallible>::new(PIECES_WAITING);
     tokio::spawn(async move {
         tell(service, after, sender).await;
@@ -148,7 +173,7 @@ fn stream(service: Arc<Service>, after: u64, place: OwnedSemaphorePermit) -> Res
     (headers, Body::new(body)).into_response()
 }
 
-async fn tell(service: Arc<Service>, mut after: u64, mut sender: Sender<Bytes, Infallible>) {
+async fn tell(service: Arc<Service>, mut after: After, mut sender: Sender<Bytes, Infallible>) {
     let hello = format!("retry: 2000\n: instance {}\n\n", service.instance_id());
     if sender.send_data(hello.into()).await.is_err() {
         return;
@@ -156,18 +181,16 @@ async fn tell(service: Arc<Service>, mut after: u64, mut sender: Sender<Bytes, I
     while !service.is_closing() {
         let events = service.events(after, LIMIT, HEARTBEAT).await;
         let mut piece = String::new();
-        if after > events.newest {
-            // The number is of another instance: that is told once, and then this one is followed from its beginning.
-            after = 0;
-        }
+        // That something was missed is told once; then this instance is followed.
+        after = After::Number(events.seen);
         if events.missed_count > 0 {
             piece += &format!("event: missed\ndata: {{\"missed_count\": {}}}\n\n", events.missed_count);
         }
         for event in events.events {
-            after = event.number;
+            let id = format!("{}:{}", service.instance_id(), event.number);
             let document = EventDocument::from(event);
             let data = serde_json::to_string(&document).unwrap_or_default();
-            piece += &format!("id: {after}\nevent: {}\ndata: {data}\n\n", document.event);
+            piece += &format!("id: {id}\nevent: {}\ndata: {data}\n\n", document.event);
         }
         if piece.is_empty() {
             piece = ": still here\n\n".to_owned();
@@ -180,7 +203,7 @@ async fn tell(service: Arc<Service>, mut after: u64, mut sender: Sender<Bytes, I
 
 impl EventList {
     fn of(events: Events, service: &Service) -> Self {
-        let Events { events, missed_count, newest } = events;
+        let Events { events, missed_count, newest, seen: _ } = events;
         Self {
             events: events.into_iter().map(EventDocument::from).collect(),
             missed_count,
@@ -196,7 +219,7 @@ impl From<Event> for EventDocument {
         let told = match what {
             Happening::Cell(kind) => of_cell(kind),
             Happening::Progress { job, progress } => {
-                Self { job_id: Some(job), progress: Some(progress), ..named("job_progress") }
+                Self { job_id: Some(job), progress: Some(rounded(progress)), ..named("job_progress") }
             }
             Happening::Measured { measurement_id, verdict } => {
                 Self { job_id: Some(measurement_id), verdict: Some(verdict.name()), ..named("measured") }

@@ -3,9 +3,11 @@
 use super::app::App;
 use super::body::Pieces;
 use super::problem::{Code, Problem};
+use axum::body::Body;
 use axum::extract::{FromRequest, FromRequestParts, Request};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderName, header};
+use serde::Deserialize;
 use serde::de::{DeserializeOwned, IgnoredAny};
 
 /// The query; unknown and repeated parameters are refused.
@@ -16,15 +18,35 @@ pub(super) struct Query<T>(pub(super) T);
 #[derive(Debug)]
 pub(super) struct Path<T>(pub(super) T);
 
+/// The query of what takes no parameter, so that a mistyped one is not ignored.
+#[derive(Debug)]
+pub(super) struct NoQuery;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct NoParameters {}
+
 /// A JSON body of at most `limits.json_bytes_max` bytes; unknown fields are refused.
 #[derive(Debug)]
 pub(super) struct Json<T>(pub(super) T);
+
+/// The same where the body may be left out.
+#[derive(Debug)]
+pub(super) struct OptionalJson<T>(pub(super) T);
 
 impl<T: DeserializeOwned, S: Sync> FromRequestParts<S> for Query<T> {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
         query(parts).map(Self)
+    }
+}
+
+impl<S: Sync> FromRequestParts<S> for NoQuery {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
+        query::<NoParameters>(parts).map(|NoParameters {}| Self)
     }
 }
 
@@ -58,15 +80,32 @@ impl<T: DeserializeOwned> FromRequest<App> for Json<T> {
     async fn from_request(request: Request, app: &App) -> Result<Self, Problem> {
         let (parts, body) = request.into_parts();
         let mut pieces = Pieces::new(&parts, body, app, app.limits.json_bytes_max)?;
-        if !is_json(&parts.headers) {
-            return Err(Problem::new(
-                Code::ContentTypeUnsupported,
-                "send JSON with the header Content-Type: application/json",
-            ));
-        }
-        refuse_encoding(&parts.headers)?;
+        check_declared(&parts.headers, "send JSON with the header Content-Type: application/json")?;
         json(&pieces.all().await?).map(Self)
     }
+}
+
+impl<T: DeserializeOwned + Default> FromRequest<App> for OptionalJson<T> {
+    type Rejection = Problem;
+
+    async fn from_request(request: Request, app: &App) -> Result<Self, Problem> {
+        let (parts, body) = request.into_parts();
+        optional_json(&parts, body, app).await.map(Self)
+    }
+}
+
+/// The body of a request as a value, the default where there is none.
+pub(super) async fn optional_json<T: DeserializeOwned + Default>(
+    parts: &Parts,
+    body: Body,
+    app: &App,
+) -> Result<T, Problem> {
+    let bytes = Pieces::new(parts, body, app, app.limits.json_bytes_max)?.all().await?;
+    if bytes.trim_ascii().is_empty() {
+        return Ok(T::default());
+    }
+    check_declared(&parts.headers, "send JSON with the header Content-Type: application/json, or no body")?;
+    json(&bytes)
 }
 
 /// A value from the bytes of a JSON document that is an object.
@@ -105,6 +144,14 @@ pub(super) fn header_text(headers: &HeaderMap, name: &HeaderName) -> Result<Opti
         Ok(text) => Ok(Some(text.to_owned())),
         Err(_) => Err(Problem::new(Code::HeaderInvalid, format!("the header {name} is not plain text"))),
     }
+}
+
+/// Refuses a body that is not declared as JSON, or is packed.
+fn check_declared(headers: &HeaderMap, what_to_send: &str) -> Result<(), Problem> {
+    if !is_json(headers) {
+        return Err(Problem::new(Code::ContentTypeUnsupported, what_to_send));
+    }
+    refuse_encoding(headers)
 }
 
 fn refuse_encoding(headers: &HeaderMap) -> Result<(), Problem> {

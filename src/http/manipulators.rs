@@ -3,8 +3,9 @@
 use super::app::App;
 use super::axes::carrier;
 use super::cell::TakenDocument;
-use super::command::{LeaseBody, LeaseQuery, OptionalJson, lease_id};
-use super::extract::{Path, Query};
+use super::command::{CommandLease, LeaseBody, LeaseQuery};
+use super::extract::{NoQuery, Path};
+use super::numbers::{degrees, rounded};
 use super::problem::{Code, Problem};
 use crate::cell::Manual;
 use crate::config;
@@ -12,8 +13,8 @@ use crate::device::{AxisReading, AxisState, CommandResult, Mode, Reading};
 use crate::motion::{Axis, Carrier};
 use crate::service::CellView;
 use axum::Json;
-use axum::extract::State;
-use axum::http::HeaderMap;
+use axum::extract::{FromRequestParts, State};
+use axum::http::request::Parts;
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -137,6 +138,21 @@ pub(super) struct TurnAxisDocument {
     flags: FlagsDocument,
 }
 
+/// The manipulator that the path names.
+pub(super) struct Chosen(Carrier);
+
+impl<S: Send + Sync> FromRequestParts<S> for Chosen {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        let Path(id) = Path::<String>::from_request_parts(parts, state).await?;
+        carrier(&id).map(Self).ok_or_else(|| {
+            Problem::new(Code::ManipulatorUnknown, format!("there is no manipulator {id}; there are m1 and m2"))
+                .with("manipulator", id)
+        })
+    }
+}
+
 /// List the manipulators
 ///
 /// Both, with what each said last.
@@ -144,7 +160,7 @@ pub(super) struct TurnAxisDocument {
     get, path = "/v1/manipulators", tag = "manipulators",
     responses((status = 200, description = "Both manipulators", body = ManipulatorList))
 )]
-pub(super) async fn list_manipulators(State(app): State<App>) -> Result<Json<ManipulatorList>, Problem> {
+pub(super) async fn list_manipulators(State(app): State<App>, _: NoQuery) -> Result<Json<ManipulatorList>, Problem> {
     let (view, config) = (app.service.cell_view()?, app.service.cell_config()?);
     let manipulators = Carrier::ALL.into_iter().map(|carrier| document(carrier, &view, config)).collect();
     Ok(Json(ManipulatorList { manipulators }))
@@ -160,10 +176,11 @@ pub(super) async fn list_manipulators(State(app): State<App>) -> Result<Json<Man
 )]
 pub(super) async fn get_manipulator(
     State(app): State<App>,
-    Path(id): Path<String>,
+    Chosen(carrier): Chosen,
+    _: NoQuery,
 ) -> Result<Json<ManipulatorDocument>, Problem> {
     let (view, config) = (app.service.cell_view()?, app.service.cell_config()?);
-    Ok(Json(document(named(&id)?, &view, config)))
+    Ok(Json(document(carrier, &view, config)))
 }
 
 /// Enable a manipulator
@@ -178,12 +195,10 @@ pub(super) async fn get_manipulator(
 )]
 pub(super) async fn enable_manipulator(
     State(app): State<App>,
-    Path(id): Path<String>,
-    Query(query): Query<LeaseQuery>,
-    headers: HeaderMap,
-    OptionalJson(body): OptionalJson<LeaseBody>,
+    Chosen(carrier): Chosen,
+    CommandLease(lease_id): CommandLease,
 ) -> Result<Json<TakenDocument>, Problem> {
-    command(&app, &id, Manual::Enable, [body.lease_id, query.lease_id], &headers).await
+    Ok(Json(app.service.command_manipulator(lease_id, carrier, Manual::Enable).await?.into()))
 }
 
 /// Disable a manipulator
@@ -198,12 +213,10 @@ pub(super) async fn enable_manipulator(
 )]
 pub(super) async fn disable_manipulator(
     State(app): State<App>,
-    Path(id): Path<String>,
-    Query(query): Query<LeaseQuery>,
-    headers: HeaderMap,
-    OptionalJson(body): OptionalJson<LeaseBody>,
+    Chosen(carrier): Chosen,
+    CommandLease(lease_id): CommandLease,
 ) -> Result<Json<TakenDocument>, Problem> {
-    command(&app, &id, Manual::Disable, [body.lease_id, query.lease_id], &headers).await
+    Ok(Json(app.service.command_manipulator(lease_id, carrier, Manual::Disable).await?.into()))
 }
 
 /// Home a manipulator
@@ -218,31 +231,10 @@ pub(super) async fn disable_manipulator(
 )]
 pub(super) async fn home_manipulator(
     State(app): State<App>,
-    Path(id): Path<String>,
-    Query(query): Query<LeaseQuery>,
-    headers: HeaderMap,
-    OptionalJson(body): OptionalJson<LeaseBody>,
+    Chosen(carrier): Chosen,
+    CommandLease(lease_id): CommandLease,
 ) -> Result<Json<TakenDocument>, Problem> {
-    command(&app, &id, Manual::Home, [body.lease_id, query.lease_id], &headers).await
-}
-
-async fn command(
-    app: &App,
-    id: &str,
-    manual: Manual,
-    said: [Option<String>; 2],
-    headers: &HeaderMap,
-) -> Result<Json<TakenDocument>, Problem> {
-    let carrier = named(id)?;
-    let lease_id = lease_id(said, headers)?;
-    Ok(Json(app.service.command_manipulator(lease_id, carrier, manual).await?.into()))
-}
-
-fn named(id: &str) -> Result<Carrier, Problem> {
-    carrier(id).ok_or_else(|| {
-        Problem::new(Code::ManipulatorUnknown, format!("there is no manipulator {id}; there are m1 and m2"))
-            .with("manipulator", id)
-    })
+    Ok(Json(app.service.command_manipulator(lease_id, carrier, Manual::Home).await?.into()))
 }
 
 fn document(carrier: Carrier, view: &CellView, config: &config::Cell) -> ManipulatorDocument {
@@ -280,24 +272,24 @@ fn reading_document(reading: &Reading, limits: &config::SupportLimits) -> Readin
 
 fn linear(axis: &AxisReading, limits: &config::LinearLimits) -> LinearAxisDocument {
     LinearAxisDocument {
-        actual_mm: axis.actual,
-        commanded_mm: axis.commanded,
-        lower_mm: axis.lower.max(limits.lower_mm),
-        upper_mm: axis.upper.min(limits.upper_mm),
+        actual_mm: rounded(axis.actual),
+        commanded_mm: rounded(axis.commanded),
+        lower_mm: rounded(axis.lower.max(limits.lower_mm)),
+        upper_mm: rounded(axis.upper.min(limits.upper_mm)),
         step_mm: limits.step_mm,
-        speed_mm_s: axis.speed.min(limits.speed_mm_s),
+        speed_mm_s: rounded(axis.speed.min(limits.speed_mm_s)),
         flags: flags(axis),
     }
 }
 
 fn turn(axis: &AxisReading, limits: &config::TurnLimits) -> TurnAxisDocument {
     TurnAxisDocument {
-        actual_deg: axis.actual.to_degrees(),
-        commanded_deg: axis.commanded.to_degrees(),
-        lower_deg: axis.lower.to_degrees().max(limits.lower_deg),
-        upper_deg: axis.upper.to_degrees().min(limits.upper_deg),
+        actual_deg: degrees(axis.actual),
+        commanded_deg: degrees(axis.commanded),
+        lower_deg: degrees(axis.lower).max(limits.lower_deg),
+        upper_deg: degrees(axis.upper).min(limits.upper_deg),
         step_deg: limits.step_deg,
-        speed_deg_s: axis.speed.to_degrees().min(limits.speed_deg_s),
+        speed_deg_s: degrees(axis.speed).min(limits.speed_deg_s),
         flags: flags(axis),
     }
 }

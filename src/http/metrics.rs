@@ -13,6 +13,7 @@ const MEASUREMENTS: &str = "coaxis_measurements_total";
 const MEASUREMENT_SECONDS: &str = "coaxis_measurement_duration_seconds";
 const RUNNING: &str = "coaxis_measurements_running";
 const QUEUED: &str = "coaxis_measurements_queued";
+const CELL_ALIVE: &str = "coaxis_cell_alive";
 
 /// Upper bounds of the buckets of a duration, seconds.
 const SECONDS: [f64; 12] = [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 5.0, 30.0];
@@ -69,8 +70,11 @@ impl Metrics {
         self.add(MEASUREMENTS, vec![Label::new("method", method), Label::new("verdict", verdict.name())], 1);
     }
 
-    /// Everything as text, with what runs and waits at this moment.
-    pub(super) fn render(&self, load: Load) -> String {
+    /// Everything as text, with what runs and waits at this moment, and whether the cell lives, where there is one.
+    pub(super) fn render(&self, load: Load, cell_alive: Option<bool>) -> String {
+        if let Some(alive) = cell_alive {
+            self.set(CELL_ALIVE, usize::from(alive));
+        }
         self.set(RUNNING, load.running_count);
         self.set(QUEUED, load.queued_count);
         self.handle.run_upkeep();
@@ -108,6 +112,11 @@ fn describe(recorder: &PrometheusRecorder) {
     seconds(MEASUREMENT_SECONDS, "From the beginning of the reading to the end of the calculation.");
     recorder.describe_gauge(KeyName::from_const_str(RUNNING), None, text("Calculations that run."));
     recorder.describe_gauge(KeyName::from_const_str(QUEUED), None, text("Calculations that wait for their turn."));
+    recorder.describe_gauge(
+        KeyName::from_const_str(CELL_ALIVE),
+        None,
+        text("1 while the cell takes requests, else 0."),
+    );
 }
 
 #[cfg(test)]
@@ -119,11 +128,12 @@ mod tests {
         let metrics = Metrics::new();
         metrics.answered(&Method::GET, "/v1/status", StatusCode::OK, 0.002);
         metrics.measured(Verdict::Refused, "section_line", 0.02);
-        let text = metrics.render(Load { running_count: 1, queued_count: 0 });
+        let text = metrics.render(Load { running_count: 1, queued_count: 0 }, Some(false));
         for line in [
             r#"coaxis_http_requests_total{method="GET",route="/v1/status",status="200"} 1"#,
             r#"coaxis_measurements_total{method="section_line",verdict="refused"} 1"#,
             "coaxis_measurements_running 1",
+            "coaxis_cell_alive 0",
             r#"coaxis_http_request_duration_seconds_bucket{method="GET",route="/v1/status",le="0.0025"} 1"#,
         ] {
             assert!(text.contains(line), "{line} is missing in\n{text}");
@@ -137,8 +147,8 @@ mod tests {
             let invented = Method::from_bytes(format!("METHOD{number}").as_bytes()).expect("a token");
             metrics.answered(&invented, "none", StatusCode::NOT_FOUND, 0.001);
         }
-        let text = metrics.render(Load { running_count: 0, queued_count: 0 });
-        assert!(!text.contains("METHOD"), "{text}");
+        let text = metrics.render(Load { running_count: 0, queued_count: 0 }, None);
+        assert!(!text.contains("METHOD") && !text.contains("coaxis_cell_alive 0"), "{text}");
         assert!(text.contains(r#"coaxis_http_requests_total{method="other",route="none",status="404"} 100"#), "{text}");
     }
 }

@@ -25,6 +25,7 @@ mod measurements;
 mod metrics;
 mod moves;
 mod names;
+mod numbers;
 mod openapi;
 mod paging;
 mod plans;

@@ -5,12 +5,12 @@ use super::app::App;
 use super::axes::{TargetsDocument, TravelsDocument};
 use super::command::{LeaseQuery, WaitQuery, lease_id, made, wait};
 use super::extract::{Json as JsonBody, Path, Query};
-use super::paging::{PageQuery, link_next};
-use super::problem::Problem;
+use super::numbers::{degrees, rounded};
+use super::paging::{PageQuery, listed};
+use super::problem::{Code, Problem};
 use super::receive::request_id;
-use crate::motion::Pair;
+use crate::motion::{Carrier, MoveTargets, Pair, Plan};
 use crate::service::{Ending, JobStanding, Move, MoveRequest, Service};
-use crate::store::Listing;
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, Uri};
@@ -29,7 +29,7 @@ pub(super) struct MoveRequestDocument {
     /// Absolute targets of the manipulator at the greater x.
     m2: Option<TargetsDocument>,
     /// Share of the greatest speeds; 1 where nothing is said.
-    #[schema(exclusive_minimum = 0.0, maximum = 1.0)]
+    #[schema(minimum = 0.001, maximum = 1.0)]
     speed_ratio: Option<f64>,
     /// The same as the header `Lease-Id`.
     lease_id: Option<String>,
@@ -49,7 +49,7 @@ pub(super) struct MoveDocument {
     /// ended meanwhile), or `refused` (nothing was sent).
     #[schema(example = "moving")]
     state: &'static str,
-    /// How far it is, 0 to 1.
+    /// How far it is by its time, 0 to 1.
     progress: f64,
     /// When it was asked for, UTC.
     #[schema(value_type = String, format = DateTime)]
@@ -75,8 +75,8 @@ pub(super) struct MoveDocument {
     strain_mm: f64,
     /// Largest change of the difference of the two turns along the path.
     twist_deg: f64,
-    /// Set-points of the path.
-    waypoints_count: u64,
+    /// Set-points of the path; null where it was refused, since those are not kept.
+    waypoints_count: Option<u64>,
     /// What each axis does.
     axes: TravelsDocument,
 }
@@ -112,7 +112,7 @@ impl MoveDocument {
     pub(super) fn of(one: Move, service: &Service) -> Self {
         let progress = match one.standing {
             JobStanding::Done => 1.0,
-            JobStanding::Running => service.progress(&one.id).unwrap_or(0.0),
+            JobStanding::Running => rounded(service.progress(&one.id).unwrap_or(0.0)),
             _ => 0.0,
         };
         let plan = &one.order.plan;
@@ -125,16 +125,21 @@ impl MoveDocument {
             plan_id: one.plan_id,
             measurement_id: one.order.measurement_id,
             speed_ratio: one.order.speed_ratio,
-            duration_s: plan.duration_s,
-            strain_mm: plan.strain_mm,
-            twist_deg: plan.twist.to_degrees(),
-            waypoints_count: u64::try_from(plan.path.waypoints.len()).unwrap_or(u64::MAX),
+            duration_s: rounded(plan.duration_s),
+            strain_mm: rounded(plan.strain_mm),
+            twist_deg: degrees(plan.twist),
+            waypoints_count: waypoints_count(one.standing, plan),
             axes: plan.into(),
             holder: one.order.by.holder,
             fence: one.order.by.fence,
             id: one.id,
         }
     }
+}
+
+fn waypoints_count(standing: JobStanding, plan: &Plan) -> Option<u64> {
+    let count = u64::try_from(plan.path.waypoints.len()).unwrap_or(u64::MAX);
+    (standing != JobStanding::Refused).then_some(count)
 }
 
 /// Move to absolute targets
@@ -164,14 +169,25 @@ pub(super) async fn create_move(
     JsonBody(body): JsonBody<MoveRequestDocument>,
 ) -> Result<Response, Problem> {
     let request = MoveRequest {
-        lease_id: lease_id([body.lease_id, query.lease_id], &headers)?,
-        targets: Pair { m1: body.m1.map(Into::into), m2: body.m2.map(Into::into) },
+        lease_id: lease_id(&app, [body.lease_id, query.lease_id], &headers)?,
+        targets: targets(body.m1, body.m2)?,
         speed_ratio: body.speed_ratio.unwrap_or(1.0),
         request_id: request_id(body.request_id, &headers)?,
     };
     let started = app.service.start_move(request).await?;
     let address = format!("/v1/moves/{}", started.job.id);
     made(&address, started.replayed, MoveDocument::of(started.job, &app.service))
+}
+
+/// What is to move where.
+fn targets(m1: Option<TargetsDocument>, m2: Option<TargetsDocument>) -> Result<MoveTargets, Problem> {
+    let of = |named: Option<TargetsDocument>, carrier| named.map_or(Ok(None), |named| named.targets(carrier));
+    let targets = Pair { m1: of(m1, Carrier::M1)?, m2: of(m2, Carrier::M2)? };
+    if targets == Pair::default() {
+        let detail = "no target is named, so nothing would move: send at least one, such as {\"m1\": {\"y_mm\": 1.5}}";
+        return Err(Problem::new(Code::NothingToMove, detail).with("field", "m1"));
+    }
+    Ok(targets)
 }
 
 /// List moves
@@ -187,10 +203,9 @@ pub(super) async fn list_moves(
     Query(query): Query<PageQuery>,
     uri: Uri,
 ) -> Result<(HeaderMap, Json<MoveList>), Problem> {
-    let Listing { rows, next } = app.service.moves(&query.page()?).await?;
-    let next_cursor = next.map(|cursor| cursor.to_string());
-    let moves = rows.into_iter().map(|one| MoveDocument::of(one, &app.service)).collect();
-    Ok((link_next(&uri, next_cursor.as_deref()), Json(MoveList { moves, next_cursor })))
+    let page = app.service.moves(&query.page()?).await?;
+    let (link, moves, next_cursor) = listed(&uri, page, |one| MoveDocument::of(one, &app.service));
+    Ok((link, Json(MoveList { moves, next_cursor })))
 }
 
 /// Get a move
@@ -206,7 +221,7 @@ pub(super) async fn get_move(
     Path(id): Path<String>,
     Query(query): Query<WaitQuery>,
 ) -> Result<Json<MoveDocument>, Problem> {
-    let wait = wait(query.wait_s)?;
+    let wait = wait(query.wait_s);
     let _place = app.listeners.place_for(wait)?;
     let one = app.service.get_move(&id, wait).await?;
     Ok(Json(MoveDocument::of(one, &app.service)))

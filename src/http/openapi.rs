@@ -132,7 +132,7 @@ const MEASURING: &[Code] = &[
 ];
 
 /// What one that asks the cell may refuse besides.
-const CELL: &[Code] = &[Code::CellAbsent];
+const CELL: &[Code] = &[Code::CellAbsent, Code::NotReady];
 
 /// What one that commands the cell may refuse besides.
 const COMMAND: &[Code] = &[
@@ -181,6 +181,9 @@ const PATH: &[Code] = &[
     Code::PlanStale,
 ];
 
+/// What one that needs the record of a measurement may refuse besides.
+const NOT_MEASURED: &[Code] = &[Code::MeasurementUnknown, Code::MeasurementRunning, Code::MeasurementFailed];
+
 /// What an operation may refuse, by its name.
 fn refusals(operation_id: &str) -> Vec<&'static [Code]> {
     const NOTHING: &[Code] = &[];
@@ -196,7 +199,8 @@ fn refusals(operation_id: &str) -> Vec<&'static [Code]> {
             ];
             vec![STORE, BODY, SCAN, MEASURING, MOVING, by_the_sensor]
         }
-        "get_cell" | "get_lease" | "stop_cell" | "list_manipulators" => vec![CELL],
+        "get_cell" | "get_lease" | "list_manipulators" => vec![CELL],
+        "stop_cell" => vec![&[Code::CellAbsent]],
         "get_manipulator" => vec![CELL, &[Code::ManipulatorUnknown, Code::RouteUnknown]],
         "take_lease" | "release_lease" => vec![COMMAND],
         "reset_cell" => vec![COMMAND, MOVING],
@@ -210,12 +214,12 @@ fn refusals(operation_id: &str) -> Vec<&'static [Code]> {
                 BODY,
                 PATH,
                 CELL,
+                NOT_MEASURED,
                 &[
                     Code::ContentTypeUnsupported,
                     Code::JsonMalformed,
                     Code::JsonInvalid,
                     Code::OptionInvalid,
-                    Code::MeasurementUnknown,
                     Code::PartUnknown,
                     Code::PoseMissing,
                     Code::RequestIdReused,
@@ -246,13 +250,10 @@ fn refusals(operation_id: &str) -> Vec<&'static [Code]> {
         "list_measurements" | "list_scans" | "list_recipes" => vec![STORE, &[Code::CursorMalformed]],
         "get_measurement" => vec![STORE, &[Code::MeasurementUnknown, Code::PartUnknown, Code::RouteUnknown]],
         "list_profiles" => {
-            vec![STORE, &[Code::MeasurementUnknown, Code::PartUnknown, Code::NotAcceptable, Code::RouteUnknown]]
+            vec![STORE, NOT_MEASURED, &[Code::PartUnknown, Code::NotAcceptable, Code::RouteUnknown]]
         }
         "get_plot" => {
-            vec![
-                STORE,
-                &[Code::MeasurementUnknown, Code::PartUnknown, Code::ProfileUnknown, Code::RouteUnknown, Code::Busy],
-            ]
+            vec![STORE, NOT_MEASURED, &[Code::PartUnknown, Code::ProfileUnknown, Code::RouteUnknown, Code::Busy]]
         }
         "get_scan" | "get_scan_content" => vec![STORE, &[Code::ScanUnknown, Code::RouteUnknown]],
         "get_recipe" => vec![STORE, &[Code::RecipeUnknown, Code::RouteUnknown]],

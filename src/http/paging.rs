@@ -1,7 +1,7 @@
 //! Lists: `limit` and `cursor` in the query, the next page in the body and in `Link`. Must not know what is listed.
 
 use super::problem::{Code, Problem};
-use crate::store::{Cursor, Page};
+use crate::store::{Cursor, Listing, Page};
 use axum::http::{HeaderMap, HeaderValue, Uri, header};
 use serde::Deserialize;
 use utoipa::IntoParams;
@@ -42,6 +42,17 @@ pub(super) fn page(limit: Option<u32>, cursor: Option<&str>) -> Result<Page, Pro
     }
     let before = cursor.map(Cursor::parse).transpose()?;
     Ok(Page { limit, before })
+}
+
+/// A page as every list answers it: the header that names the next page, the entries as they are shown, and the cursor of the
+/// next page.
+pub(super) fn listed<R, T>(
+    uri: &Uri,
+    page: Listing<R>,
+    show: impl FnMut(R) -> T,
+) -> (HeaderMap, Vec<T>, Option<String>) {
+    let next_cursor = page.next.map(|cursor| cursor.to_string());
+    (link_next(uri, next_cursor.as_deref()), page.rows.into_iter().map(show).collect(), next_cursor)
 }
 
 /// Points to the next page: the same address with another cursor.

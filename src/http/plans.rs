@@ -3,16 +3,16 @@
 
 use super::app::App;
 use super::axes::TravelsDocument;
-use super::command::{LeaseBody, LeaseQuery, OptionalJson, lease_id, made};
-use super::extract::{Json as JsonBody, Path, Query};
+use super::command::{CommandLease, LeaseBody, LeaseQuery, made};
+use super::extract::{Json as JsonBody, NoQuery, Path, Query};
 use super::moves::MoveDocument;
-use super::paging::{PageQuery, link_next};
+use super::numbers::{LENGTH_MAX_MM, TILT_MAX_DEG, TURN_MAX_DEG, degrees, rounded, within};
+use super::paging::{PageQuery, listed};
 use super::problem::Problem;
 use super::receive::request_id;
 use crate::geometry::AxisLine;
 use crate::motion::PartPose;
 use crate::service::{PlanRequest, StoredPlan, Target};
-use crate::store::Listing;
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, Uri};
@@ -36,7 +36,7 @@ pub(super) struct PlanRequestDocument {
     /// Where it is wanted.
     target: TargetDocument,
     /// Share of the greatest speeds; 1 where nothing is said.
-    #[schema(exclusive_minimum = 0.0, maximum = 1.0)]
+    #[schema(minimum = 0.001, maximum = 1.0)]
     speed_ratio: Option<f64>,
     /// A repeated request of the same id gets the first answer again.
     #[schema(pattern = "^[A-Za-z0-9._:-]{1,128}$")]
@@ -55,14 +55,18 @@ pub(super) struct TargetDocument {
     #[schema(minimum = -45.0, maximum = 45.0)]
     pitch_deg: f64,
     /// Where the axis is to meet the plane x = 0.
+    #[schema(minimum = -100000.0, maximum = 100000.0)]
     y_c0_mm: f64,
     /// Where the axis is to meet the plane x = 0.
+    #[schema(minimum = -100000.0, maximum = 100000.0)]
     z_c0_mm: f64,
     /// Turn about the axis from where it is, from +Y towards +Z; 0 where nothing is said.
     #[serde(default)]
+    #[schema(minimum = -3600.0, maximum = 3600.0)]
     roll_deg: f64,
     /// Shift along the axis from where it is; 0 where nothing is said.
     #[serde(default)]
+    #[schema(minimum = -100000.0, maximum = 100000.0)]
     shift_x_mm: f64,
 }
 
@@ -128,17 +132,18 @@ pub(super) struct PlanList {
     next_cursor: Option<String>,
 }
 
-impl From<TargetDocument> for Target {
-    fn from(target: TargetDocument) -> Self {
-        let TargetDocument { deflection_deg, pitch_deg, y_c0_mm, z_c0_mm, roll_deg, shift_x_mm } = target;
-        Self {
-            deflection: deflection_deg.to_radians(),
-            pitch: pitch_deg.to_radians(),
-            y_c0: y_c0_mm,
-            z_c0: z_c0_mm,
-            roll: roll_deg.to_radians(),
-            shift_x: shift_x_mm,
-        }
+impl TargetDocument {
+    /// The target, where it can be one.
+    fn target(self) -> Result<Target, Problem> {
+        let Self { deflection_deg, pitch_deg, y_c0_mm, z_c0_mm, roll_deg, shift_x_mm } = self;
+        Ok(Target {
+            deflection: within("target.deflection_deg", deflection_deg, TILT_MAX_DEG)?.to_radians(),
+            pitch: within("target.pitch_deg", pitch_deg, TILT_MAX_DEG)?.to_radians(),
+            y_c0: within("target.y_c0_mm", y_c0_mm, LENGTH_MAX_MM)?,
+            z_c0: within("target.z_c0_mm", z_c0_mm, LENGTH_MAX_MM)?,
+            roll: within("target.roll_deg", roll_deg, TURN_MAX_DEG)?.to_radians(),
+            shift_x: within("target.shift_x_mm", shift_x_mm, LENGTH_MAX_MM)?,
+        })
     }
 }
 
@@ -146,12 +151,12 @@ impl From<Target> for TargetDocument {
     fn from(target: Target) -> Self {
         let Target { deflection, pitch, y_c0, z_c0, roll, shift_x } = target;
         Self {
-            deflection_deg: deflection.to_degrees(),
-            pitch_deg: pitch.to_degrees(),
-            y_c0_mm: y_c0,
-            z_c0_mm: z_c0,
-            roll_deg: roll.to_degrees(),
-            shift_x_mm: shift_x,
+            deflection_deg: degrees(deflection),
+            pitch_deg: degrees(pitch),
+            y_c0_mm: rounded(y_c0),
+            z_c0_mm: rounded(z_c0),
+            roll_deg: degrees(roll),
+            shift_x_mm: rounded(shift_x),
         }
     }
 }
@@ -159,11 +164,11 @@ impl From<Target> for TargetDocument {
 impl AxisDocument {
     fn of(axis: &AxisLine, x_ref_mm: f64) -> Self {
         Self {
-            deflection_deg: axis.deflection().degrees(),
-            pitch_deg: axis.pitch().degrees(),
-            y_c0_mm: axis.y0,
-            z_c0_mm: axis.z0,
-            x_ref_mm,
+            deflection_deg: rounded(axis.deflection().degrees()),
+            pitch_deg: rounded(axis.pitch().degrees()),
+            y_c0_mm: rounded(axis.y0),
+            z_c0_mm: rounded(axis.z0),
+            x_ref_mm: rounded(x_ref_mm),
         }
     }
 }
@@ -179,9 +184,9 @@ impl PlanDocument {
             target: stored.target.into(),
             predicted: plan.predicted.as_ref().map(|PartPose { axis, x_ref }| AxisDocument::of(axis, *x_ref)),
             speed_ratio: stored.speed_ratio,
-            duration_s: plan.duration_s,
-            strain_mm: plan.strain_mm,
-            twist_deg: plan.twist.to_degrees(),
+            duration_s: rounded(plan.duration_s),
+            strain_mm: rounded(plan.strain_mm),
+            twist_deg: degrees(plan.twist),
             waypoints_count: u64::try_from(plan.path.waypoints.len()).unwrap_or(u64::MAX),
             axes: plan.into(),
             measurement_id: stored.measurement_id,
@@ -208,13 +213,14 @@ impl PlanDocument {
 )]
 pub(super) async fn create_plan(
     State(app): State<App>,
+    _: NoQuery,
     headers: HeaderMap,
     JsonBody(body): JsonBody<PlanRequestDocument>,
 ) -> Result<Response, Problem> {
     let request = PlanRequest {
         measurement_id: body.measurement_id,
         part: body.part,
-        target: body.target.into(),
+        target: body.target.target()?,
         speed_ratio: body.speed_ratio.unwrap_or(1.0),
         request_id: request_id(body.request_id, &headers)?,
     };
@@ -236,10 +242,9 @@ pub(super) async fn list_plans(
     Query(query): Query<PageQuery>,
     uri: Uri,
 ) -> Result<(HeaderMap, Json<PlanList>), Problem> {
-    let Listing { rows, next } = app.service.plans(&query.page()?).await?;
-    let next_cursor = next.map(|cursor| cursor.to_string());
-    let plans = rows.into_iter().map(|plan| PlanDocument::of(plan, None)).collect();
-    Ok((link_next(&uri, next_cursor.as_deref()), Json(PlanList { plans, next_cursor })))
+    let page = app.service.plans(&query.page()?).await?;
+    let (link, plans, next_cursor) = listed(&uri, page, |plan| PlanDocument::of(plan, None));
+    Ok((link, Json(PlanList { plans, next_cursor })))
 }
 
 /// Get a plan
@@ -250,7 +255,11 @@ pub(super) async fn list_plans(
     params(("id" = String, Path, description = "Id of the plan")),
     responses((status = 200, description = "The plan", body = PlanDocument))
 )]
-pub(super) async fn get_plan(State(app): State<App>, Path(id): Path<String>) -> Result<Json<PlanDocument>, Problem> {
+pub(super) async fn get_plan(
+    State(app): State<App>,
+    Path(id): Path<String>,
+    _: NoQuery,
+) -> Result<Json<PlanDocument>, Problem> {
     let plan = app.service.plan(&id).await?;
     let move_id = app.service.move_of_plan(&id).await?;
     Ok(Json(PlanDocument::of(plan, move_id)))
@@ -276,11 +285,8 @@ pub(super) async fn get_plan(State(app): State<App>, Path(id): Path<String>) -> 
 pub(super) async fn execute_plan(
     State(app): State<App>,
     Path(id): Path<String>,
-    Query(query): Query<LeaseQuery>,
-    headers: HeaderMap,
-    OptionalJson(body): OptionalJson<LeaseBody>,
+    CommandLease(lease_id): CommandLease,
 ) -> Result<Response, Problem> {
-    let lease_id = lease_id([body.lease_id, query.lease_id], &headers)?;
     let started = app.service.execute_plan(&id, lease_id).await?;
     let address = format!("/v1/moves/{}", started.job.id);
     made(&address, started.replayed, MoveDocument::of(started.job, &app.service))

@@ -7,11 +7,11 @@ mod type_b;
 pub(super) use document::RecipeDocument;
 
 use super::app::App;
-use super::extract::{Json as JsonBody, Path, Query, header_text};
-use super::paging::{PageQuery, link_next};
+use super::extract::{Json as JsonBody, NoQuery, Path, Query, header_text};
+use super::paging::{PageQuery, listed};
 use super::problem::{Code, Problem};
 use crate::service::{Put, RecipeName, StoredRecipe};
-use crate::store::{Listing, Precondition};
+use crate::store::Precondition;
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
@@ -63,10 +63,9 @@ pub(super) async fn list_recipes(
     Query(query): Query<PageQuery>,
     uri: Uri,
 ) -> Result<(HeaderMap, Json<RecipeList>), Problem> {
-    let Listing { rows, next } = app.service.recipes(&query.page()?).await?;
-    let next_cursor = next.map(|cursor| cursor.to_string());
-    let recipes = rows.into_iter().map(StoredRecipeDocument::from).collect();
-    Ok((link_next(&uri, next_cursor.as_deref()), Json(RecipeList { recipes, next_cursor })))
+    let page = app.service.recipes(&query.page()?).await?;
+    let (link, recipes, next_cursor) = listed(&uri, page, StoredRecipeDocument::from);
+    Ok((link, Json(RecipeList { recipes, next_cursor })))
 }
 
 /// Get a recipe
@@ -78,7 +77,11 @@ pub(super) async fn list_recipes(
     responses((status = 200, description = "The recipe", body = StoredRecipeDocument,
         headers(("ETag" = String, description = "Names the revision"))))
 )]
-pub(super) async fn get_recipe(State(app): State<App>, Path(name): Path<String>) -> Result<Response, Problem> {
+pub(super) async fn get_recipe(
+    State(app): State<App>,
+    Path(name): Path<String>,
+    _: NoQuery,
+) -> Result<Response, Problem> {
     let name = RecipeName::parse(&name).ok_or_else(|| {
         Problem::new(Code::RecipeUnknown, format!("there is no recipe {name}; list them with GET /v1/recipes"))
     })?;
@@ -108,6 +111,7 @@ pub(super) async fn get_recipe(State(app): State<App>, Path(name): Path<String>)
 pub(super) async fn put_recipe(
     State(app): State<App>,
     Path(name): Path<String>,
+    _: NoQuery,
     headers: HeaderMap,
     JsonBody(document): JsonBody<RecipeDocument>,
 ) -> Result<Response, Problem> {

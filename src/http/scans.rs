@@ -2,14 +2,14 @@
 
 use super::app::App;
 use super::body::Pieces;
-use super::extract::{Path, Query, query};
+use super::extract::{NoQuery, Path, Query, query};
 use super::names::FormatName;
-use super::paging::{PageQuery, link_next};
+use super::paging::{PageQuery, listed};
 use super::problem::Problem;
 use super::receive::{content_encoding, origin, receive};
 use crate::scan::decode::Format;
 use crate::service::{Content, Kept, Order};
-use crate::store::{Listing, ScanRow};
+use crate::store::ScanRow;
 use axum::Json;
 use axum::body::{Body, Bytes};
 use axum::extract::{Request, State};
@@ -104,10 +104,9 @@ pub(super) async fn list_scans(
     Query(query): Query<PageQuery>,
     uri: Uri,
 ) -> Result<(HeaderMap, Json<ScanList>), Problem> {
-    let Listing { rows, next } = app.service.scans(&query.page()?).await?;
-    let next_cursor = next.map(|cursor| cursor.to_string());
-    let scans = rows.into_iter().map(ScanDocument::from).collect();
-    Ok((link_next(&uri, next_cursor.as_deref()), Json(ScanList { scans, next_cursor })))
+    let page = app.service.scans(&query.page()?).await?;
+    let (link, scans, next_cursor) = listed(&uri, page, ScanDocument::from);
+    Ok((link, Json(ScanList { scans, next_cursor })))
 }
 
 /// Get a scan
@@ -118,7 +117,11 @@ pub(super) async fn list_scans(
     params(("id" = String, Path, description = "Id of the scan")),
     responses((status = 200, description = "The scan", body = ScanDocument))
 )]
-pub(super) async fn get_scan(State(app): State<App>, Path(id): Path<String>) -> Result<Json<ScanDocument>, Problem> {
+pub(super) async fn get_scan(
+    State(app): State<App>,
+    Path(id): Path<String>,
+    _: NoQuery,
+) -> Result<Json<ScanDocument>, Problem> {
     Ok(Json(app.service.scan(&id).await?.into()))
 }
 
@@ -130,7 +133,11 @@ pub(super) async fn get_scan(State(app): State<App>, Path(id): Path<String>) -> 
     params(("id" = String, Path, description = "Id of the scan")),
     responses((status = 200, description = "The bytes", content((Vec<u8> = "application/octet-stream"))))
 )]
-pub(super) async fn get_scan_content(State(app): State<App>, Path(id): Path<String>) -> Result<Response, Problem> {
+pub(super) async fn get_scan_content(
+    State(app): State<App>,
+    Path(id): Path<String>,
+    _: NoQuery,
+) -> Result<Response, Problem> {
     let Content { row, file } = app.service.scan_content(&id).await?;
     let extension = Format::from_name(&row.format).map_or("bin", |format| match format {
         Format::Csv | Format::GocatorCsv => "csv",

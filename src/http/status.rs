@@ -117,19 +117,33 @@ pub(super) async fn get_liveness() -> Json<Healthy> {
 
 /// See whether the service can do its work
 ///
-/// Writes to the store to find out; 503 names what is not ready.
+/// Writes to the store to find out, and asks whether the cell, where there is one, still takes requests; 503 names what is not
+/// ready.
 #[utoipa::path(
     get, path = "/health/ready", tag = "status",
     responses((status = 200, description = "It can", body = Healthy))
 )]
 pub(super) async fn get_readiness(State(app): State<App>) -> Result<Json<Healthy>, Problem> {
-    match app.service.check_ready().await {
-        Ok(()) => Ok(Json(Healthy { status: "ok" })),
-        Err(cause) => Err(Problem::new(Code::NotReady, "the store cannot be written to; reads may still work")
-            .with("not_ready", vec!["store"])
-            .with_header(header::RETRY_AFTER, HeaderValue::from_static("1"))
-            .because(cause.to_string())),
+    let store = app.service.check_ready().await.err();
+    let cell = app.service.cell_is_alive() == Some(false);
+    let reasons: Vec<(&str, &str)> = [
+        store.as_ref().map(|_| ("store", "the store cannot be written to; reads may still work")),
+        cell.then_some(("cell", "the cell has ended; nothing can be moved or scanned until the service is restarted")),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    if reasons.is_empty() {
+        return Ok(Json(Healthy { status: "ok" }));
     }
+    let (names, texts): (Vec<&str>, Vec<&str>) = reasons.into_iter().unzip();
+    let problem = Problem::new(Code::NotReady, texts.join("; "))
+        .with("not_ready", names)
+        .with_header(header::RETRY_AFTER, HeaderValue::from_static("1"));
+    Err(match store {
+        Some(cause) => problem.because(cause.to_string()),
+        None => problem,
+    })
 }
 
 /// Get the counters
@@ -140,6 +154,6 @@ pub(super) async fn get_readiness(State(app): State<App>) -> Result<Json<Healthy
     responses((status = 200, description = "The counters", content((String = "text/plain"))))
 )]
 pub(super) async fn get_metrics(State(app): State<App>) -> Response {
-    let text = app.metrics.render(app.service.load());
+    let text = app.metrics.render(app.service.load(), app.service.cell_is_alive());
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
 }

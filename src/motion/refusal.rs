@@ -9,7 +9,8 @@ pub enum MotionRefusal {
     /// An axis would leave its limits, at the end or on the way.
     #[error(
         "axis {a} of {m} would go to {value} {u}, outside its limits of {lower} to {upper} {u}",
-        a = axis.name(), m = carrier.name(), u = axis.unit()
+        a = axis.name(), m = carrier.name(), u = axis.unit(),
+        value = short(*value), lower = short(*lower), upper = short(*upper)
     )]
     OutOfLimits {
         /// Which.
@@ -26,7 +27,8 @@ pub enum MotionRefusal {
     /// An axis is outside its limits already.
     #[error(
         "axis {a} of {m} stands at {actual} {u}, outside its limits of {lower} to {upper} {u}; bring it back at its panel",
-        a = axis.name(), m = carrier.name(), u = axis.unit()
+        a = axis.name(), m = carrier.name(), u = axis.unit(),
+        lower = short(*lower), upper = short(*upper), actual = short(*actual)
     )]
     StandsOutside {
         /// Which.
@@ -43,7 +45,8 @@ pub enum MotionRefusal {
     /// An axis would go further than one request may ask for.
     #[error(
         "axis {a} of {m} would go {travel} {u} at once, and {max} {u} are allowed; go in shorter steps",
-        a = axis.name(), m = carrier.name(), u = axis.unit()
+        a = axis.name(), m = carrier.name(), u = axis.unit(),
+        travel = short(*travel), max = short(*max)
     )]
     StepTooLarge {
         /// Which.
@@ -58,7 +61,8 @@ pub enum MotionRefusal {
     /// An axis would be faster than it may.
     #[error(
         "axis {a} of {m} would move at {speed} {u}/s, and {max} {u}/s are allowed",
-        a = axis.name(), m = carrier.name(), u = axis.unit()
+        a = axis.name(), m = carrier.name(), u = axis.unit(),
+        max = short(*max), speed = short(*speed)
     )]
     TooFast {
         /// Which.
@@ -71,7 +75,7 @@ pub enum MotionRefusal {
         max: f64,
     },
     /// The share of the greatest speed is no share.
-    #[error("the share of the greatest speed is {share}; it must be from {min} to 1")]
+    #[error("the share of the greatest speed is {share}; it must be from {min} to 1", share = short(*share))]
     ShareOutOfRange {
         /// What was asked for.
         share: f64,
@@ -79,7 +83,10 @@ pub enum MotionRefusal {
         min: f64,
     },
     /// The bodies of the manipulators would come too near to each other.
-    #[error("{gap_mm} mm would be left along x between the two manipulators, and at least {min_mm} mm must be")]
+    #[error(
+        "{gap_mm} mm would be left along x between the two manipulators, and at least {min_mm} mm must be",
+        gap_mm = short(*gap_mm), min_mm = short(*min_mm)
+    )]
     SpansMeet {
         /// What would be left; below zero where they would overlap.
         gap_mm: f64,
@@ -88,7 +95,8 @@ pub enum MotionRefusal {
     },
     /// The part would be stretched or pressed.
     #[error(
-        "the distance of the clamps would change by {strain_mm} mm, and {max_mm} mm are allowed; move both together"
+        "the distance of the clamps would change by {strain_mm} mm, and {max_mm} mm are allowed; move both together",
+        strain_mm = short(*strain_mm), max_mm = short(*max_mm)
     )]
     StrainTooLarge {
         /// Largest change along the path.
@@ -97,7 +105,10 @@ pub enum MotionRefusal {
         max_mm: f64,
     },
     /// The part would be twisted.
-    #[error("the clamps would twist the part by {twist_deg} deg, and {max_deg} deg are allowed; turn both together")]
+    #[error(
+        "the clamps would twist the part by {twist_deg} deg, and {max_deg} deg are allowed; turn both together",
+        twist_deg = short(*twist_deg), max_deg = short(*max_deg)
+    )]
     TwistTooLarge {
         /// Largest change of the difference of the two turns along the path.
         twist_deg: f64,
@@ -121,7 +132,8 @@ pub enum MotionRefusal {
     },
     /// Between two waypoints an axis that comes late would strain or twist the part too much.
     #[error(
-        "before waypoint {waypoint}, an axis ahead of another could strain the part by {lead} {unit}; {max} {unit} are allowed"
+        "before waypoint {waypoint}, an axis ahead of another could strain the part by {lead} {unit}; {max} {unit} are allowed",
+        max = short(*max), lead = short(*lead)
     )]
     PathTooCoarse {
         /// The later one of the two; the first is 0.
@@ -144,7 +156,8 @@ pub enum MotionRefusal {
     /// The path does not start where the axis is: something has moved since it was planned.
     #[error(
         "axis {a} of {m} is at {actual} {u}, and the path starts at {planned} {u}; it is stale, plan again",
-        a = axis.name(), m = carrier.name(), u = axis.unit()
+        a = axis.name(), m = carrier.name(), u = axis.unit(),
+        actual = short(*actual), planned = short(*planned)
     )]
     Stale {
         /// Which.
@@ -176,4 +189,9 @@ pub enum PathFault {
     /// A manipulator that is said to stay has somewhere to go.
     #[error("a manipulator that stays has a way to go")]
     MovesWhatStays,
+}
+
+/// A number as a person reads it: what lies behind the fourth digit behind the point is an artefact of calculating.
+fn short(value: f64) -> f64 {
+    (value * 1e4).round() / 1e4
 }

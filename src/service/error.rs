@@ -1,11 +1,12 @@
 //! Why the service could not do what it was asked. Must not know how a reason is told to a client.
 
-use super::{ComputeError, EquipmentError, MeasureError, RecipeError, Stale};
+use super::{ComputeError, EquipmentError, JobStanding, MeasureError, RecipeError, Stale};
 use crate::cell::Refusal;
 use crate::motion::MotionRefusal;
 use crate::scan::decode::DecodeError;
 use crate::store::StoreError;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// A reason of the service.
 #[derive(Debug, thiserror::Error)]
@@ -49,6 +50,24 @@ pub enum ServiceError {
         /// The id asked for.
         id: String,
     },
+    /// The scan of this measurement is being taken or measured.
+    #[error("the measurement {id} is not over: the sensor scans, or the pose is calculated")]
+    MeasurementRunning {
+        /// Its id.
+        id: String,
+    },
+    /// This measurement by the sensor came to nothing.
+    #[error("the measurement {id} came to nothing: {text}")]
+    MeasurementFailed {
+        /// Its id.
+        id: String,
+        /// How it ended.
+        standing: JobStanding,
+        /// Why, in a short word.
+        reason: String,
+        /// Why, as an operator would say it.
+        text: String,
+    },
     /// Nothing is kept under the name of this recipe.
     #[error("there is no recipe {name}")]
     RecipeUnknown {
@@ -75,6 +94,17 @@ pub enum ServiceError {
     /// The cell refuses.
     #[error(transparent)]
     Cell(#[from] Refusal),
+    /// The cell's task has ended, so nothing is known of the devices any more.
+    #[error("the cell has ended, and told every device to halt; nothing is known of it any more")]
+    CellGone,
+    /// A lease was named that is not the one that is held.
+    #[error("the lease_id that was given is not that of the lease: {holder} holds it for another {} ms", remaining.as_millis())]
+    LeaseOfAnother {
+        /// Who holds the lease.
+        holder: String,
+        /// How long it lasts unless it is renewed.
+        remaining: Duration,
+    },
     /// The motion is not allowed.
     #[error(transparent)]
     Motion(#[from] MotionRefusal),

@@ -54,6 +54,15 @@ pub enum Happening {
     },
 }
 
+/// Behind what somebody asks on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum After {
+    /// The event of this number; 0 for all.
+    Number(u64),
+    /// An event of another instance, whose numbers say nothing here.
+    AnotherInstance,
+}
+
 /// Events from a number on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Events {
@@ -61,6 +70,8 @@ pub struct Events {
     pub events: Vec<Event>,
     /// How many that were asked for are not kept any more, or never were of this instance.
     pub missed_count: u64,
+    /// The number to ask on behind.
+    pub seen: u64,
     /// The number of the newest of all.
     pub newest: u64,
 }
@@ -92,17 +103,20 @@ impl EventLog {
         self.newest.send_replace(number);
     }
 
-    /// At most `limit` of those behind number `after`. A number that this instance has not come to is of another one: then
-    /// all that are kept, and at least one missed.
-    pub(super) fn after(&self, after: u64, limit: usize) -> Events {
+    /// At most `limit` of those behind `after`. A number that this instance has not come to is of another one: then all that
+    /// are kept, and at least one missed.
+    pub(super) fn after(&self, after: After, limit: usize) -> Events {
         let kept = self.kept();
         let newest = kept.back().map_or(0, |event| event.number);
-        let foreign = after > newest;
-        let after = if foreign { 0 } else { after };
+        let (foreign, after) = match after {
+            After::Number(number) if number <= newest => (false, number),
+            After::Number(_) | After::AnotherInstance => (true, 0),
+        };
         let first = kept.front().map_or(1, |event| event.number);
         let missed_count = first.saturating_sub(after.saturating_add(1)).max(u64::from(foreign));
-        let events = kept.iter().filter(|event| event.number > after).take(limit).cloned().collect();
-        Events { events, missed_count, newest }
+        let events: Vec<_> = kept.iter().filter(|event| event.number > after).take(limit).cloned().collect();
+        let seen = events.last().map_or(after, |event| event.number);
+        Events { events, missed_count, seen, newest }
     }
 
     fn kept(&self) -> MutexGuard<'_, VecDeque<Event>> {
@@ -111,15 +125,15 @@ impl EventLog {
 }
 
 impl Service {
-    /// At most `limit` of the events behind number `after`; waits for the first of them, no longer than `wait` and no longer
+    /// At most `limit` of the events behind `after`; waits for the first of them, no longer than `wait` and no longer
     /// than the service runs.
-    pub async fn events(&self, after: u64, limit: usize, wait: Duration) -> Events {
+    pub async fn events(&self, after: After, limit: usize, wait: Duration) -> Events {
         let mut newest = self.events.newest.subscribe();
         let mut closing = self.closing.subscribe();
-        // Whoever names a number beyond the newest is told at once that it is of another instance.
-        let caught_up = after == *newest.borrow();
-        if caught_up && !wait.is_zero() {
-            let more = newest.wait_for(|newest| *newest != after);
+        // Whoever names an event of another instance is told so at once.
+        let seen = *newest.borrow();
+        if after == After::Number(seen) && !wait.is_zero() {
+            let more = newest.wait_for(|newest| *newest != seen);
             let _ = timeout(wait, async {
                 tokio::select! {
                     _ = more => {}
@@ -190,18 +204,20 @@ mod tests {
     #[test]
     fn a_reader_goes_on_behind_the_last_number_it_has() {
         let log = log(5);
-        let events = log.after(3, 10);
+        let events = log.after(After::Number(3), 10);
         assert_eq!((numbers(&events), events.missed_count, events.newest), (vec![4, 5], 0, 5));
-        assert_eq!(numbers(&log.after(0, 2)), [1, 2]);
-        assert!(numbers(&log.after(5, 2)).is_empty());
+        assert_eq!(numbers(&log.after(After::Number(0), 2)), [1, 2]);
+        assert!(numbers(&log.after(After::Number(5), 2)).is_empty());
     }
 
     #[test]
     fn what_is_not_kept_any_more_is_counted_and_a_foreign_number_begins_anew() {
         let log = log(1030);
-        let events = log.after(2, 1);
+        let events = log.after(After::Number(2), 1);
         assert_eq!((numbers(&events), events.missed_count), (vec![7], 4));
-        let foreign = log.after(5000, 1);
-        assert_eq!((numbers(&foreign), foreign.missed_count), (vec![7], 6));
+        for foreign in [After::Number(5000), After::AnotherInstance] {
+            let events = log.after(foreign, 1);
+            assert_eq!((numbers(&events), events.missed_count, events.seen), (vec![7], 6, 7));
+        }
     }
 }

@@ -7,10 +7,8 @@ use crate::store::{EndedJob, InsertedJob, JobRow, NewJob, RequestKey};
 use jiff::Timestamp;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::watch;
-use tokio::task::JoinHandle;
 use tokio::time::timeout;
 
 /// What kind of job.
@@ -146,9 +144,14 @@ impl Ending {
         }
     }
 
-    /// That the cell has refused.
-    pub(super) fn refused(refusal: &Refusal) -> Self {
-        Self { code: "refused".to_owned(), text: refusal.to_string() }
+    /// How a job stands that the cell did not say it had begun.
+    pub(super) fn of_refusal(refusal: &Refusal) -> (JobStanding, Self) {
+        if *refusal == Refusal::Closing {
+            // It took the lease a moment ago, so it ended with the order in its hands.
+            let text = "the cell ended before it said whether it had begun this";
+            return (JobStanding::Unknown, Self { code: "service_stopping".to_owned(), text: text.to_owned() });
+        }
+        (JobStanding::Refused, Self { code: "refused".to_owned(), text: refusal.to_string() })
     }
 }
 
@@ -161,52 +164,6 @@ pub const fn stop_code(cause: StopCause) -> &'static str {
         StopCause::LeaseReleased => "lease_released",
         StopCause::Closing => "service_stopping",
     }
-}
-
-/// Tasks that see jobs to their end, and the news that one has.
-#[derive(Debug)]
-pub(super) struct Followers {
-    tasks: Mutex<Vec<JoinHandle<()>>>,
-    ended: watch::Sender<u64>,
-}
-
-impl Followers {
-    pub(super) fn new() -> Self {
-        Self { tasks: Mutex::new(Vec::new()), ended: watch::Sender::new(0) }
-    }
-
-    /// Has a task run to its end, whoever hangs up.
-    pub(super) fn add(&self, task: impl Future<Output = ()> + Send + 'static) {
-        let mut tasks = self.tasks.lock().unwrap_or_else(PoisonError::into_inner);
-        tasks.retain(|task| !task.is_finished());
-        tasks.push(tokio::spawn(task));
-    }
-
-    /// Waits for all tasks, no longer than `wait`.
-    pub(super) async fn finish(&self, wait: Duration) {
-        let tasks = std::mem::take(&mut *self.tasks.lock().unwrap_or_else(PoisonError::into_inner));
-        let all = async {
-            for task in tasks {
-                // One that panicked has ended, too.
-                let _ = task.await;
-            }
-        };
-        let _ = timeout(wait, all).await;
-    }
-}
-
-/// Work that goes on when its caller hangs up: a command is recorded and told as a whole or not at all.
-pub(super) async fn whole<T: Send + 'static>(
-    work: impl Future<Output = Result<T, ServiceError>> + Send + 'static,
-) -> Result<T, ServiceError> {
-    tokio::spawn(work).await.unwrap_or_else(|_| Err(super::ComputeError::Panicked.into()))
-}
-
-/// Work that takes the processor for a while, beside the threads that answer.
-pub(super) async fn aside<T: Send + 'static>(
-    work: impl FnOnce() -> Result<T, ServiceError> + Send + 'static,
-) -> Result<T, ServiceError> {
-    tokio::task::spawn_blocking(work).await.unwrap_or_else(|_| Err(super::ComputeError::Panicked.into()))
 }
 
 /// The row of a job that begins.
@@ -365,4 +322,15 @@ pub(super) fn read_back<T: DeserializeOwned>(row: &JobRow) -> Result<Recorded<T>
     };
     let JobRow { id, created_at, ended_at, plan_id, .. } = row.clone();
     Ok(Recorded { id, created_at, ended_at, standing, plan_id, order, ending })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_was_refused_is_called_so() {
+        assert_eq!(Ending::of_refusal(&Refusal::LeaseRequired).0, JobStanding::Refused);
+        assert_eq!(Ending::of_refusal(&Refusal::Closing).0, JobStanding::Unknown, "it may have been begun");
+    }
 }

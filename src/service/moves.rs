@@ -2,9 +2,10 @@
 //! up changes nothing about it. Must not know devices, nor how a path comes about.
 
 use super::answer::fingerprint_of;
-use super::jobs::{self, Beginning, Ending, JobStanding, Kind, Recorded, Started, aside, whole};
+use super::followers::{aside, whole};
+use super::jobs::{self, Beginning, Ending, JobStanding, Kind, Recorded, Started};
 use super::{Commander, Happening, Service, ServiceError};
-use crate::cell::{Job, JobState};
+use crate::cell::{Job, JobState, JobView};
 use crate::motion::{MoveTargets, Plan, plan_move};
 use crate::store::{Listing, Page, RequestKey};
 use serde::{Deserialize, Serialize};
@@ -73,7 +74,7 @@ impl Service {
             }
             return Ok(Started { job: jobs::read_back(&row)?, replayed: true });
         }
-        side.cell.renew_lease(&request.lease_id).await?;
+        self.use_lease(&request.lease_id).await?;
         let from = side.positions().ok_or(ServiceError::PositionsUnknown)?;
         let (arrangement, targets, speed_ratio) = (side.arrangement, request.targets, request.speed_ratio);
         let plan = aside(move || Ok(plan_move(&arrangement, &from, &targets, speed_ratio)?)).await?;
@@ -96,15 +97,15 @@ impl Service {
     /// # Errors
     /// What the store says.
     pub async fn moves(&self, page: &Page) -> Result<Listing<Move>, ServiceError> {
-        let Listing { rows, next } = self.store.jobs(Kind::Move.name(), page).await?;
+        let Listing { rows, next } = self.store.jobs(Kind::Move.name(), None, page).await?;
         Ok(Listing { rows: aside(move || rows.iter().map(jobs::read_back).collect::<Result<_, _>>()).await?, next })
     }
 
     /// How far a job under way is, 0 to 1; `None` where it is not under way.
     #[must_use]
     pub fn progress(&self, job_id: &str) -> Option<f64> {
-        let snapshot = self.cell.as_ref()?.cell.snapshot();
-        snapshot.job.as_ref().filter(|job| job.id == job_id).map(|job| job.progress)
+        let view = self.cell_view().ok()?;
+        view.snapshot.job.as_ref().filter(|job| job.id == job_id).and(view.progress)
     }
 
     /// Writes the move down, begins it, and has it followed.
@@ -120,6 +121,7 @@ impl Service {
                 return Ok(started);
             }
             let path = started.job.order.plan.path.clone();
+            side.pace.set(&started.job.id, &path);
             match side.cell.start_move(&lease_id, &started.job.id, path).await {
                 Ok(job) => {
                     side.motion.note(service.clock.now());
@@ -129,10 +131,13 @@ impl Service {
                     Ok(started)
                 }
                 Err(refusal) => {
-                    // Nobody will ask for the set-points of what never began.
-                    let mut refused = started.job;
-                    refused.order.plan.path.waypoints.clear();
-                    service.conclude(&refused, JobStanding::Refused, Some(&Ending::refused(&refusal))).await;
+                    let (standing, ending) = Ending::of_refusal(&refusal);
+                    let mut job = started.job;
+                    if standing == JobStanding::Refused {
+                        // Nobody will ask for the set-points of what never began.
+                        job.order.plan.path.waypoints.clear();
+                    }
+                    service.conclude(&job, standing, Some(&ending)).await;
                     Err(refusal.into())
                 }
             }
@@ -153,6 +158,8 @@ impl Service {
         loop {
             let now = state.borrow_and_update().clone();
             let JobState::Running { progress } = now else { return };
+            let view = JobView { id: job.id.clone(), progress };
+            let progress = self.cell.as_ref().map_or(progress, |side| side.pace.progress(&view));
             if progress >= told + PROGRESS_STEP {
                 told = progress;
                 self.tell(Happening::Progress { job: job.id.clone(), progress });

@@ -2,9 +2,10 @@
 //! remembers the positions it assumed, and can be executed once. Must not know how a path is found, nor how it is sent.
 
 use super::answer::fingerprint_of;
-use super::jobs::{Started, aside};
-use super::live::CellSide;
+use super::followers::aside;
+use super::jobs::Started;
 use super::moves::{Departure, MoveOrder};
+use super::side::CellSide;
 use super::{Chosen, Measurement, Service, ServiceError};
 use crate::estimation::{Outcome, Pose};
 use crate::geometry::AxisLine;
@@ -101,7 +102,7 @@ pub enum Stale {
     Restarted,
     /// A manipulator is not where it was when the part was measured.
     #[error(
-        "axis {} of {} was at {then} {unit} when the part was measured, and is at {now} {unit}; measure again",
+        "axis {} of {} was at {then:.3} {unit} when the part was measured, and is at {now:.3} {unit}; measure again",
         axis.name(), carrier.name(), unit = axis.unit()
     )]
     Displaced {
@@ -126,7 +127,7 @@ impl Service {
     /// Plans how the part comes from where a measurement found it to a target. Moves nothing.
     ///
     /// # Errors
-    /// [`ServiceError::MeasurementUnknown`], [`ServiceError::PoseMissing`], [`ServiceError::Stale`] where something has
+    /// Those of [`Service::measurement`], [`ServiceError::PoseMissing`], [`ServiceError::Stale`] where something has
     /// moved since, [`ServiceError::Motion`] where no allowed path leads there, [`ServiceError::RequestIdReused`].
     pub async fn create_plan(&self, request: PlanRequest) -> Result<PlanAnswer, ServiceError> {
         let side = self.cell_side()?;
@@ -139,6 +140,8 @@ impl Service {
         }
         let measurement = self.measurement(&request.measurement_id).await?;
         let pose = pose(&measurement, request.part.as_deref())?;
+        // A cell that has ended says nothing about where anything is.
+        self.cell_view()?;
         let from = side.positions().ok_or(ServiceError::PositionsUnknown)?;
         let taken = self.taking_of(&measurement).await?;
         self.check_fresh(side, taken.at)?;
@@ -198,7 +201,7 @@ impl Service {
         if let Some(row) = self.store.job_of_plan(id).await? {
             return Ok(Started { job: super::jobs::read_back(&row)?, replayed: true });
         }
-        side.cell.renew_lease(&lease_id).await?;
+        self.use_lease(&lease_id).await?;
         let taken_at = stored.expires_at.saturating_sub(max_age(side)).unwrap_or(stored.created_at);
         self.check_fresh(side, taken_at)?;
         let StoredPlan { id, measurement_id, speed_ratio, plan, .. } = stored;

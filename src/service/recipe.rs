@@ -1,6 +1,7 @@
 //! How a kind of part is measured: what the operator may say, checked, laid over what somebody else said, and resolved
 //! into what scan and estimation take. Must not know where a recipe is kept, nor how it is sent.
 
+use super::plain;
 use crate::estimation::{EndFaceRule, Method, PartRule, PartsError, RadiusRule, SettingError, Settings, TypeB};
 use crate::geometry::{Frame, FrameError};
 use crate::scan::decode::Unit;
@@ -102,7 +103,7 @@ pub struct Resolved {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RecipeError {
     /// A value out of its range.
-    #[error("{name} must be {allowed}, got {value}")]
+    #[error("{name} must be {allowed}, got {}", plain(*value))]
     OutOfRange {
         /// Name of the field.
         name: &'static str,

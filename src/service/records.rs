@@ -19,13 +19,20 @@ pub struct Last {
 }
 
 impl Service {
-    /// The measurement of an id.
+    /// The measurement of an id that ran.
     ///
     /// # Errors
-    /// [`ServiceError::MeasurementUnknown`].
+    /// [`ServiceError::MeasurementRunning`], [`ServiceError::MeasurementFailed`], [`ServiceError::MeasurementUnknown`].
     pub async fn measurement(&self, id: &str) -> Result<Measurement, ServiceError> {
-        let row = self.store.measurement(id).await?;
-        read_back(&row.ok_or_else(|| ServiceError::MeasurementUnknown { id: id.to_owned() })?)
+        match self.recorded(id).await? {
+            Some(measurement) => Ok(measurement),
+            None => Err(self.why_not_measured(id).await),
+        }
+    }
+
+    /// The measurement of an id, where one ran.
+    pub(super) async fn recorded(&self, id: &str) -> Result<Option<Measurement>, ServiceError> {
+        self.store.measurement(id).await?.map(|row| read_back(&row)).transpose()
     }
 
     /// A page of the measurements that pass the filter, newest first.

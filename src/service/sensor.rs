@@ -4,18 +4,18 @@
 
 use super::answer::{fingerprint_of, new_measurement};
 use super::arriving::Arriving;
-use super::jobs::{Beginning, Commander, Ending, JobStanding, Kind, Recorded, Started, whole};
+use super::followers::whole;
+use super::jobs::{Beginning, Ending, JobStanding, Kind, Recorded, Started, read_back};
+use super::scan_order::{SensorOrder, SensorRequest, check, misplaced};
 use super::{
-    Accepted, Decoded, Happening, Identity, Measured, Measurement, Order, RecipeName, Resolved, Service, ServiceError,
+    Accepted, Decoded, Happening, Identity, Measured, Measurement, RecipeName, Resolved, Service, ServiceError,
 };
 use crate::cell::{Job, JobEnd, ScanOrder};
 use crate::device::Profile;
 use crate::estimation::Progress;
-use crate::motion::{Pair, Position};
 use crate::scan::Cloud;
 use crate::scan::encode::encode_cloud;
-use crate::store::{CompleteScan, RequestKey, ScanRow};
-use serde::{Deserialize, Serialize};
+use crate::store::{CompleteScan, Listing, Page, RequestKey, ScanRow};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::mpsc;
@@ -23,51 +23,6 @@ use tokio::time::sleep;
 
 /// A full pool is asked again after this.
 const POOL_RETRY: Duration = Duration::from_millis(20);
-
-/// Where a scan goes. What is left out is as configured.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct ScanWay {
-    /// Where it begins, along the rail.
-    pub x_from_mm: Option<f64>,
-    /// Where it ends.
-    pub x_to_mm: Option<f64>,
-    /// Profiles in between.
-    pub profiles_count: Option<u64>,
-    /// How fast the stage goes.
-    pub speed_mm_s: Option<f64>,
-}
-
-/// What is asked of a measurement by the sensor.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct SensorRequest {
-    /// Names the right to move.
-    #[serde(skip)]
-    pub lease_id: String,
-    /// Where the scan goes.
-    pub way: ScanWay,
-    /// How the points are measured.
-    pub order: Order,
-}
-
-/// What was commanded by a measurement by the sensor.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct SensorOrder {
-    /// Who commanded it.
-    #[serde(flatten)]
-    pub by: Commander,
-    /// Name of the recipe, where one was named.
-    pub recipe_name: Option<String>,
-    /// Where the scan began, along the rail.
-    pub x_from_mm: f64,
-    /// Where it was to end.
-    pub x_to_mm: f64,
-    /// Profiles in between.
-    pub profiles_count: u64,
-    /// How fast the stage was to go.
-    pub speed_mm_s: f64,
-    /// Where the manipulators were; mm, rad.
-    pub positions: Option<Pair<Position>>,
-}
 
 /// A measurement by the sensor as it is kept beside its result.
 pub type SensorScan = Recorded<SensorOrder>;
@@ -135,10 +90,39 @@ impl Service {
     /// [`ServiceError::MeasurementUnknown`].
     pub async fn any_measurement(&self, id: &str, wait: Duration) -> Result<AnyMeasurement, ServiceError> {
         let scan = self.job(Kind::Scan, id, wait).await?;
-        match (self.measurement(id).await, scan) {
-            (Ok(measurement), _) => Ok(AnyMeasurement::Ran(Box::new(measurement))),
-            (Err(ServiceError::MeasurementUnknown { .. }), Some(scan)) => Ok(AnyMeasurement::Scan(Box::new(scan))),
-            (Err(error), _) => Err(error),
+        match (self.recorded(id).await?, scan) {
+            (Some(measurement), _) => Ok(AnyMeasurement::Ran(Box::new(measurement))),
+            (None, Some(scan)) => Ok(AnyMeasurement::Scan(Box::new(scan))),
+            (None, None) => Err(ServiceError::MeasurementUnknown { id: id.to_owned() }),
+        }
+    }
+
+    /// A page of the measurements by the sensor of one standing, newest first: those that have not run, or not yet.
+    ///
+    /// # Errors
+    /// What the store says.
+    pub async fn sensor_scans(&self, standing: JobStanding, page: &Page) -> Result<Listing<SensorScan>, ServiceError> {
+        let Listing { rows, next } = self.store.jobs(Kind::Scan.name(), Some(standing.name()), page).await?;
+        Ok(Listing { rows: rows.iter().map(read_back).collect::<Result<_, _>>()?, next })
+    }
+
+    /// Why there is no record of a measurement: it still scans, came to nothing, or never was.
+    pub(super) async fn why_not_measured(&self, id: &str) -> ServiceError {
+        let id = id.to_owned();
+        match self.scan_job(&id).await {
+            Err(error) => error,
+            Ok(None) => ServiceError::MeasurementUnknown { id },
+            // Where it is done, it was recorded this very moment.
+            Ok(Some(Recorded { standing: JobStanding::Running | JobStanding::Done, .. })) => {
+                ServiceError::MeasurementRunning { id }
+            }
+            Ok(Some(Recorded { standing, ending, .. })) => {
+                let (reason, text) = ending.map_or_else(
+                    || (standing.name().to_owned(), format!("it is {}", standing.name())),
+                    |Ending { code, text }| (code, text),
+                );
+                ServiceError::MeasurementFailed { id, standing, reason, text }
+            }
         }
     }
 
@@ -171,7 +155,8 @@ impl Service {
                 Ok(started)
             }
             Err(refusal) => {
-                self.conclude(&started.job, JobStanding::Refused, Some(&Ending::refused(&refusal))).await;
+                let (standing, ending) = Ending::of_refusal(&refusal);
+                self.conclude(&started.job, standing, Some(&ending)).await;
                 Err(refusal.into())
             }
         }
@@ -301,35 +286,6 @@ impl Service {
     }
 }
 
-fn check(order: &SensorOrder, profiles_max: usize) -> Result<(), ServiceError> {
-    let refuse = |field, allowed: String| Err(ServiceError::Value { field, allowed });
-    let profiles_max = u64::try_from(profiles_max).unwrap_or(u64::MAX);
-    if !(2..=profiles_max).contains(&order.profiles_count) {
-        return refuse("profiles_count", format!("between 2 and {profiles_max}"));
-    }
-    if !(order.x_from_mm.is_finite() && order.x_to_mm.is_finite() && order.x_from_mm != order.x_to_mm) {
-        return refuse("x_to_mm", "a place along the rail other than x_from_mm".to_owned());
-    }
-    if !(order.speed_mm_s.is_finite() && order.speed_mm_s > 0.0) {
-        return refuse("speed_mm_s", "above 0".to_owned());
-    }
-    Ok(())
-}
-
-/// What is the matter where the profiles do not lie where the stage was sent; a pose from them would be of another place.
-fn misplaced(cloud: &Cloud, order: &SensorOrder, tolerance_mm: f64) -> Option<Ending> {
-    let (first, last) = (cloud.stripes.first()?.x, cloud.stripes.last()?.x);
-    let SensorOrder { x_from_mm, x_to_mm, .. } = *order;
-    let off = (first - x_from_mm).abs().max((last - x_to_mm).abs());
-    (off > tolerance_mm).then(|| Ending {
-        code: "scan_misplaced".to_owned(),
-        text: format!(
-            "the profiles lie from x = {first:.2} to {last:.2} mm, and the stage went from {x_from_mm:.2} to {x_to_mm:.2} mm; \
-             check where and how fast the sensor reckons its travel, and cell.scan.place_tolerance_mm"
-        ),
-    })
-}
-
 fn ending_of(error: &ServiceError) -> Ending {
     let code = match error {
         ServiceError::Content(_) => "scan_unusable",
@@ -338,59 +294,4 @@ fn ending_of(error: &ServiceError) -> Ending {
         _ => "failed",
     };
     Ending { code: code.to_owned(), text: error.to_string() }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::scan::decode::Unit;
-    use crate::scan::{Columns, Labels, Stripe};
-
-    #[test]
-    fn profiles_elsewhere_than_the_stage_went_are_no_scan() {
-        let cloud = |first: f64, last: f64| Cloud {
-            stripes: vec![Stripe { label: 0.0, x: first, end: 1 }, Stripe { label: 1.0, x: last, end: 2 }],
-            columns: Columns::F32 { y: vec![0.0; 2], z: vec![0.0; 2] },
-            labels: Labels::None,
-            unit: Unit::Millimetre,
-            blanks: Vec::new(),
-            missing_count: 0,
-        };
-        let order = SensorOrder {
-            by: Commander { holder: None, fence: None },
-            recipe_name: None,
-            x_from_mm: 200.0,
-            x_to_mm: 600.0,
-            profiles_count: 2,
-            speed_mm_s: 50.0,
-            positions: None,
-        };
-        assert_eq!(misplaced(&cloud(201.0, 598.0), &order, 5.0).map(|ending| ending.code), None);
-        for (first, last) in [(0.0, 400.0), (600.0, 200.0), (200.0, 400.0)] {
-            let said = misplaced(&cloud(first, last), &order, 5.0).map(|ending| ending.code);
-            assert_eq!(said.as_deref(), Some("scan_misplaced"), "{first} to {last}");
-        }
-    }
-
-    #[test]
-    fn a_way_that_is_none_is_refused_with_its_field() {
-        let good = SensorOrder {
-            by: Commander { holder: None, fence: None },
-            recipe_name: None,
-            x_from_mm: 0.0,
-            x_to_mm: 100.0,
-            profiles_count: 10,
-            speed_mm_s: 50.0,
-            positions: None,
-        };
-        check(&good, 100).expect("a way");
-        let field = |order: SensorOrder| match check(&order, 100) {
-            Err(ServiceError::Value { field, .. }) => field,
-            other => panic!("{other:?}"),
-        };
-        assert_eq!(field(SensorOrder { profiles_count: 101, ..good.clone() }), "profiles_count");
-        assert_eq!(field(SensorOrder { x_to_mm: 0.0, ..good.clone() }), "x_to_mm");
-        assert_eq!(field(SensorOrder { x_from_mm: f64::NAN, ..good.clone() }), "x_to_mm");
-        assert_eq!(field(SensorOrder { speed_mm_s: 0.0, ..good }), "speed_mm_s");
-    }
 }

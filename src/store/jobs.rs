@@ -139,12 +139,12 @@ impl Store {
         self.one_job(statements::JOB_OF_PLAN, plan_id).await
     }
 
-    /// A page of the jobs of a kind, newest first.
+    /// A page of the jobs of a kind, of one state where it is given, newest first.
     ///
     /// # Errors
     /// What the database says.
-    pub async fn jobs(&self, kind: &str, page: &Page) -> Result<Listing<JobRow>, StoreError> {
-        page::list(&self.readers, &[("kind", Some(kind))], page).await
+    pub async fn jobs(&self, kind: &str, state: Option<&str>, page: &Page) -> Result<Listing<JobRow>, StoreError> {
+        page::list(&self.readers, &[("kind", Some(kind)), ("state", state)], page).await
     }
 
     /// The newest fence that was raised to; 0 where there is none.

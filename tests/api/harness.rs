@@ -10,7 +10,7 @@ use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::mpsc;
+use std::sync::{Arc, mpsc};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -25,6 +25,8 @@ pub(crate) struct Running {
     pub(crate) address: SocketAddr,
     /// What stands behind the simulated devices; `None` where the service has no cell.
     pub(crate) world: Option<World>,
+    /// What answers; `None` where it is in another process.
+    pub(crate) verbs: Option<Arc<Service>>,
     stopper: Option<Stopper>,
     thread: Option<JoinHandle<()>>,
     agent: ureq::Agent,
@@ -96,19 +98,20 @@ pub(crate) fn start_on(folder: &Folder, change: impl FnOnce(&mut Config)) -> Run
             let equipment = Equipment::of(&config.cell).expect("devices");
             let world = equipment.as_ref().and_then(|equipment| equipment.world.clone());
             let opened = Service::open_with(&config.data, capacity, config.estimation, equipment).await;
-            let server = Server::bind(&config, opened.expect("a store")).expect("a port");
-            sender.send((server.address(), server.stopper(), world)).expect("somebody waits");
+            let service = opened.expect("a store");
+            let server = Server::bind(&config, Arc::clone(&service)).expect("a port");
+            sender.send((server.address(), server.stopper(), world, service)).expect("somebody waits");
             server.serve().await.expect("it serves");
         });
     });
-    let (address, stopper, world) = receiver.recv().expect("it starts");
-    Running { address, world, stopper: Some(stopper), thread: Some(thread), agent: agent() }
+    let (address, stopper, world, service) = receiver.recv().expect("it starts");
+    Running { address, world, verbs: Some(service), stopper: Some(stopper), thread: Some(thread), agent: agent() }
 }
 
 /// A service in another process.
 pub(crate) fn at(address: &str) -> Running {
     let address = address.parse().expect("an address");
-    Running { address, world: None, stopper: None, thread: None, agent: agent() }
+    Running { address, world: None, verbs: None, stopper: None, thread: None, agent: agent() }
 }
 
 fn agent() -> ureq::Agent {
@@ -221,10 +224,12 @@ impl Running {
 
     /// Waits until everything is over, once it was told to stop.
     pub(crate) fn wait(mut self) {
+        self.verbs = None;
         self.thread.take().expect("it runs").join().expect("it ended in good order");
     }
 
     fn end(&mut self) {
+        self.verbs = None;
         if let Some(stopper) = &self.stopper {
             stopper.stop();
         }

@@ -2,11 +2,11 @@
 //! is done with it.
 
 use super::super::app::App;
-use super::super::command::{LeaseBody, LeaseQuery, OptionalJson, lease_id};
-use super::super::extract::Query;
+use super::super::command::{CommandLease, LeaseBody, LeaseQuery, named_lease};
+use super::super::extract::{NoQuery, OptionalJson, Query};
 use super::super::problem::{Code, Problem};
 use super::live::{LeaseViewDocument, lease_view, ms};
-use crate::service::HeldLease;
+use crate::service::{HOLDER_CHARACTERS_MAX, HeldLease, plain};
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
@@ -19,7 +19,6 @@ use utoipa::ToSchema;
 /// Bounds of what may be asked for; the configuration has narrower ones.
 const TTL_S_MIN: f64 = 0.1;
 const TTL_S_MAX: f64 = 600.0;
-const HOLDER_CHARACTERS_MAX: usize = 64;
 
 /// Who wants to move, or goes on.
 #[derive(Debug, Default, Deserialize, ToSchema)]
@@ -88,24 +87,19 @@ pub(in super::super) async fn take_lease(
     headers: HeaderMap,
     OptionalJson(body): OptionalJson<LeaseRequestDocument>,
 ) -> Result<Response, Problem> {
+    app.service.cell_config()?;
     let LeaseRequestDocument { holder, ttl_s, lease_id: said } = body;
     let time_to_live = ttl_s.map(time_to_live).transpose()?;
     if holder.as_ref().is_some_and(|holder| !(1..=HOLDER_CHARACTERS_MAX).contains(&holder.chars().count())) {
         let detail = format!("holder must have 1 to {HOLDER_CHARACTERS_MAX} characters");
         return Err(Problem::new(Code::OptionInvalid, detail).with("field", "holder"));
     }
-    match lease_id([said, query.lease_id], &headers) {
-        Ok(id) => {
-            let lease = app.service.renew_lease(&id).await?;
-            Ok(Json(LeaseDocument::from(lease)).into_response())
-        }
-        Err(problem) if problem.code() == Code::LeaseRequired => {
-            let holder = holder.unwrap_or_else(|| "anonymous".to_owned());
-            let lease = app.service.take_lease(holder, time_to_live).await?;
-            Ok((StatusCode::CREATED, Json(LeaseDocument::from(lease))).into_response())
-        }
-        Err(problem) => Err(problem),
+    if let Some(id) = named_lease([said, query.lease_id], &headers)? {
+        let lease = app.service.renew_lease(&id).await?;
+        return Ok(Json(LeaseDocument::from(lease)).into_response());
     }
+    let lease = app.service.take_lease(holder.unwrap_or_else(|| "anonymous".to_owned()), time_to_live).await?;
+    Ok((StatusCode::CREATED, Json(LeaseDocument::from(lease))).into_response())
 }
 
 /// See who holds the lease
@@ -115,7 +109,10 @@ pub(in super::super) async fn take_lease(
     get, path = "/v1/cell/lease", tag = "cell",
     responses((status = 200, description = "Who may move", body = LeaseStateDocument))
 )]
-pub(in super::super) async fn get_lease(State(app): State<App>) -> Result<Json<LeaseStateDocument>, Problem> {
+pub(in super::super) async fn get_lease(
+    State(app): State<App>,
+    _: NoQuery,
+) -> Result<Json<LeaseStateDocument>, Problem> {
     let view = app.service.cell_view()?;
     let lease = view.snapshot.lease.as_ref().map(|lease| lease_view(lease, &view));
     Ok(Json(LeaseStateDocument { lease }))
@@ -132,18 +129,15 @@ pub(in super::super) async fn get_lease(State(app): State<App>) -> Result<Json<L
 )]
 pub(in super::super) async fn release_lease(
     State(app): State<App>,
-    Query(query): Query<LeaseQuery>,
-    headers: HeaderMap,
-    OptionalJson(body): OptionalJson<LeaseBody>,
+    CommandLease(lease_id): CommandLease,
 ) -> Result<Json<LeaseStateDocument>, Problem> {
-    let id = lease_id([body.lease_id, query.lease_id], &headers)?;
-    app.service.release_lease(&id).await?;
+    app.service.release_lease(&lease_id).await?;
     Ok(Json(LeaseStateDocument { lease: None }))
 }
 
 fn time_to_live(ttl_s: f64) -> Result<Duration, Problem> {
     if !(TTL_S_MIN..=TTL_S_MAX).contains(&ttl_s) {
-        let detail = format!("ttl_s must be between {TTL_S_MIN} and {TTL_S_MAX}, got {ttl_s:e}");
+        let detail = format!("ttl_s must be between {TTL_S_MIN} and {TTL_S_MAX}, got {}", plain(ttl_s));
         return Err(Problem::new(Code::OptionInvalid, detail).with("field", "ttl_s"));
     }
     Ok(Duration::from_secs_f64(ttl_s))

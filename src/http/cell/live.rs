@@ -2,6 +2,8 @@
 //! command anything.
 
 use super::super::app::App;
+use super::super::extract::NoQuery;
+use super::super::numbers::rounded;
 use super::super::problem::Problem;
 use crate::cell::{Fault, LeaseView, Live, Refusal};
 use crate::device::{SensorReading, StageReading};
@@ -156,7 +158,7 @@ pub(in super::super) struct SensorDocument {
     get, path = "/v1/cell", tag = "cell",
     responses((status = 200, description = "The cell", body = CellDocument))
 )]
-pub(in super::super) async fn get_cell(State(app): State<App>) -> Result<Json<CellDocument>, Problem> {
+pub(in super::super) async fn get_cell(State(app): State<App>, _: NoQuery) -> Result<Json<CellDocument>, Problem> {
     Ok(Json(CellDocument::from(&app.service.cell_view()?)))
 }
 
@@ -170,7 +172,10 @@ impl From<&CellView> for CellDocument {
             state: cell.state.name(),
             since_at: view.wall(cell.since),
             sequence: cell.sequence,
-            job: cell.job.as_ref().map(|job| JobDocument { id: job.id.clone(), progress: job.progress }),
+            job: cell.job.as_ref().map(|job| JobDocument {
+                id: job.id.clone(),
+                progress: rounded(view.progress.unwrap_or(job.progress)),
+            }),
             lease: cell.lease.as_ref().map(|lease| lease_view(lease, view)),
             commands_allowed: cell.commands_allowed,
             reasons: cell.reasons.iter().map(reason).collect(),
@@ -219,7 +224,15 @@ fn device<R>(id: &'static str, live: &Live<R>, view: &CellView) -> DeviceDocumen
 impl From<&StageReading> for StageDocument {
     fn from(reading: &StageReading) -> Self {
         let StageReading { actual_mm, lower_mm, upper_mm, speed_mm_s, moves, in_position, fault_code } = *reading;
-        Self { actual_mm, lower_mm, upper_mm, speed_mm_s, moves, in_position, fault_code }
+        Self {
+            actual_mm: rounded(actual_mm),
+            lower_mm: rounded(lower_mm),
+            upper_mm: rounded(upper_mm),
+            speed_mm_s: rounded(speed_mm_s),
+            moves,
+            in_position,
+            fault_code,
+        }
     }
 }
 

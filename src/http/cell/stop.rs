@@ -1,14 +1,12 @@
 //! Stop, which is always taken, and reset, which lets things move again. Must not know what moves.
 
 use super::super::app::App;
-use super::super::command::{LeaseBody, LeaseQuery, OptionalJson, lease_id};
-use super::super::extract::Query;
+use super::super::command::{CommandLease, LeaseBody, LeaseQuery};
 use super::super::problem::Problem;
 use super::live::ms;
 use crate::cell::{StopReport, Taken};
 use axum::Json;
 use axum::extract::State;
-use axum::http::HeaderMap;
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -85,8 +83,8 @@ impl From<StopReport> for StopDocument {
 /// Stop everything
 ///
 /// Needs no lease and no body, works in every state, overtakes everything, and may be repeated. It is an operational stop of
-/// category 2, not an emergency stop. Answers within some 30 ms with what is known then; `unconfirmed_axes` were not seen at
-/// rest yet.
+/// category 2, not an emergency stop. It waits for no device: the answer says what is known by then, and `unconfirmed_axes`
+/// were not seen at rest yet.
 #[utoipa::path(
     post, path = "/v1/cell/stop", tag = "cell",
     responses((status = 200, description = "Every device was told to stop", body = StopDocument))
@@ -107,10 +105,7 @@ pub(in super::super) async fn stop_cell(State(app): State<App>) -> Result<Json<S
 )]
 pub(in super::super) async fn reset_cell(
     State(app): State<App>,
-    Query(query): Query<LeaseQuery>,
-    headers: HeaderMap,
-    OptionalJson(body): OptionalJson<LeaseBody>,
+    CommandLease(lease_id): CommandLease,
 ) -> Result<Json<TakenDocument>, Problem> {
-    let id = lease_id([body.lease_id, query.lease_id], &headers)?;
-    Ok(Json(app.service.reset(id).await?.into()))
+    Ok(Json(app.service.reset(lease_id).await?.into()))
 }

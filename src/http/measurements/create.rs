@@ -9,7 +9,7 @@ use super::super::names::{FormatName, MethodName, UnitName};
 use super::super::problem::{Code, Problem};
 use super::super::receive::{content_encoding, origin, receive, request_id};
 use super::MeasurementDocument;
-use super::sensor::{SensorMeasurementDocument, SensorOrderDocument, measure_from_sensor};
+use super::sensor::{AnyMeasurementDocument, SensorOrderDocument, measure_from_sensor};
 use crate::scan::decode::Encoding;
 use crate::service::{Answer, Order, Recipe, RecipeName};
 use axum::extract::{Request, State};
@@ -88,18 +88,6 @@ pub(in super::super) enum JsonBody {
     Scan(JsonScan),
 }
 
-/// What is answered: a measurement that ran, or one by the sensor that was begun.
-#[derive(Debug, ToSchema)]
-#[serde(untagged)]
-#[schema(as = CreatedMeasurement)]
-#[expect(dead_code, reason = "only its schema is used")]
-pub(in super::super) enum Created {
-    /// It ran.
-    Measurement(Box<MeasurementDocument>),
-    /// It scans.
-    Sensor(Box<SensorMeasurementDocument>),
-}
-
 /// An order in JSON.
 enum JsonOrder {
     /// To measure a kept scan.
@@ -151,9 +139,9 @@ pub(in super::super) struct JsonProfile {
         content((Vec<u8> = "application/octet-stream"), (JsonBody = "application/json"))
     ),
     responses(
-        (status = 201, description = "Measured and recorded; or, by the sensor, begun", body = Created,
+        (status = 201, description = "Measured and recorded; or, by the sensor, begun", body = AnyMeasurementDocument,
             headers(("Location" = String, description = "Address of the measurement"))),
-        (status = 200, description = "Measured, or begun, before, for a request of the same id", body = Created,
+        (status = 200, description = "Measured, or begun, before, for a request of the same id", body = AnyMeasurementDocument,
             headers(("Location" = String, description = "Address of the measurement"),
                 ("Idempotency-Replayed" = String, description = "true"))),
     )

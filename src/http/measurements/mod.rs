@@ -18,17 +18,17 @@ pub use profiles::{ProfileDocument, profiles_csv};
 pub use uncertainty::UncertaintyDocument;
 
 use super::app::App;
-use super::command::wait;
+use super::command::{WaitSeconds, wait};
 use super::extract::{Path, Query};
-use super::paging::{link_next, page};
-use super::problem::Problem;
-use crate::service::AnyMeasurement;
-use crate::store::{Filter, Listing};
+use super::paging::{listed, page};
+use super::problem::{Code, Problem};
+use crate::service::{AnyMeasurement, JobStanding};
+use crate::store::Filter;
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, Uri};
 use plc::PlcDocument;
-use sensor::{PlcSensorDocument, SensorMeasurementDocument};
+use sensor::{AnyMeasurementDocument, PlcSensorDocument, SensorMeasurementDocument};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
@@ -50,6 +50,30 @@ pub(super) struct ListQuery {
     scan_id: Option<String>,
     /// Only those made with the recipe of this name.
     recipe: Option<String>,
+    /// Those in this state: `done`, those that ran, where nothing is said. Those by the sensor that have not run have neither
+    /// verdict nor scan, so these do not go together with other words than `done`; neither does `recipe`.
+    #[param(inline)]
+    state: Option<StateFilter>,
+}
+
+/// A state to ask for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum StateFilter {
+    /// It ran.
+    Done,
+    /// By the sensor, under way.
+    Scanning,
+    /// By the sensor, stopped.
+    Stopped,
+    /// By the sensor, not possible.
+    Failed,
+    /// By the sensor, and what the devices did is not known.
+    Unknown,
+    /// By the sensor, when the service ended.
+    Interrupted,
+    /// By the sensor, not begun.
+    Refused,
 }
 
 /// A verdict to ask for.
@@ -66,14 +90,15 @@ pub(super) enum VerdictFilter {
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct MeasurementList {
     /// The measurements.
-    measurements: Vec<MeasurementDocument>,
+    measurements: Vec<AnyMeasurementDocument>,
     /// What `cursor` has to be for the next page; null at the end.
     next_cursor: Option<String>,
 }
 
 /// List measurements
 ///
-/// Newest first, by the page. The header `Link` names the next page.
+/// Newest first, by the page: those that ran, or with `?state=` those by the sensor that have not, or not yet. The header `Link`
+/// names the next page.
 #[utoipa::path(
     get, path = "/v1/measurements", tag = "measurements", params(ListQuery),
     responses((status = 200, description = "A page of measurements", body = MeasurementList,
@@ -90,10 +115,17 @@ pub(super) async fn list_measurements(
         VerdictFilter::Refused => "refused".to_owned(),
     });
     let filter = Filter { scan_id: query.scan_id, verdict, recipe: query.recipe };
-    let Listing { rows, next } = app.service.measurements(&filter, &page).await?;
-    let next_cursor = next.map(|cursor| cursor.to_string());
-    let measurements = rows.iter().map(MeasurementDocument::from).collect();
-    Ok((link_next(&uri, next_cursor.as_deref()), Json(MeasurementList { measurements, next_cursor })))
+    let ran = |one| AnyMeasurementDocument::of(AnyMeasurement::Ran(Box::new(one)), &app.service);
+    let by_sensor = |one| AnyMeasurementDocument::of(AnyMeasurement::Scan(Box::new(one)), &app.service);
+    let (link, measurements, next_cursor) = match query.state.and_then(StateFilter::standing) {
+        None => listed(&uri, app.service.measurements(&filter, &page).await?, ran),
+        Some(_) if filter != Filter::default() => {
+            let detail = "verdict, scan_id and recipe choose among measurements that ran; leave them or state out";
+            return Err(Problem::new(Code::QueryInvalid, detail));
+        }
+        Some(standing) => listed(&uri, app.service.sensor_scans(standing, &page).await?, by_sensor),
+    };
+    Ok((link, Json(MeasurementList { measurements, next_cursor })))
 }
 
 /// How one measurement is shown.
@@ -108,8 +140,8 @@ pub(super) struct GetQuery {
     #[param(pattern = "^[A-Za-z0-9_-]{1,32}$")]
     part: Option<String>,
     /// How long to wait for the end of a measurement by the sensor, in seconds; a file is measured before its answer.
-    #[param(minimum = 0, maximum = 60)]
-    wait_s: Option<u8>,
+    #[param(value_type = Option<u8>, minimum = 0, maximum = 60)]
+    wait_s: Option<WaitSeconds>,
 }
 
 /// A way to show a measurement.
@@ -153,7 +185,7 @@ pub(super) async fn get_measurement(
 ) -> Result<Json<Shown>, Problem> {
     query.check()?;
     let view = query.view.unwrap_or(View::Full);
-    let wait = wait(query.wait_s)?;
+    let wait = wait(query.wait_s);
     let _place = app.listeners.place_for(wait)?;
     let shown = match (app.service.any_measurement(&id, wait).await?, view) {
         (AnyMeasurement::Ran(measurement), View::Full) => Shown::Full(Box::new((&*measurement).into())),
@@ -169,11 +201,26 @@ pub(super) async fn get_measurement(
     Ok(Json(shown))
 }
 
+impl StateFilter {
+    /// What it says of a job of the cell; `None` for a measurement that ran.
+    const fn standing(self) -> Option<JobStanding> {
+        Some(match self {
+            Self::Done => return None,
+            Self::Scanning => JobStanding::Running,
+            Self::Stopped => JobStanding::Stopped,
+            Self::Failed => JobStanding::Failed,
+            Self::Unknown => JobStanding::Unknown,
+            Self::Interrupted => JobStanding::Interrupted,
+            Self::Refused => JobStanding::Refused,
+        })
+    }
+}
+
 impl GetQuery {
     fn check(&self) -> Result<(), Problem> {
         if self.part.is_some() && self.view != Some(View::Plc) {
             let detail = "part goes with view=plc; the whole document has all parts";
-            return Err(Problem::new(super::problem::Code::QueryInvalid, detail));
+            return Err(Problem::new(Code::QueryInvalid, detail));
         }
         Ok(())
     }

@@ -5,6 +5,7 @@ use super::super::app::App;
 use super::super::command::{lease_id, made};
 use super::super::moves::EndingDocument;
 use super::super::names::MethodName;
+use super::super::numbers::{LENGTH_MAX_MM, rounded, within};
 use super::super::problem::Problem;
 use super::super::receive::request_id;
 use super::create::recipe_name;
@@ -36,14 +37,16 @@ pub(in super::super) struct SensorOrderDocument {
     #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
     pub(super) nominal_radius_mm: Option<f64>,
     /// Where the scan begins, along the rail; as configured where nothing is said, as what follows.
+    #[schema(minimum = -100000.0, maximum = 100000.0)]
     x_from_mm: Option<f64>,
     /// Where it ends.
+    #[schema(minimum = -100000.0, maximum = 100000.0)]
     x_to_mm: Option<f64>,
     /// Profiles to take.
     #[schema(minimum = 2)]
     profiles_count: Option<u64>,
     /// How fast the stage goes.
-    #[schema(exclusive_minimum = 0.0)]
+    #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
     speed_mm_s: Option<f64>,
     /// A repeated request of the same id gets the first answer again.
     #[schema(pattern = "^[A-Za-z0-9._:-]{1,128}$")]
@@ -96,6 +99,17 @@ pub(in super::super) struct SensorMeasurementDocument {
     holder: Option<String>,
 }
 
+/// A measurement that ran, or one by the sensor that has not, or not yet.
+#[derive(Debug, Serialize, ToSchema)]
+#[serde(untagged)]
+#[schema(as = AnyMeasurement)]
+pub(in super::super) enum AnyMeasurementDocument {
+    /// It ran.
+    Ran(Box<MeasurementDocument>),
+    /// It has not.
+    Sensor(Box<SensorMeasurementDocument>),
+}
+
 /// The same for a PLC: below 512 bytes.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = PlcSensorMeasurement)]
@@ -132,6 +146,16 @@ impl SensorMeasurementDocument {
     }
 }
 
+impl AnyMeasurementDocument {
+    /// As it is at this moment.
+    pub(super) fn of(any: AnyMeasurement, service: &Service) -> Self {
+        match any {
+            AnyMeasurement::Ran(measurement) => Self::Ran(Box::new(MeasurementDocument::from(&*measurement))),
+            AnyMeasurement::Scan(scan) => Self::Sensor(Box::new(SensorMeasurementDocument::of(*scan, service))),
+        }
+    }
+}
+
 impl PlcSensorDocument {
     pub(super) fn of(scan: &SensorScan, service: &Service) -> Self {
         let verdict_code = match scan.standing {
@@ -151,9 +175,13 @@ impl PlcSensorDocument {
 /// The profiles may all be here while the pose is still estimated.
 fn progress(standing: JobStanding, id: &str, service: &Service) -> f64 {
     match standing {
-        JobStanding::Running => service.progress(id).unwrap_or(1.0),
+        JobStanding::Running => rounded(service.progress(id).unwrap_or(1.0)),
         _ => 0.0,
     }
+}
+
+fn bounded(field: &str, value: Option<f64>) -> Result<Option<f64>, Problem> {
+    value.map(|value| within(field, value, LENGTH_MAX_MM)).transpose()
 }
 
 /// Begins a measurement by the sensor.
@@ -170,22 +198,20 @@ pub(super) async fn measure_from_sensor(
         request_id: request_id(body.request_id, headers)?,
     };
     let request = SensorRequest {
-        lease_id: lease_id([body.lease_id, None], headers)?,
+        lease_id: lease_id(app, [body.lease_id, None], headers)?,
         way: ScanWay {
-            x_from_mm: body.x_from_mm,
-            x_to_mm: body.x_to_mm,
+            x_from_mm: bounded("x_from_mm", body.x_from_mm)?,
+            x_to_mm: bounded("x_to_mm", body.x_to_mm)?,
             profiles_count: body.profiles_count,
-            speed_mm_s: body.speed_mm_s,
+            speed_mm_s: bounded("speed_mm_s", body.speed_mm_s)?,
         },
         order,
     };
     let started = app.service.measure_from_sensor(request).await?;
     let address = format!("/v1/measurements/{}", started.job.id);
-    if !started.replayed {
-        return made(&address, false, SensorMeasurementDocument::of(started.job, &app.service));
-    }
-    match app.service.any_measurement(&started.job.id, Duration::ZERO).await? {
-        AnyMeasurement::Ran(measurement) => made(&address, true, MeasurementDocument::from(&*measurement)),
-        AnyMeasurement::Scan(scan) => made(&address, true, SensorMeasurementDocument::of(*scan, &app.service)),
-    }
+    let any = match started.replayed {
+        true => app.service.any_measurement(&started.job.id, Duration::ZERO).await?,
+        false => AnyMeasurement::Scan(Box::new(started.job)),
+    };
+    made(&address, started.replayed, AnyMeasurementDocument::of(any, &app.service))
 }

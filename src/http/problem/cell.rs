@@ -1,9 +1,10 @@
 //! The cell's and the motion's reasons as problems, one by one: what happened, what to do, and the numbers as members.
 
+use super::super::numbers::rounded;
 use super::{Code, Problem};
 use crate::cell::{Refusal, State};
 use crate::motion::{Axis, Carrier, MotionRefusal};
-use crate::service::Stale;
+use crate::service::{Stale, plain};
 use axum::http::{HeaderValue, header};
 use std::time::Duration;
 
@@ -49,11 +50,7 @@ impl From<Refusal> for Problem {
             R::NotThere { what } => Self::new(Code::DeviceAbsent, text).with("device", what),
             // Ids of jobs are our own.
             R::Repeated { job } => Self::internal(format!("the id of job {job} came twice")),
-            R::ScanOutOfRange { what, given, least, most } => Self::new(Code::ScanOutOfRange, text)
-                .with("field", what)
-                .with("value", given)
-                .with("least", least)
-                .with("most", most),
+            R::ScanOutOfRange { what, given, least, most } => scan_out_of_range(what, given, least, most),
             R::Moves { device } => {
                 Self::new(Code::DeviceMoves, format!("{text}, and nobody here has told it to")).with("device", device)
             }
@@ -63,6 +60,20 @@ impl From<Refusal> for Problem {
             R::Closing => Self::new(Code::NotReady, text).with_header(header::RETRY_AFTER, RETRY_AFTER_S),
         }
     }
+}
+
+/// The cell names the numbers of a scan in words, and a request by its fields.
+fn scan_out_of_range(what: &'static str, given: f64, least: f64, most: f64) -> Problem {
+    let field = [("start", "x_from_mm"), ("end", "x_to_mm"), ("speed", "speed_mm_s"), ("profiles", "profiles_count")]
+        .into_iter()
+        .find_map(|(word, field)| what.contains(word).then_some(field))
+        .unwrap_or(what);
+    let detail = format!("{field} must be between {} and {}, got {}", plain(least), plain(most), plain(given));
+    Problem::new(Code::ScanOutOfRange, detail)
+        .with("field", field)
+        .with("value", given)
+        .with("least", least)
+        .with("most", most)
 }
 
 fn wrong_state(text: &str, state: State, verb: &str, job: Option<String>) -> Problem {
@@ -83,42 +94,43 @@ impl From<MotionRefusal> for Problem {
         let text = refusal.to_string();
         match refusal {
             R::OutOfLimits { carrier, axis, value, lower, upper } => on(Code::OutOfLimits, text, carrier, axis)
-                .with("value", value)
-                .with("lower", lower)
-                .with("upper", upper),
+                .with("value", rounded(value))
+                .with("lower", rounded(lower))
+                .with("upper", rounded(upper)),
             R::StandsOutside { carrier, axis, actual, lower, upper } => on(Code::StandsOutside, text, carrier, axis)
-                .with("actual", actual)
-                .with("lower", lower)
-                .with("upper", upper),
+                .with("actual", rounded(actual))
+                .with("lower", rounded(lower))
+                .with("upper", rounded(upper)),
             R::StepTooLarge { carrier, axis, travel, max } => {
-                on(Code::StepTooLarge, text, carrier, axis).with("travel", travel).with("max", max)
+                on(Code::StepTooLarge, text, carrier, axis).with("travel", rounded(travel)).with("max", rounded(max))
             }
             R::TooFast { carrier, axis, speed, max } => {
-                on(Code::TooFast, text, carrier, axis).with("speed", speed).with("max", max)
+                on(Code::TooFast, text, carrier, axis).with("speed", rounded(speed)).with("max", rounded(max))
             }
             R::ShareOutOfRange { share, min } => {
-                let detail = format!("speed_ratio must be between {min} and 1, got {share}");
+                let detail = format!("speed_ratio must be between {min} and 1, got {}", plain(share));
                 Self::new(Code::OptionInvalid, detail)
                     .with("field", "speed_ratio")
                     .with("value", share)
                     .with("least", min)
             }
             R::SpansMeet { gap_mm, min_mm } => {
-                Self::new(Code::SpansMeet, text).with("gap_mm", gap_mm).with("min_mm", min_mm)
+                Self::new(Code::SpansMeet, text).with("gap_mm", rounded(gap_mm)).with("min_mm", rounded(min_mm))
             }
-            R::StrainTooLarge { strain_mm, max_mm } => {
-                Self::new(Code::StrainTooLarge, text).with("strain_mm", strain_mm).with("max_mm", max_mm)
-            }
-            R::TwistTooLarge { twist_deg, max_deg } => {
-                Self::new(Code::TwistTooLarge, text).with("twist_deg", twist_deg).with("max_deg", max_deg)
-            }
+            R::StrainTooLarge { strain_mm, max_mm } => Self::new(Code::StrainTooLarge, text)
+                .with("strain_mm", rounded(strain_mm))
+                .with("max_mm", rounded(max_mm)),
+            R::TwistTooLarge { twist_deg, max_deg } => Self::new(Code::TwistTooLarge, text)
+                .with("twist_deg", rounded(twist_deg))
+                .with("max_deg", rounded(max_deg)),
             R::NothingToMove => Self::new(Code::NothingToMove, text),
-            R::NotFinite { what } => Self::new(Code::OptionInvalid, text).with("field", what),
+            // What a request says is within bounds; a pose or a position that is not is the device's or the scan's.
+            R::NotFinite { what } => Self::new(Code::OptionInvalid, text).with("what", what),
             R::PathTooLong { max_count } => Self::new(Code::PathTooLong, text)
                 .with("waypoints_max_count", u64::try_from(max_count).unwrap_or(u64::MAX)),
-            R::Stale { carrier, axis, actual, planned } => {
-                on(Code::PlanStale, text, carrier, axis).with("actual", actual).with("planned", planned)
-            }
+            R::Stale { carrier, axis, actual, planned } => on(Code::PlanStale, text, carrier, axis)
+                .with("actual", rounded(actual))
+                .with("planned", rounded(planned)),
             // Paths are cut here, and the arrangement was checked at the start.
             R::PathTooCoarse { .. } | R::PathMalformed { .. } | R::Arrangement(_) => Self::internal(text),
         }
@@ -135,8 +147,8 @@ impl From<Stale> for Problem {
                 .with("manipulator", carrier.name())
                 .with("axis", axis.name())
                 .with("unit", axis.unit())
-                .with("planned", then)
-                .with("actual", now),
+                .with("planned", rounded(then))
+                .with("actual", rounded(now)),
         }
     }
 }

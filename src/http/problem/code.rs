@@ -85,6 +85,8 @@ codes! {
     DeviceFault           "device_fault"            409 No  "A device reports a fault"
     StandsOutside         "stands_outside"          409 No  "An axis stands outside its limits"
     PlanStale             "plan_stale"              409 No  "Pose or plan no longer hold: too old, or something moved"
+    MeasurementRunning    "measurement_running"     409 Yes "The measurement is not over"
+    MeasurementFailed     "measurement_failed"      409 No  "The measurement by the sensor came to nothing"
     PoseMissing           "pose_missing"            409 No  "The measurement has no pose to plan from, or several"
     // The entity tag.
     RecipeChanged         "recipe_changed"          412 No  "The recipe is not at the revision that the request names"

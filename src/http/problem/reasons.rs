@@ -34,6 +34,17 @@ impl From<ServiceError> for Problem {
                 Self::new(Code::MeasurementUnknown, format!("{text}; list them with GET /v1/measurements"))
                     .with("measurement_id", id)
             }
+            E::MeasurementRunning { id } => {
+                Self::new(Code::MeasurementRunning, format!("{text}; GET it with ?wait_s= for its end"))
+                    .with("measurement_id", id)
+                    .with("state", "scanning")
+            }
+            E::MeasurementFailed { id, standing, reason, .. } => {
+                Self::new(Code::MeasurementFailed, format!("{text}; measure again"))
+                    .with("measurement_id", id)
+                    .with("state", standing.name())
+                    .with("reason", reason)
+            }
             E::RecipeUnknown { name } => {
                 Self::new(Code::RecipeUnknown, format!("{text}; list them with GET /v1/recipes")).with("recipe", name)
             }
@@ -64,6 +75,17 @@ impl From<ServiceError> for Problem {
                 Code::CellAbsent,
                 format!("{text}; give it one with cell.enabled = true in its configuration"),
             ),
+            E::CellGone => {
+                Self::new(Code::NotReady, format!("{text}; restart the service, unless it is being stopped"))
+                    .with("not_ready", vec!["cell"])
+                    .with_header(header::RETRY_AFTER, RETRY_AFTER_S)
+            }
+            E::LeaseOfAnother { holder, remaining } => {
+                Self::new(Code::LeaseHeld, format!("{text}; wait for it, or ask there"))
+                    .with("holder", holder)
+                    .with("remaining_ms", u64::try_from(remaining.as_millis()).unwrap_or(u64::MAX))
+                    .with_header(header::RETRY_AFTER, RETRY_AFTER_S)
+            }
             E::Cell(cause) => cause.into(),
             E::Motion(cause) => cause.into(),
             E::Stale(cause) => cause.into(),

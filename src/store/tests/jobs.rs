@@ -85,10 +85,12 @@ async fn what_was_under_way_when_a_process_died_is_ended_by_the_next() {
     assert_eq!(store.fence().await.unwrap(), 7);
     assert_eq!(store.interrupt_jobs("interrupted", at(50)).await.unwrap(), [job("v-2", 2)]);
     assert_eq!(store.interrupt_jobs("interrupted", at(60)).await.unwrap(), []);
-    let page = store.jobs("move", &Page { limit: 10, before: None }).await.unwrap();
+    let page = store.jobs("move", None, &Page { limit: 10, before: None }).await.unwrap();
     let states: Vec<_> = page.rows.iter().map(|row| (row.id.as_str(), row.state.as_str(), row.ended_at)).collect();
     assert_eq!(states, [("v-2", "interrupted", Some(at(50))), ("v-1", "done", Some(at(99)))]);
-    assert_eq!(store.jobs("scan", &Page { limit: 10, before: None }).await.unwrap().rows, []);
+    let done = store.jobs("move", Some("done"), &Page { limit: 10, before: None }).await.unwrap();
+    assert_eq!(done.rows.iter().map(|row| row.id.as_str()).collect::<Vec<_>>(), ["v-1"]);
+    assert_eq!(store.jobs("scan", None, &Page { limit: 10, before: None }).await.unwrap().rows, []);
 }
 
 #[tokio::test]

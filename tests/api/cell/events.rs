@@ -1,15 +1,16 @@
 //! Events: numbered without a gap, by polling and as a stream, both the same and both resumable.
 
 use super::{FAST, Line};
-use crate::harness::start_with;
+use crate::harness::{Folder, Running, start_on, start_with};
+use coaxis::config::Config;
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Write};
 use std::time::Duration;
 
 /// The events of a stream until one is called `last`.
-fn stream(line: &Line, resume: Option<u64>, last: &str) -> Vec<Value> {
-    let mut stream = line.service.connect();
-    let resume = resume.map(|number| format!("Last-Event-ID: {number}\r\n")).unwrap_or_default();
+fn stream(service: &Running, resume: Option<&str>, last: &str) -> Vec<Value> {
+    let mut stream = service.connect();
+    let resume = resume.map(|id| format!("Last-Event-ID: {id}\r\n")).unwrap_or_default();
     write!(stream, "GET /v1/events HTTP/1.1\r\nHost: x\r\nAccept: text/event-stream\r\n{resume}\r\n").expect("sent");
     let mut events = Vec::new();
     let mut lines = BufReader::new(stream).lines().map(|line| line.expect("text"));
@@ -32,6 +33,10 @@ fn stream(line: &Line, resume: Option<u64>, last: &str) -> Vec<Value> {
 fn polled(line: &Line, after: u64) -> Vec<Value> {
     let list = line.service.get(&format!("/v1/events?after={after}")).expect(200);
     list["events"].as_array().expect("events").clone()
+}
+
+fn instance(service: &Running) -> String {
+    service.get("/v1/status").expect(200)["instance_id"].as_str().expect("an id").to_owned()
 }
 
 fn moved(line: &Line) {
@@ -72,6 +77,7 @@ fn a_wait_for_an_event_ends_when_there_is_one() {
     });
     assert_eq!(told["events"][0]["number"], newest + 1);
     line.service.get("/v1/events?wait_s=61").problem(400, "query_invalid");
+    line.service.get("/v1/events?after=9223372036854775808").problem(400, "query_invalid");
     line.service.get_with("/v1/events", &[("last-event-id", "x")]).problem(400, "request_header_invalid");
     line.service.get_with("/v1/events", &[("accept", "image/png")]).problem(406, "not_acceptable");
 }
@@ -94,8 +100,46 @@ fn a_number_of_another_instance_is_told_once_and_listeners_are_counted() {
 fn the_stream_says_what_polling_says_and_goes_on_behind_the_last_id() {
     let line = Line::ready(FAST);
     moved(&line);
-    let (all, polled) = (stream(&line, None, "job_ended"), polled(&line, 0));
+    let (all, polled) = (stream(&line.service, None, "job_ended"), polled(&line, 0));
     assert!(!all.is_empty() && all == polled[..all.len()]);
-    let resumed = stream(&line, Some(2), "job_ended");
+    let resumed = stream(&line.service, Some(&format!("{}:2", instance(&line.service))), "job_ended");
     assert_eq!(resumed, all[2..]);
+    // A browser that connects to the same address again says in the header how far it has come.
+    let header = format!("{}:3", instance(&line.service));
+    let later = line.service.get_with("/v1/events?after=1", &[("last-event-id", &header)]).expect(200);
+    assert_eq!(later["events"][0]["number"], 4);
+}
+
+/// The id of the newest event that a stream has told when it comes to `number`.
+fn told_id(service: &Running, number: u64) -> String {
+    let mut stream = service.connect();
+    write!(stream, "GET /v1/events HTTP/1.1\r\nHost: x\r\nAccept: text/event-stream\r\n\r\n").expect("sent");
+    let mut lines = BufReader::new(stream).lines().map(|line| line.expect("text"));
+    let ids = lines.by_ref().filter_map(|line| line.strip_prefix("id: ").map(str::to_owned));
+    ids.into_iter().find(|id| id.ends_with(&format!(":{number}"))).expect("an id")
+}
+
+/// Both instances count from 1, so a number of the first is one of the second, too, and of something else.
+#[test]
+fn whoever_resumes_behind_an_event_from_before_a_restart_is_told_that_something_was_missed() {
+    let folder = Folder::new();
+    let cell = |config: &mut Config| {
+        config.cell.enabled = true;
+        config.cell.simulated.time_factor = FAST;
+    };
+    let first = start_on(&folder, cell);
+    let (id, before) = (told_id(&first, 2), instance(&first));
+    first.stop();
+    let second = start_on(&folder, cell);
+    super::until(&second, "/v1/events", |list| list["newest"].as_u64() >= Some(3));
+    for resumed in [id.as_str(), "2"] {
+        let told = stream(&second, Some(resumed), "state_changed");
+        assert!(told[0]["missed_count"].as_u64() >= Some(1), "{resumed}: {told:?}");
+        assert_eq!(told[1]["number"], 1, "{resumed}");
+    }
+    let polled = |instance: &str| second.get(&format!("/v1/events?after=2&instance_id={instance}")).expect(200);
+    let foreign = polled(&before);
+    assert!(foreign["missed_count"].as_u64() >= Some(1) && foreign["events"][0]["number"] == 1, "{foreign}");
+    let own = polled(&instance(&second));
+    assert_eq!((&own["missed_count"], &own["events"][0]["number"]), (&json!(0), &json!(3)));
 }

@@ -2,6 +2,7 @@
 //! part. Must not look at anything else that a client could not see.
 
 mod events;
+mod health;
 mod lease;
 mod refusals;
 mod repeated;

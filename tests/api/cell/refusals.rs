@@ -2,7 +2,7 @@
 
 use super::{FAST, Line, REAL, id, untouched};
 use crate::harness::start;
-use serde_json::json;
+use serde_json::{Value, json};
 
 #[test]
 fn without_a_cell_nothing_can_be_commanded_and_files_are_measured() {
@@ -10,8 +10,14 @@ fn without_a_cell_nothing_can_be_commanded_and_files_are_measured() {
     for path in ["/v1/cell", "/v1/cell/lease", "/v1/manipulators"] {
         service.get(path).problem(409, "cell_absent");
     }
-    service.post("/v1/cell/stop", &[]).problem(409, "cell_absent");
-    service.post_json("/v1/measurements", &json!({"source": "sensor", "lease_id": "l-1"})).problem(409, "cell_absent");
+    for path in
+        ["/v1/cell/stop", "/v1/cell/lease", "/v1/cell/reset", "/v1/manipulators/m1/home", "/v1/plans/p-1/execute"]
+    {
+        service.post(path, &[]).problem(409, "cell_absent");
+    }
+    service.delete("/v1/cell/lease").problem(409, "cell_absent");
+    service.post_json("/v1/moves", &json!({"m1": {"y_mm": 1.0}})).problem(409, "cell_absent");
+    service.post_json("/v1/measurements", &json!({"source": "sensor"})).problem(409, "cell_absent");
     assert_eq!(service.get("/v1/status").expect(200)["cell_state"], json!(null));
     service.get("/v1/moves").expect(200);
 }
@@ -27,6 +33,11 @@ fn whoever_does_not_hold_the_lease_moves_nothing() {
     let taken = service.post_json("/v1/cell/lease", &json!({"holder": "line 3"})).expect(201);
     let held = service.post_json("/v1/moves", &with_lease).problem(423, "lease_held");
     assert_eq!((&held["holder"], held["remaining_ms"].as_u64().is_some_and(|ms| ms <= 5000)), (&json!("line 3"), true));
+    let says_which =
+        |problem: &Value| problem["detail"].as_str().is_some_and(|text| text.contains("lease_id that was given"));
+    let renewed = service.post_json("/v1/cell/lease", &json!({"lease_id": "l-never"})).problem(423, "lease_held");
+    assert!(says_which(&held) && says_which(&renewed), "{held} {renewed}");
+    assert!(!says_which(&service.post("/v1/cell/lease", &[]).problem(423, "lease_held")), "none was given");
     let path = format!("/v1/cell/lease?lease_id={}", taken["lease_id"].as_str().expect("an id"));
     service.delete(&path).expect(200);
     with_lease["lease_id"] = taken["lease_id"].clone();
@@ -44,6 +55,94 @@ fn what_is_not_enabled_does_not_move() {
     assert_eq!(service.post_json("/v1/moves", &order).problem(409, "not_enabled")["manipulator"], "m1");
     let cell = service.get("/v1/cell").expect(200);
     assert_eq!((&cell["commands_allowed"], &cell["reasons"][0]["code"]), (&json!(false), &json!("not_enabled")));
+    let kept = &service.get("/v1/moves").expect(200)["moves"][0];
+    assert_eq!((&kept["state"], &kept["waypoints_count"]), (&json!("refused"), &json!(null)), "nothing was sent");
+    assert!(kept["ending"]["text"].as_str().is_some_and(|text| text.contains("enable it first")), "{kept}");
+}
+
+/// What a program sent that went wrong: never bent to fit, and told in a few words whatever its size.
+#[test]
+fn a_number_beyond_its_bounds_is_refused_with_them_and_never_printed_whole() {
+    let line = Line::ready(FAST);
+    let refused = |path: &str, body: Value, field: &str| {
+        let problem = line.post(path, &body).problem(422, "option_invalid");
+        assert_eq!(problem["field"], field, "{problem}");
+        assert!(problem["detail"].as_str().is_some_and(|text| text.len() < 120), "{problem}");
+        problem
+    };
+    for size in [45.1, 135.0, 1e300] {
+        let target = json!({"deflection_deg": 0.0, "pitch_deg": -size, "y_c0_mm": 0.0, "z_c0_mm": 0.0});
+        let order = json!({"measurement_id": "m-1", "target": target});
+        let problem = refused("/v1/plans", order, "target.pitch_deg");
+        assert_eq!((&problem["least"], &problem["most"]), (&json!(-45.0), &json!(45.0)));
+    }
+    refused("/v1/moves", json!({"m1": {"c_deg": 1e300}}), "m1.c_deg");
+    refused("/v1/moves", json!({"m2": {"z_mm": -1e300}}), "m2.z_mm");
+    refused("/v1/moves", json!({"m1": {"y_mm": 1.0}, "m2": {"y_mm": 1.0}, "speed_ratio": 1e300}), "speed_ratio");
+    refused("/v1/measurements", json!({"source": "sensor", "x_from_mm": 1e300}), "x_from_mm");
+    refused("/v1/measurements", json!({"source": "sensor", "speed_mm_s": 1e300}), "speed_mm_s");
+    refused("/v1/cell/lease", json!({"ttl_s": 1e300}), "ttl_s");
+    let recipe =
+        line.service.put("/v1/recipes/a", &[], &json!({"nominal_radius_mm": 1e300})).problem(422, "recipe_invalid");
+    assert!(recipe["detail"].as_str().is_some_and(|text| text.ends_with("got 1e300")), "{recipe}");
+}
+
+#[test]
+fn a_move_without_a_target_is_told_what_to_send() {
+    let line = Line::ready(FAST);
+    for nothing in [json!({}), json!({"m1": {}}), json!({"m1": {}, "m2": {"x_mm": null}})] {
+        let problem = line.post("/v1/moves", &nothing).problem(422, "nothing_to_move");
+        assert_eq!(problem["field"], "m1");
+        assert!(problem["detail"].as_str().is_some_and(|text| text.contains("y_mm")), "{problem}");
+    }
+}
+
+#[test]
+fn what_an_address_does_not_take_is_not_ignored() {
+    let (service, _folder) = untouched(FAST);
+    for path in [
+        "/v1/cell",
+        "/v1/cell/lease",
+        "/v1/manipulators",
+        "/v1/manipulators/m1",
+        "/v1/plans/p-1",
+        "/v1/scans/s-1",
+        "/v1/recipes/a",
+    ] {
+        service.get(&format!("{path}?wait=1")).problem(400, "query_invalid");
+    }
+    for wait in ["61", "300", "-1", "1.5", "soon", ""] {
+        let problem = service.get(&format!("/v1/moves/v-1?wait_s={wait}")).problem(400, "query_invalid");
+        assert!(problem["detail"].as_str().is_some_and(|text| text.contains("from 0 to 60")), "{problem}");
+    }
+    let packed = [("content-type", "application/json"), ("content-encoding", "gzip")];
+    service.post_with("/v1/cell/lease", &packed, b"{}").problem(415, "encoding_unsupported");
+    service.post_with("/v1/cell/reset", &packed, b"{}").problem(415, "encoding_unsupported");
+}
+
+/// Digits behind the point of the longest number of a document.
+fn decimals(text: &str) -> usize {
+    let numbers = text.split(|c: char| !c.is_ascii_digit() && c != '.');
+    numbers.filter_map(|number| number.split_once('.')).map(|(_, decimals)| decimals.len()).max().unwrap_or(0)
+}
+
+#[test]
+fn lengths_and_turns_of_answers_end_at_a_millionth() {
+    let line = Line::ready(FAST);
+    let measured = line.measure();
+    let target = json!({"deflection_deg": 0.3, "pitch_deg": 0.7, "y_c0_mm": 1.1, "z_c0_mm": 2.2, "roll_deg": 0.1});
+    let plan =
+        line.service.post_json("/v1/plans", &json!({"measurement_id": id(&measured), "target": target})).expect(201);
+    assert_eq!(plan["target"]["deflection_deg"], 0.3, "it is what was asked for");
+    let begun = line.act(&format!("/v1/plans/{}/execute", id(&plan))).expect(201);
+    assert_eq!(line.wait_for(&begun)["state"], "done");
+    let one = format!("/v1/moves/{}", id(&begun));
+    for path in ["/v1/manipulators", "/v1/manipulators/m1", "/v1/plans", "/v1/moves", &one] {
+        let text = line.service.get(path).text();
+        // Times of the day have digits behind their points, too.
+        let text: Vec<_> = text.split(',').filter(|field| !field.contains("_at\"")).collect();
+        assert!((1..=6).contains(&decimals(&text.join(","))), "{path}: {text:?}");
+    }
 }
 
 #[test]
@@ -62,7 +161,6 @@ fn a_target_that_cannot_be_is_refused_with_its_numbers_before_anything_is_sent()
         refused(json!({"m1": {"c_deg": 2.0}}), "twist_too_large")["max_deg"].as_f64().map(f64::round),
         Some(1.0)
     );
-    refused(json!({}), "nothing_to_move");
     assert_eq!(refused(json!({"m1": {"y_mm": 1.0}, "speed_ratio": 1.5}), "option_invalid")["field"], "speed_ratio");
     refused(json!({"m1": {"y": 1.0}}), "json_invalid");
     let world = line.service.world.as_ref().expect("a world");
@@ -168,7 +266,11 @@ fn a_scan_that_cannot_be_is_refused_and_writes_nothing() {
     let refused = |body| line.post("/v1/measurements", &body);
     let problem = refused(json!({"source": "sensor", "profiles_count": 1})).problem(422, "option_invalid");
     assert_eq!(problem["field"], "profiles_count");
-    refused(json!({"source": "sensor", "x_from_mm": -400.0})).problem(422, "scan_out_of_range");
+    for (field, value) in [("x_from_mm", -4000.0), ("x_to_mm", 4000.0), ("speed_mm_s", 50000.0)] {
+        let problem = refused(json!({"source": "sensor", field: value})).problem(422, "scan_out_of_range");
+        assert_eq!((&problem["field"], &problem["value"]), (&json!(field), &json!(value)), "{problem}");
+        assert!(problem["detail"].as_str().is_some_and(|text| text.len() < 120), "{problem}");
+    }
     refused(json!({"source": "camera"})).problem(422, "json_invalid");
     refused(json!({"source": "sensor", "recipe": "none"})).problem(404, "recipe_unknown");
     let scan = line.service.post_json("/v1/measurements", &json!({"source": "sensor"}));

@@ -37,8 +37,26 @@ fn a_stop_ends_a_scan_and_the_measurement_says_so() {
     let shown = line.service.get(&path).expect(200);
     assert_eq!((&shown["state"], &shown["failure"]), (&json!("scanning"), &json!(null)));
     assert_eq!(line.service.get(&format!("{path}?view=plc")).expect(200)["verdict_code"], 0);
+    let shown_in = |state: &str| {
+        let list = line.service.get(&format!("/v1/measurements?state={state}")).expect(200);
+        list["measurements"].as_array().expect("a list").iter().map(|one| one["id"].clone()).collect::<Vec<_>>()
+    };
+    let plan = json!({"measurement_id": id(&begun),
+        "target": {"deflection_deg": 0, "pitch_deg": 0, "y_c0_mm": 0, "z_c0_mm": 0}});
+    let needing_a_result = |code: &str| {
+        let problem = line.service.get(&format!("{path}/profiles")).problem(409, code);
+        line.service.get(&format!("{path}/plots/centres.svg")).problem(409, code);
+        line.service.post_json("/v1/plans", &plan).problem(409, code);
+        (problem["state"].clone(), problem["reason"].clone())
+    };
+    assert_eq!(needing_a_result("measurement_running"), (json!("scanning"), json!(null)));
+    assert_eq!((shown_in("scanning"), shown_in("stopped")), (vec![begun["id"].clone()], vec![]));
+    line.service.get("/v1/measurements?state=scanning&verdict=accepted").problem(400, "query_invalid");
     line.service.post("/v1/cell/stop", &[]).expect(200);
     let ended = line.service.get(&format!("{path}?wait_s=20")).expect(200);
+    assert_eq!(needing_a_result("measurement_failed"), (json!("stopped"), json!("stop_requested")));
+    assert_eq!((shown_in("scanning"), shown_in("stopped")), (vec![], vec![begun["id"].clone()]));
+    assert_eq!((shown_in("done"), shown_in("failed")), (vec![], vec![]));
     assert_eq!((&ended["state"], &ended["failure"]["code"]), (&json!("stopped"), &json!("stop_requested")));
     assert_eq!(line.service.get(&format!("{path}?view=plc")).expect(200)["verdict_code"], 3);
     assert_eq!(line.service.get("/v1/scans").expect(200)["scans"], json!([]), "nothing half is kept");

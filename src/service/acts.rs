@@ -1,0 +1,124 @@
+//! Commands that no job follows: stop, reset, and those to a single manipulator; each with its record. Must not know how any
+//! of it is sent.
+
+use super::followers::whole;
+use super::jobs::{Beginning, Ending, JobStanding, Kind};
+use super::{Commander, Service, ServiceError};
+use crate::cell::{Cell, Manual, Refusal, StopReport, Taken};
+use crate::motion::Carrier;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+/// A command to a single device, or the reset, as it is kept.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+struct ActOrder {
+    verb: String,
+    manipulator: Option<Carrier>,
+    /// How many commands it stands for, where it is more than one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    count: Option<u64>,
+    #[serde(flatten)]
+    by: Commander,
+}
+
+impl Service {
+    /// Stops whatever moves. Needs no lease, waits for no device and for no store; it is recorded afterwards.
+    ///
+    /// # Errors
+    /// [`ServiceError::CellAbsent`].
+    pub async fn stop(self: &Arc<Self>) -> Result<StopReport, ServiceError> {
+        let side = self.cell_side()?;
+        let report = side.cell.stop().await;
+        // One record at a time is written; the stops that come meanwhile share the next one.
+        if side.stops.fetch_add(1, Ordering::AcqRel) == 0 {
+            let service = Arc::clone(self);
+            self.followers.add(async move { service.record_stops().await });
+        }
+        Ok(report)
+    }
+
+    async fn record_stops(&self) {
+        let Ok(side) = self.cell_side() else { return };
+        loop {
+            let count = side.stops.load(Ordering::Acquire);
+            let order = ActOrder { count: (count > 1).then_some(count), ..self.act("stop", None) };
+            let id = self.clock.new_id("a-");
+            let beginning = Beginning { kind: Kind::Act, id, plan_id: None, request: None, order: &order };
+            match self.write_down(beginning).await {
+                Ok(act) => self.conclude(&act.job, JobStanding::Done, None).await,
+                Err(error) => tracing::error!(%error, "{count} stops are not recorded"),
+            }
+            if side.stops.fetch_sub(count, Ordering::AcqRel) == count {
+                return;
+            }
+        }
+    }
+
+    /// Acknowledges the faults and has every device read; only then may anything move.
+    ///
+    /// # Errors
+    /// [`ServiceError::Cell`] with what the cell refuses, and what the store says.
+    pub async fn reset(self: &Arc<Self>, lease_id: String) -> Result<Taken, ServiceError> {
+        self.check_lease(&lease_id, None).await?;
+        let order = self.act("reset", None);
+        self.command(order, move |cell| async move { cell.reset(&lease_id).await }).await
+    }
+
+    /// Has one manipulator enabled, disabled or homed.
+    ///
+    /// # Errors
+    /// [`ServiceError::Cell`] with what the cell refuses, and what the store says.
+    pub async fn command_manipulator(
+        self: &Arc<Self>,
+        lease_id: String,
+        carrier: Carrier,
+        manual: Manual,
+    ) -> Result<Taken, ServiceError> {
+        let verb = match manual {
+            Manual::Enable => "enable",
+            Manual::Disable => "disable",
+            Manual::Home => "home",
+        };
+        self.check_lease(&lease_id, None).await?;
+        let (motion, clock) = (self.cell_side()?.motion.clone(), self.clock);
+        let order = self.act(verb, Some(carrier));
+        let give = move |cell: Cell| async move {
+            let taken = cell.act(&lease_id, carrier, manual).await?;
+            if manual == Manual::Home {
+                motion.note(clock.now());
+            }
+            Ok(taken)
+        };
+        self.command(order, give).await
+    }
+
+    /// A single command: written down, given to the cell, and its taking written down.
+    async fn command<F: Future<Output = Result<Taken, Refusal>> + Send>(
+        self: &Arc<Self>,
+        order: ActOrder,
+        give: impl FnOnce(Cell) -> F + Send + 'static,
+    ) -> Result<Taken, ServiceError> {
+        let cell = self.cell_side()?.cell.clone();
+        let service = Arc::clone(self);
+        whole(async move {
+            let id = service.clock.new_id("a-");
+            let beginning = Beginning { kind: Kind::Act, id, plan_id: None, request: None, order: &order };
+            let act = service.write_down(beginning).await?.job;
+            let taken = give(cell).await;
+            match &taken {
+                Ok(_) => service.conclude(&act, JobStanding::Done, None).await,
+                Err(refusal) => {
+                    let (standing, ending) = Ending::of_refusal(refusal);
+                    service.conclude(&act, standing, Some(&ending)).await;
+                }
+            }
+            Ok(taken?)
+        })
+        .await
+    }
+
+    fn act(&self, verb: &str, manipulator: Option<Carrier>) -> ActOrder {
+        ActOrder { verb: verb.to_owned(), manipulator, count: None, by: self.commander() }
+    }
+}

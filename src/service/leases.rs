@@ -1,0 +1,119 @@
+//! The lease: taken, used, given back. Whoever names another than the one that is held is told so. Must not know what is done
+//! with it.
+
+use super::followers::whole;
+use super::side::CellSide;
+use super::{Service, ServiceError};
+use crate::cell::{Lease, LeaseRequest, Refusal};
+use crate::store::RequestKey;
+use jiff::Timestamp;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Longest name of a holder.
+pub const HOLDER_CHARACTERS_MAX: usize = 64;
+
+/// A lease as its holder is told.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct HeldLease {
+    /// Names it in every command; a secret.
+    pub id: String,
+    /// Who holds it.
+    pub holder: String,
+    /// Goes to the devices with every command.
+    pub fence: u64,
+    /// How long it lasts after each use.
+    pub time_to_live: Duration,
+    /// When it ends unless it is used.
+    pub until_at: Timestamp,
+}
+
+impl Service {
+    /// Gives the lease to `holder`, unless somebody else holds it. Its fence is remembered before anybody can command by it.
+    ///
+    /// # Errors
+    /// [`ServiceError::Value`], [`ServiceError::Cell`] where somebody else holds it.
+    pub async fn take_lease(
+        self: &Arc<Self>,
+        holder: String,
+        time_to_live: Option<Duration>,
+    ) -> Result<HeldLease, ServiceError> {
+        let side = self.cell_side()?;
+        let time_to_live = self.time_to_live(side, time_to_live)?;
+        let plain = !holder.is_empty()
+            && holder.chars().count() <= HOLDER_CHARACTERS_MAX
+            && !holder.chars().any(char::is_control);
+        if !plain {
+            let (field, allowed) = ("holder", "1 to 64 characters that can be seen");
+            return Err(ServiceError::Value { field, allowed: allowed.to_owned() });
+        }
+        let request = LeaseRequest { id: self.clock.new_id("l-"), holder, time_to_live };
+        let service = Arc::clone(self);
+        // Whoever hangs up here has a lease that he knows nothing of; it runs out.
+        whole(async move {
+            let side = service.cell_side()?;
+            let lease = side.cell.take_lease(request).await?;
+            service.store.raise_fence(lease.fence).await?;
+            Ok(service.held(lease))
+        })
+        .await
+    }
+
+    /// Uses the lease, which renews it.
+    ///
+    /// # Errors
+    /// [`ServiceError::Cell`] where it is over or somebody else's.
+    pub async fn renew_lease(&self, id: &str) -> Result<HeldLease, ServiceError> {
+        Ok(self.held(self.use_lease(id).await?))
+    }
+
+    /// Gives the lease back; what moves by it stops.
+    ///
+    /// # Errors
+    /// [`ServiceError::Cell`] where it is over or somebody else's.
+    pub async fn release_lease(&self, id: &str) -> Result<(), ServiceError> {
+        self.cell_side()?.cell.release_lease(id).await.map_err(of_another)
+    }
+
+    /// The lease of this id, renewed.
+    pub(super) async fn use_lease(&self, id: &str) -> Result<Lease, ServiceError> {
+        self.cell_side()?.cell.renew_lease(id).await.map_err(of_another)
+    }
+
+    /// Refuses whoever does not hold the lease, before anything is written or planned for him; it is renewed by that. A request
+    /// that was answered before is answered again without.
+    pub(super) async fn check_lease(&self, id: &str, request: Option<&RequestKey>) -> Result<(), ServiceError> {
+        if let Some(request) = request
+            && self.store.job_by_request(&request.id).await?.is_some()
+        {
+            return Ok(());
+        }
+        self.use_lease(id).await?;
+        Ok(())
+    }
+
+    fn held(&self, lease: Lease) -> HeldLease {
+        let until_at = self.clock.wall(lease.until);
+        let Lease { id, holder, fence, time_to_live, .. } = lease;
+        HeldLease { id, holder, fence, time_to_live, until_at }
+    }
+
+    fn time_to_live(&self, side: &CellSide, asked: Option<Duration>) -> Result<Duration, ServiceError> {
+        let lease = &side.config.lease;
+        let Some(asked) = asked else { return Ok(Duration::from_millis(lease.ttl_ms)) };
+        let (least, most) = (Duration::from_millis(lease.ttl_min_ms), Duration::from_millis(lease.ttl_max_ms));
+        if !(least..=most).contains(&asked) {
+            let allowed = format!("between {} and {}", least.as_secs_f64(), most.as_secs_f64());
+            return Err(ServiceError::Value { field: "ttl_s", allowed });
+        }
+        Ok(asked)
+    }
+}
+
+/// A lease was named, and it is not the one that is held.
+fn of_another(refusal: Refusal) -> ServiceError {
+    match refusal {
+        Refusal::LeaseHeld { holder, remaining } => ServiceError::LeaseOfAnother { holder, remaining },
+        refusal => refusal.into(),
+    }
+}
