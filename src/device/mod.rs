@@ -12,6 +12,7 @@ pub mod opcua;
 mod sensor;
 pub mod simulated;
 mod stage;
+mod states;
 
 pub use error::{DeviceError, ScanFault};
 pub use fence::FenceGate;
@@ -20,6 +21,7 @@ pub use manipulator::{
 };
 pub use sensor::{Profile, ProfileSensor, SensorReading};
 pub use stage::{Stage, StageReading};
+pub use states::{SameCode, StateCodes, StatePreset, States};
 
 use std::pin::Pin;
 
