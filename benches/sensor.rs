@@ -37,8 +37,8 @@ const X_FROM_MM: f64 = 200.0;
 const LENGTH_MM: f64 = 400.0;
 /// The stage is there before the last profile is, so that nobody waits for it.
 const STAGE_TIME_FACTOR: f64 = 20.0;
-/// As long as it takes at least to bring the next part.
-const BETWEEN_SCANS: Duration = Duration::from_millis(200);
+/// The sensor is asked how it is once a second between scans; until it was, a further scan may be refused, to be asked for again.
+const BETWEEN_SCANS: Duration = Duration::from_millis(1_200);
 /// Processor time in /proc is counted in these.
 const TICKS_PER_SECOND: f64 = 100.0;
 const POSE: [&str; 5] = ["deflection_deg", "pitch_deg", "y_ref_mm", "z_ref_mm", "radius_mm"];
@@ -90,7 +90,6 @@ fn main() -> Outcome<()> {
         let line = Line::ready(trial, &program, &runtime)?;
         let mut runs = Vec::new();
         for _ in 0..trial.runs_count {
-            // The sensor is asked how it is between scans; a scan asked for sooner is refused, to be asked for again.
             thread::park_timeout(BETWEEN_SCANS);
             match line.run(trial) {
                 Ok(run) => runs.push(run),
