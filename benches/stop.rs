@@ -34,7 +34,7 @@ fn main() -> Outcome<()> {
     let part = Part { profiles_count: PROFILES_COUNT, points_count: POINTS_COUNT, ..Part::with_interference(1) };
     encode(&make(&part)?.0, Format::Ply, &mut scan)?;
     let folder = Folder::new("stop")?;
-    let service = Serving::start(&program(), &folder.0.join("data"))?;
+    let service = Serving::start(&program(), &folder.0.join("data"), &[])?;
     let (ended, measured_count) = (AtomicBool::new(false), AtomicU64::new(0));
     let (address, bytes) = (service.address.as_str(), scan.as_slice());
     let stops = thread::scope(|scope| {

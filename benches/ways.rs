@@ -64,7 +64,7 @@ fn main() -> Outcome<()> {
 
     let program = program();
     let offline_mib = offline_memory(&program, &file)?;
-    let service = Serving::start(&program, &folder.0.join("data"))?;
+    let service = Serving::start(&program, &folder.0.join("data"), &[])?;
     upload(&service, &bytes)?;
     let service_mib = peak_mib(service.child.id())?;
     let mut rounds = Vec::new();

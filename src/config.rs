@@ -292,6 +292,7 @@ impl Config {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::BTreeMap;
 
     #[test]
     fn the_defaults_hold() {
@@ -321,5 +322,37 @@ mod tests {
         assert!(matches!(config.check(), Err(ConfigError::OpenToTheNetwork { .. })));
         config.insecure_lan = true;
         config.check().expect("asked for");
+    }
+
+    /// Dotted key and value of everything that is no section.
+    fn leaves(table: &toml::Table, prefix: &str, out: &mut BTreeMap<String, toml::Value>) {
+        for (key, value) in table {
+            let key = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+            match value {
+                toml::Value::Table(table) => leaves(table, &key, out),
+                value => drop(out.insert(key, value.clone())),
+            }
+        }
+    }
+
+    #[test]
+    fn the_example_for_a_container_shows_every_key_with_its_default() {
+        let example = include_str!("../docker/coaxis.toml");
+        Layers::default().text("docker/coaxis.toml", example).and_then(Layers::build).expect("it can be used");
+        let (mut shown, mut due) = (BTreeMap::new(), BTreeMap::new());
+        leaves(&example.parse().expect("TOML"), "", &mut shown);
+        leaves(&toml::Table::try_from(Config::default()).expect("writable"), "", &mut due);
+        // The image sets the first three; adaptors have pages of their own.
+        let elsewhere = |key: &str| {
+            ["listen", "data", "insecure_lan"].contains(&key)
+                || [".modbus.", ".opcua.", ".gocator."].iter().any(|part| key.contains(part))
+        };
+        due.retain(|key, _| !elsewhere(key));
+        due.insert("log.format".to_owned(), "json".into());
+        for (key, value) in &due {
+            assert_eq!(shown.get(key), Some(value), "{key}");
+        }
+        let more: Vec<_> = shown.keys().filter(|key| !due.contains_key(*key)).collect();
+        assert!(more.is_empty(), "{more:?} has no default");
     }
 }

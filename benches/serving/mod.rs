@@ -23,17 +23,26 @@ pub(crate) struct Serving {
 }
 
 impl Serving {
-    pub(crate) fn start(program: &str, data: &Path) -> Outcome<Self> {
+    /// Serves from `data`, with `more` arguments.
+    pub(crate) fn start(program: &str, data: &Path, more: &[&str]) -> Outcome<Self> {
         let mut command = Command::new(program);
-        command.args(["serve", "--listen", "127.0.0.1:0", "--data"]).arg(data);
+        command.args(["serve", "--listen", "127.0.0.1:0", "--data"]).arg(data).args(more);
         let mut child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn()?;
         let mut log = BufReader::new(child.stderr.take().ok_or("no log")?);
-        let mut line = String::new();
-        log.read_line(&mut line)?;
-        let (_, address) = line.rsplit_once("http://").ok_or_else(|| format!("it does not listen: {line}"))?;
-        let address = address.split_whitespace().next().unwrap_or_default().to_owned();
+        let address = address(&mut log)?;
         Ok(Self { child, address, _log: log })
     }
+}
+
+/// Where it listens, which is not always the first thing that it says.
+fn address(log: &mut impl BufRead) -> Outcome<String> {
+    let mut said = String::new();
+    while log.read_line(&mut said)? > 0 {
+        if let Some((_, address)) = said.rsplit_once("http://") {
+            return Ok(address.split_whitespace().next().unwrap_or_default().to_owned());
+        }
+    }
+    Err(format!("it does not listen: {said}").into())
 }
 
 impl Drop for Serving {

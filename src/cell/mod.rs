@@ -36,7 +36,7 @@ pub use failure::{Failure, Fault, StopCause};
 pub use input::{Manual, Taken};
 pub use job::{Job, JobEnd, JobState};
 pub use lease::{Lease, LeaseRequest, LeaseView};
-pub use refusal::Refusal;
+pub use refusal::{Refusal, ScanNumber};
 pub use settings::{Devices, ScanOrder, Settings, SettingsError};
 pub use snapshot::{JobView, Link, Live, Quality, Snapshot};
 pub use state::State;
@@ -152,7 +152,8 @@ impl Cell {
     }
 
     /// Stops everything: an operational stop, category 2. Needs no lease, works in every state, may be repeated; the halt is
-    /// raised before this first waits, and waits behind nobody. Answers within some 30 ms with what is known then.
+    /// raised before this first waits, and waits behind nobody. It waits at most 30 ms for what the devices make of
+    /// it, and answers with what is known then.
     pub async fn stop(&self) -> StopReport {
         self.stops.stop().await
     }

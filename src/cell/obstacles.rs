@@ -3,7 +3,7 @@
 use super::driver::moves;
 use super::input::{Manual, Taken};
 use super::snapshot::Live;
-use super::{Refusal, ScanOrder};
+use super::{Refusal, ScanNumber, ScanOrder};
 use crate::device::{AxisReading, AxisState, CommandResult, Mode, Reading, SensorReading, StageReading};
 use crate::motion::{Axes, Axis, Carrier, MotionRefusal, Pair, Path, Position};
 use std::time::Duration;
@@ -175,17 +175,17 @@ pub(super) fn of_scan(
         return Err(Refusal::Moves { device: stage.name.clone() });
     }
     let (lower, upper) = (reading.lower_mm, reading.upper_mm);
-    in_range("the start of the scan in mm", order.x_from_mm, lower, upper)?;
-    in_range("the end of the scan in mm", order.x_to_mm, lower, upper)?;
-    in_range("the speed of the scan in mm/s", order.speed_mm_s, SCAN_LEAST, reading.speed_mm_s)?;
+    in_range(ScanNumber::Start, order.x_from_mm, lower, upper)?;
+    in_range(ScanNumber::End, order.x_to_mm, lower, upper)?;
+    in_range(ScanNumber::Speed, order.speed_mm_s, SCAN_LEAST, reading.speed_mm_s)?;
     let way = (order.x_to_mm - order.x_from_mm).abs();
-    in_range("the way of the scan in mm", way, SCAN_LEAST, upper - lower)?;
+    in_range(ScanNumber::Way, way, SCAN_LEAST, upper - lower)?;
     // Counts this small are exact as doubles.
-    in_range("the number of profiles", order.profiles_count as f64, 1.0, PROFILES_MAX as f64)
+    in_range(ScanNumber::Profiles, order.profiles_count as f64, 1.0, PROFILES_MAX as f64)
 }
 
 /// Refuses what is not a number, too.
-fn in_range(what: &'static str, given: f64, least: f64, most: f64) -> Result<(), Refusal> {
+fn in_range(what: ScanNumber, given: f64, least: f64, most: f64) -> Result<(), Refusal> {
     if (least..=most).contains(&given) { Ok(()) } else { Err(Refusal::ScanOutOfRange { what, given, least, most }) }
 }
 

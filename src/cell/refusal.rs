@@ -94,10 +94,10 @@ pub enum Refusal {
         job: String,
     },
     /// The stage cannot go there, or not as fast.
-    #[error("{what} is {}; it must be from {} to {}", said(*given), said(*least), said(*most))]
+    #[error("{} is {}; it must be from {} to {}", what.said(), said(*given), said(*least), said(*most))]
     ScanOutOfRange {
-        /// Which number of the order, with its unit.
-        what: &'static str,
+        /// Which number of the order.
+        what: ScanNumber,
         /// As ordered.
         given: f64,
         /// Least.
@@ -163,6 +163,33 @@ const fn unfit(state: AxisState) -> &'static str {
     }
 }
 
+/// A number of the order to scan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ScanNumber {
+    /// Where it begins, mm.
+    Start,
+    /// Where it ends, mm.
+    End,
+    /// The way between them, mm.
+    Way,
+    /// mm/s.
+    Speed,
+    /// How many profiles.
+    Profiles,
+}
+
+impl ScanNumber {
+    const fn said(self) -> &'static str {
+        match self {
+            Self::Start => "the start of the scan in mm",
+            Self::End => "the end of the scan in mm",
+            Self::Way => "the way of the scan in mm",
+            Self::Speed => "the speed of the scan in mm/s",
+            Self::Profiles => "the number of profiles",
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -199,8 +226,13 @@ mod tests {
 
     #[test]
     fn no_text_grows_with_its_numbers() {
-        let refusal = Refusal::ScanOutOfRange { what: "x", given: f64::MAX, least: f64::MIN_POSITIVE, most: -f64::MAX };
-        assert!(refusal.to_string().len() < 80, "{refusal}");
+        let refusal = Refusal::ScanOutOfRange {
+            what: ScanNumber::Speed,
+            given: f64::MAX,
+            least: f64::MIN_POSITIVE,
+            most: -f64::MAX,
+        };
+        assert!(refusal.to_string().len() < 110, "{refusal}");
         let (carrier, axis, within) = (Carrier::M1, Axis::C, Duration::from_secs(1));
         let failure = Failure::NotArrived { carrier, axis, actual: f64::NAN, target: f64::MAX, within };
         assert!(failure.to_string().len() < 100, "{failure}");

@@ -85,8 +85,23 @@ pub(super) async fn stop_on_signal(stopper: Stopper, service: Arc<Service>) {
     stopper.stop();
 }
 
+/// What the OPC UA library says of keys that nobody wants where messages are open, and of a configuration of its own that is
+/// not used. Whatever is wrong with a device its adaptor says itself.
+const NOISE: [&str; 4] = [
+    "opcua_client::config=off",
+    "opcua_client::session::client=off",
+    "opcua_core::comms::secure_channel=off",
+    "opcua_crypto::certificate_store=off",
+];
+
+/// The lines that are written: without the noise, unless it was asked for by name.
+fn filter(asked: &str) -> String {
+    if asked.contains("opcua_") { asked.to_owned() } else { format!("{asked},{}", NOISE.join(",")) }
+}
+
 pub(super) fn start_log(log: &Log) -> Result<(), Box<dyn Error>> {
-    let filter = EnvFilter::try_new(&log.filter).map_err(|error| format!("log.filter = {:?}: {error}", log.filter))?;
+    let filter =
+        EnvFilter::try_new(filter(&log.filter)).map_err(|error| format!("log.filter = {:?}: {error}", log.filter))?;
     let lines = tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_ansi(std::io::stderr().is_terminal())
@@ -96,4 +111,19 @@ pub(super) fn start_log(log: &Log) -> Result<(), Box<dyn Error>> {
         LogFormat::Json => lines.json().flatten_event(true).init(),
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_is_left_out_of_the_log_unless_it_is_asked_for() {
+        for asked in ["info", "warn,coaxis::http=debug"] {
+            let filter = filter(asked);
+            assert!(filter.starts_with(asked) && filter.contains(",opcua_core::comms::secure_channel=off"), "{filter}");
+            EnvFilter::try_new(&filter).expect("a filter");
+        }
+        assert_eq!(filter("info,opcua_core=debug"), "info,opcua_core=debug");
+    }
 }

@@ -2,6 +2,8 @@
 //! flag; all that are asked for are served until the command is ended. Must not know how the devices move.
 
 use super::{Outcome, print};
+#[cfg(feature = "opcua")]
+use crate::device::States;
 use crate::device::modbus::{Layout, Plc, serve};
 #[cfg(feature = "opcua")]
 use crate::device::opcua;
@@ -64,7 +66,7 @@ async fn serve_modbus(address: SocketAddr) -> Result<(), Box<dyn Error>> {
 #[cfg(feature = "opcua")]
 async fn serve_opcua(address: SocketAddr) -> Result<(), Box<dyn Error>> {
     let controllers = Pair { m1: manipulator(), m2: manipulator() };
-    let plc = Arc::new(opcua::Plc::new(controllers, opcua::StateCodes::default()));
+    let plc = Arc::new(opcua::Plc::new(controllers, States::default().codes()));
     // The library wants a folder for keys, although there are none.
     let folder = std::env::temp_dir().join("coaxis-simulated-plc");
     let server = opcua::PlcServer::listen(address, &plc, &folder).await?;

@@ -89,8 +89,9 @@ impl Layers {
     /// # Errors
     /// [`ConfigError`] names the first key that cannot be used.
     pub fn build(self) -> Result<Config, ConfigError> {
-        let config = Config::deserialize(self.table).map_err(|error| invalid("configuration", &error))?;
+        let mut config = Config::deserialize(self.table).map_err(|error| invalid("configuration", &error))?;
         config.check()?;
+        config.cell.keep_below(&config.data);
         Ok(config)
     }
 }

@@ -13,6 +13,7 @@ mod sensor;
 pub mod sequence;
 pub mod simulated;
 mod stage;
+mod states;
 
 pub use error::{DeviceError, ScanFault};
 pub use fence::FenceGate;
@@ -21,6 +22,7 @@ pub use manipulator::{
 };
 pub use sensor::{Profile, ProfileSensor, SensorReading};
 pub use stage::{Stage, StageReading};
+pub use states::{SameCode, StateCodes, StatePreset, States};
 
 use std::pin::Pin;
 

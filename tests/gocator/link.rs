@@ -1,8 +1,8 @@
 //! Client and simulated sensor on loopback: what was sent arrives, and what goes wrong has its name.
 
-use crate::sensor::{POINTS, PROFILES, SERIAL, STEP_MM, impatient, sensor, serve, settings, taken, view};
+use crate::sensor::{POINTS, PROFILES, SERIAL, STEP_MM, impatient, sensor, serve, serve_told, settings, taken, view};
 use coaxis::device::gocator::codec::{Generation, Reply, Status, indicator};
-use coaxis::device::gocator::server::{Faults, Form, Taken, View};
+use coaxis::device::gocator::server::{Faults, Form, ScanSource, Taken, View};
 use coaxis::device::gocator::{Gocator, Settings, Travel};
 use coaxis::device::{DeviceError, Profile, ProfileSensor, ScanFault};
 use std::time::Duration;
@@ -157,6 +157,17 @@ async fn drops_that_are_reported_after_the_last_profile_are_said_at_the_stop() {
     collect(&mut sensor, PROFILES).await.expect("whole");
     server.inject(Faults { indicators: vec![(indicator::NETWORK_DROPS, 1)], ..Faults::default() });
     assert_eq!(sensor.stop().await, Err(fault(ScanFault::NetworkDrops { count: 1 })));
+}
+
+#[tokio::test]
+async fn the_word_that_comes_with_the_stop_is_the_last_one() {
+    // The sensor speaks of health when it stops, and then not for an hour.
+    let source = Box::new(ScanSource::new(taken(), None));
+    let server = serve_told(view(Form::PointCloud), source, Duration::from_secs(3_600)).await;
+    let mut sensor = sensor(&settings(&server));
+    for _ in 0..20 {
+        scan(&mut sensor).await.expect("whole, and told so");
+    }
 }
 
 #[tokio::test]

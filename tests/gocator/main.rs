@@ -9,6 +9,7 @@
     reason = "a test may fail, and says what it saw"
 )]
 
+mod contract;
 mod golden;
 mod hostile;
 mod link;

@@ -62,6 +62,11 @@ pub(crate) async fn serve(view: View, taken: Vec<Taken>, rate_hz: Option<f64>) -
 }
 
 pub(crate) async fn serve_source(view: View, source: Box<dyn Source>) -> Server {
+    serve_told(view, source, Duration::from_millis(50)).await
+}
+
+/// One that says how it is where that changes, and else this often.
+pub(crate) async fn serve_told(view: View, source: Box<dyn Source>, health_period: Duration) -> Server {
     let settings = ServerSettings {
         listen: IpAddr::V4(Ipv4Addr::LOCALHOST),
         control_port: 0,
@@ -69,7 +74,7 @@ pub(crate) async fn serve_source(view: View, source: Box<dyn Source>) -> Server 
         health_port: 0,
         identity: Identity { serial: SERIAL, model: "Gocator 2350".to_owned(), firmware: [4, 8, 26, 44] },
         view,
-        health_period: Duration::from_millis(50),
+        health_period,
     };
     Server::bind(settings, source).await.expect("a port")
 }

@@ -74,7 +74,11 @@ impl Attendant for SensorAttendant {
         match ending {
             Ending::Halted => Ok(()),
             Ending::Gone(gone) => Err(gone),
-            Ending::Scan(result) => self.conclude(post, result).await,
+            Ending::Scan(result) => {
+                self.conclude(post, result).await?;
+                // It was not asked during the scan; the next one may be ordered at once.
+                self.read(post).await
+            }
         }
     }
 }

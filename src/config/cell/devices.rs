@@ -1,5 +1,6 @@
 //! Which adaptor stands behind each device, and where it finds it. Must not know how an adaptor works.
 
+use super::Cell;
 use super::supports::SupportLimits;
 use crate::device::gocator;
 use crate::device::modbus;
@@ -7,6 +8,7 @@ use crate::device::modbus;
 use crate::device::opcua;
 use crate::motion::Carrier;
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 /// Registers between two manipulators of one PLC.
 const MODBUS_STRIDE: u16 = 256;
@@ -101,6 +103,20 @@ impl Manipulator {
             modbus: modbus::Settings { base, ..modbus::Settings::default() },
             #[cfg(feature = "opcua")]
             opcua: opcua::Settings::of(carrier.name()),
+        }
+    }
+}
+
+impl Cell {
+    /// What devices keep on this machine lies below the service's data folder where nothing else is said.
+    #[cfg_attr(
+        not(feature = "opcua"),
+        expect(unused_variables, clippy::unused_self, reason = "no device keeps anything")
+    )]
+    pub(in super::super) fn keep_below(&mut self, data: &Path) {
+        #[cfg(feature = "opcua")]
+        for manipulator in [&mut self.manipulators.m1, &mut self.manipulators.m2] {
+            manipulator.opcua.security.keep_below(data);
         }
     }
 }

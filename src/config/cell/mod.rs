@@ -4,11 +4,14 @@
 mod check;
 mod convert;
 mod devices;
+mod error;
+mod links;
 mod over;
+mod ranges;
 mod supports;
 
-pub use check::CellError;
 pub use devices::{Manipulator, ManipulatorAdaptor, Sensor, SensorAdaptor, Stage, StageAdaptor};
+pub use error::CellError;
 pub(super) use over::over_default;
 pub use supports::{LinearLimits, SupportLimits, Tolerances, TurnLimits};
 

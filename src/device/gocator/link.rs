@@ -208,15 +208,16 @@ impl Gocator {
         if self.control.is_none() {
             self.control = Some(Control::open(&self.peer, &self.checked.settings).await?);
         }
+        // What came before the stop says nothing about the end; what comes with its answer does, and is waited for below.
+        let mut heard = self.health.as_mut().map_or(Ok(()), HealthLink::catch_up);
         self.ask(Command::Stop).await?;
         self.may_run = false;
         let Some(health) = self.health.as_mut() else {
             return Err(self.peer.lost(&"the health channel is not connected"));
         };
         // What was lost at the end is said by the first message after it; a scan that was broken off has nothing to prove.
-        let mut heard = health.catch_up();
-        if whole && heard.is_ok() {
-            heard = health.hear_until(Wellness::is_stopped).await;
+        if heard.is_ok() {
+            heard = if whole { health.hear_until(Wellness::is_stopped).await } else { health.catch_up() };
         }
         health.wellness.end_scan();
         let fault = health.wellness.fault();

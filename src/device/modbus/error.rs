@@ -1,5 +1,6 @@
 //! Why a register map cannot be used, and why registers cannot be understood. Must not know links.
 
+use crate::device::SameCode;
 use crate::motion::Axis;
 
 /// Why a register map is refused, with the names that the configuration gives its fields.
@@ -58,16 +59,12 @@ pub enum LayoutError {
     #[error("status.snapshot and status.snapshot_copy are given together or not at all")]
     HalfSnapshot,
     /// Two words for the same number.
-    #[error("{table}: {first} and {second} are both {code}")]
+    #[error("{table}: {cause}")]
     SameCode {
         /// Which table.
         table: &'static str,
-        /// One.
-        first: &'static str,
-        /// The other.
-        second: &'static str,
-        /// Their code.
-        code: u16,
+        /// Which words.
+        cause: SameCode,
     },
     /// A register has 16 bits.
     #[error("{table}: {field} is bit {bit}; a register has bits 0 to 15")]

@@ -62,8 +62,7 @@ impl Image<'_> {
     }
 
     fn state(&self, state: crate::device::AxisState) -> u16 {
-        let codes = self.layout.codes.states.codes();
-        codes.code(state).unwrap_or(codes.error_stop)
+        self.layout.codes.states.codes().code(state)
     }
 
     fn safety(&self, reading: &Reading) -> u16 {

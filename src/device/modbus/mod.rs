@@ -23,7 +23,7 @@ mod stage;
 mod status;
 mod words;
 
-pub use codes::{Codes, CommandCodes, ModeCodes, ResultCodes, StateCodes, StatePreset, States};
+pub use codes::{Codes, CommandCodes, ModeCodes, ResultCodes};
 pub use error::{LayoutError, MapError};
 pub use layout::{AxisBits, CommandMap, Layout, SafetyBits, StatusFunction, StatusMap};
 pub use link::{Dial, Transport};

@@ -3,8 +3,9 @@
 
 use super::layout::Node;
 use super::nodes::{Answer, Odd};
-use super::settings::StateCodes;
-use crate::device::{Acknowledged, Action, AxisReading, AxisState, Command, CommandResult, Mode, Reading, Safety};
+use crate::device::{
+    Acknowledged, Action, AxisReading, AxisState, Command, CommandResult, Mode, Reading, Safety, StateCodes,
+};
 use crate::motion::{Axes, Axis, Position};
 use opcua::types::{DataValue, DateTime, Variant};
 use std::time::Duration;
@@ -35,7 +36,7 @@ pub(super) fn age(values: &[(Node, DataValue)], answered: &DateTime) -> Result<D
 ///
 /// # Errors
 /// [`Odd`] names the first value that cannot be.
-pub(super) fn reading(values: &[(Node, DataValue)], codes: &StateCodes) -> Result<Reading, Odd> {
+pub(super) fn reading(values: &[(Node, DataValue)], codes: StateCodes) -> Result<Reading, Odd> {
     let answer = Answer::new(values);
     Ok(Reading {
         state: state(Node::State, answer.word(Node::State)?, codes)?,
@@ -51,7 +52,7 @@ pub(super) fn reading(values: &[(Node, DataValue)], codes: &StateCodes) -> Resul
     })
 }
 
-fn axes(answer: &Answer<'_>, codes: &StateCodes) -> Result<Axes<AxisReading>, Odd> {
+fn axes(answer: &Answer<'_>, codes: StateCodes) -> Result<Axes<AxisReading>, Odd> {
     let states = per_axis(answer.words(Node::AxisStates)?);
     let homed = per_axis(answer.truths(Node::Homed)?);
     let in_position = per_axis(answer.truths(Node::InPosition)?);
@@ -90,7 +91,7 @@ pub(super) const fn listed<T: Copy>(axes: &Axes<T>) -> [T; 4] {
     [axes.x, axes.y, axes.z, axes.c]
 }
 
-fn state(node: Node, code: u16, codes: &StateCodes) -> Result<AxisState, Odd> {
+fn state(node: Node, code: u16, codes: StateCodes) -> Result<AxisState, Odd> {
     let why = "is no state of the table";
     codes.state(code).ok_or_else(|| Odd::Value { node, value: code.to_string(), why })
 }

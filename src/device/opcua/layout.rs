@@ -64,11 +64,7 @@ pub(super) enum Node {
     Sequence,
 }
 
-use Node::{
-    AckSequence, Actual, AxisFaults, AxisStates, Code, Commanded, FaultCode, Fence, Heartbeat, Homed, InPosition,
-    LimitsHit, Mask, MaxVelocities, Mode, Pulse, Range, Result, Safety, Sequence, Snapshot, State, Targets, Unit,
-    Velocities, WatchdogMs,
-};
+use Node::*;
 
 /// Whole-device values of the status, in the order in which they are read.
 const STATUS: [Node; 15] = [

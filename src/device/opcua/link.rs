@@ -112,7 +112,8 @@ impl OpcuaManipulator {
         self.open = Some(open);
         let values = answer.map_err(|odd| self.implausible(&odd))?;
         let age = codec::age(&values.values, &values.answered).map_err(|odd| self.implausible(&odd))?;
-        let reading = codec::reading(&values.values, &self.settings.states).map_err(|odd| self.implausible(&odd))?;
+        let reading =
+            codec::reading(&values.values, self.settings.states.codes()).map_err(|odd| self.implausible(&odd))?;
         self.hear(age, reading.heartbeat)?;
         Ok(reading)
     }

@@ -23,7 +23,7 @@ mod settings;
 pub use link::OpcuaManipulator;
 pub use security::Trouble;
 pub use server::{Plc, PlcServer, ServeError, device_path, serve};
-pub use settings::{Policy, Security, SettingRefusal, Settings, StateCodes};
+pub use settings::{Policy, Security, SettingRefusal, Settings};
 
 use super::Manipulator;
 

@@ -44,6 +44,8 @@ pub enum Trouble {
     },
 }
 
+/// Where our key lies in the service's data folder.
+const PKI_FOLDER: &str = "opcua";
 /// The most that a file of a password may hold.
 const PASSWORD_BYTES_MAX: usize = 1024;
 
@@ -83,9 +85,14 @@ impl Security {
         }
     }
 
+    /// Keeps our key below this folder where the configuration names no other.
+    pub fn keep_below(&mut self, data: &Path) {
+        self.pki.get_or_insert_with(|| data.join(PKI_FOLDER));
+    }
+
     /// The folder of our key.
     pub(super) fn pki(&self) -> PathBuf {
-        self.pki.clone().unwrap_or_else(|| PathBuf::from("data/opcua"))
+        self.pki.clone().unwrap_or_else(|| Path::new("data").join(PKI_FOLDER))
     }
 
     /// Who we say we are. Read anew at every connection, so that a new password needs no restart.

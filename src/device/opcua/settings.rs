@@ -3,7 +3,7 @@
 
 use super::layout::{Node, steps};
 use super::security::Trouble;
-use crate::device::AxisState;
+use crate::device::{SameCode, States};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -21,8 +21,8 @@ pub struct Settings {
     pub namespaces: BTreeMap<String, String>,
     /// Nodes that lie elsewhere than docs/opcua.md says: name of the node, path below the manipulator's node.
     pub nodes: BTreeMap<String, String>,
-    /// Which number says which state.
-    pub states: StateCodes,
+    /// Which number says which state: a maker's table by name, or one's own.
+    pub states: States,
     /// Encryption, and who we are.
     pub security: Security,
     /// Longest time until connected, checked and read.
@@ -35,28 +35,6 @@ pub struct Settings {
     pub stale_ms: u64,
     /// How long the server keeps a session of which it hears nothing.
     pub session_ms: u64,
-}
-
-/// Which number says which state of PLCopen; vendors differ.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct StateCodes {
-    /// [`AxisState::Disabled`].
-    pub disabled: u16,
-    /// [`AxisState::Standstill`].
-    pub standstill: u16,
-    /// [`AxisState::Homing`].
-    pub homing: u16,
-    /// [`AxisState::DiscreteMotion`].
-    pub discrete_motion: u16,
-    /// [`AxisState::ContinuousMotion`].
-    pub continuous_motion: u16,
-    /// [`AxisState::SynchronizedMotion`].
-    pub synchronized_motion: u16,
-    /// [`AxisState::Stopping`].
-    pub stopping: u16,
-    /// [`AxisState::ErrorStop`].
-    pub error_stop: u16,
 }
 
 /// How messages are protected, and who we are.
@@ -73,7 +51,9 @@ pub struct Security {
     pub password_file: Option<PathBuf>,
     /// Variable of the environment with the password.
     pub password_variable: Option<String>,
-    /// Folder of our own key and certificate (own/cert.der, which the server must trust); made where it is missing.
+    /// Folder of our own key and certificate (own/cert.der, which the server must trust); made where it is missing. The
+    /// service's data folder has one where nothing is said.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub pki: Option<PathBuf>,
 }
 
@@ -116,8 +96,8 @@ pub enum SettingRefusal {
     #[error("nodes has no {0:?}; docs/opcua.md lists the names")]
     Node(String),
     /// Two states have one number.
-    #[error("states gives the number {0} to two states")]
-    State(u16),
+    #[error("states: {0}")]
+    States(#[from] SameCode),
     /// A time outside what can work.
     #[error("{name} must be between {least} and {most}, got {value}")]
     Time {
@@ -149,7 +129,7 @@ impl Settings {
             device: format!("di:DeviceSet/own:Cell/robotics:MotionDevices/own:{}", id.to_uppercase()),
             namespaces: namespaces.map(|(alias, uri)| (alias.to_owned(), uri.to_owned())).into(),
             nodes: BTreeMap::new(),
-            states: StateCodes::default(),
+            states: States::default(),
             security: Security::default(),
             connect_ms: 5_000,
             read_ms: 300,
@@ -163,65 +143,6 @@ impl Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self::of("m1")
-    }
-}
-
-impl Default for StateCodes {
-    /// As Beckhoff's Tc2_MC2 counts them.
-    fn default() -> Self {
-        Self {
-            disabled: 1,
-            standstill: 2,
-            error_stop: 3,
-            stopping: 4,
-            homing: 5,
-            discrete_motion: 6,
-            continuous_motion: 7,
-            synchronized_motion: 8,
-        }
-    }
-}
-
-impl StateCodes {
-    const fn table(&self) -> [(AxisState, u16); 8] {
-        [
-            (AxisState::Disabled, self.disabled),
-            (AxisState::Standstill, self.standstill),
-            (AxisState::Homing, self.homing),
-            (AxisState::DiscreteMotion, self.discrete_motion),
-            (AxisState::ContinuousMotion, self.continuous_motion),
-            (AxisState::SynchronizedMotion, self.synchronized_motion),
-            (AxisState::Stopping, self.stopping),
-            (AxisState::ErrorStop, self.error_stop),
-        ]
-    }
-
-    /// The state of a number.
-    pub(super) fn state(&self, code: u16) -> Option<AxisState> {
-        self.table().into_iter().find(|(_, of)| *of == code).map(|(state, _)| state)
-    }
-
-    /// The number of a state.
-    pub(super) fn code(&self, state: AxisState) -> u16 {
-        match state {
-            AxisState::Disabled => self.disabled,
-            AxisState::Standstill => self.standstill,
-            AxisState::Homing => self.homing,
-            AxisState::DiscreteMotion => self.discrete_motion,
-            AxisState::ContinuousMotion => self.continuous_motion,
-            AxisState::SynchronizedMotion => self.synchronized_motion,
-            AxisState::Stopping => self.stopping,
-            AxisState::ErrorStop => self.error_stop,
-        }
-    }
-
-    fn check(&self) -> Result<(), SettingRefusal> {
-        let mut codes = self.table().map(|(_, code)| code);
-        codes.sort_unstable();
-        match codes.windows(2).find_map(|pair| matches!(pair, [a, b] if a == b).then(|| pair.first().copied())) {
-            Some(twice) => Err(SettingRefusal::State(twice.unwrap_or_default())),
-            None => Ok(()),
-        }
     }
 }
 
@@ -301,6 +222,7 @@ impl Settings {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::device::StateCodes;
 
     fn refused(change: impl Fn(&mut Settings)) -> String {
         let mut settings = Settings::default();
@@ -324,7 +246,8 @@ mod tests {
         assert!(refused(|s| drop(s.namespaces.remove("di"))).contains("the alias \"di\""));
         assert!(refused(|s| drop(s.nodes.insert("status.nothing".into(), "own:A".into()))).contains("status.nothing"));
         assert!(refused(|s| drop(s.nodes.insert("status.state".into(), "x:A".into()))).contains("alias"));
-        assert!(refused(|s| s.states.homing = 1).contains("the number 1 to two states"));
+        let twice = States::Table(StateCodes { homing: 1, ..States::default().codes() });
+        assert_eq!(refused(|s| s.states = twice), "states: disabled and homing are both 1");
         assert!(refused(|s| s.read_ms = 301).contains("read_ms must be between 10 and 300, got 301"));
     }
 

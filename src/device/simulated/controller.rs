@@ -12,58 +12,21 @@
 //! ```
 
 pub mod code;
+mod course;
 mod permission;
+mod settings;
+mod telling;
+
+pub use settings::ControllerSettings;
 
 use super::mechanics::Mechanics;
 use super::record::Record;
 use super::servo::Servo;
 use crate::device::sequence::is_newer;
-use crate::device::{Acknowledged, Action, AxisReading, AxisState, Command, CommandResult, Mode, Reading, Safety};
-use crate::motion::{Axes, Axis, AxisLimits, Position};
+use crate::device::{Acknowledged, Command, CommandResult, Mode, Safety};
+use crate::motion::{Axes, Axis, Position};
+use course::Task;
 use std::time::Duration;
-
-/// A step of simulated time, s.
-const STEP_S: f64 = 0.001;
-/// The heartbeat counts once in this time.
-const BEAT: Duration = Duration::from_millis(10);
-
-/// What a controller is like. Lengths in mm, angles in rad.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ControllerSettings {
-    /// Its own limits.
-    pub limits: Axes<AxisLimits>,
-    /// Where the axes stand at first.
-    pub start: Position,
-    /// Whether the references are known at first.
-    pub homed: bool,
-    /// Simulated seconds of motion in a second of the caller's clock. Watchdog and heartbeat are not made faster.
-    pub time_factor: f64,
-    /// Greatest watchdog that it grants; a command may ask for less.
-    pub watchdog_max: Duration,
-    /// How long the finding of a reference takes, simulated s. The axes stay: distance-coded marks.
-    pub homing_s: f64,
-    /// Backlash between an axis' encoder and its clamp.
-    pub backlash: Axes<f64>,
-    /// Share of each linear axis' motion that the clamp shows along each of the other two.
-    pub coupling_ratio: f64,
-}
-
-impl ControllerSettings {
-    /// A stiff manipulator with these limits that stands at zero, or where its limits are nearest to it.
-    #[must_use]
-    pub fn exact(limits: Axes<AxisLimits>) -> Self {
-        Self {
-            limits,
-            start: limits.map(|_, own| 0.0_f64.max(own.lower).min(own.upper)),
-            homed: true,
-            time_factor: 1.0,
-            watchdog_max: Duration::from_millis(500),
-            homing_s: 0.5,
-            backlash: Axes::default(),
-            coupling_ratio: 0.0,
-        }
-    }
-}
 
 /// What became of a command on arrival.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -74,14 +37,6 @@ pub enum Taken {
     Refused(u32),
     /// Its sequence number is not newer than the last one: nothing was done.
     Ignored,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Task {
-    Rest,
-    Move,
-    Home { axes: Axes<bool>, until_step: u64 },
-    Stop { then_off: bool },
 }
 
 /// The controller of one manipulator. `now` is the time since any fixed moment by the caller's clock; it never runs back.
@@ -161,21 +116,6 @@ impl Controller {
         self.heard = self.heard.max(now);
     }
 
-    /// How it is. Does not count as a heartbeat.
-    #[must_use]
-    pub fn reading(&mut self, now: Duration) -> Reading {
-        self.advance(now);
-        Reading {
-            state: self.state(),
-            mode: self.mode,
-            safety: self.safety,
-            acknowledged: self.acknowledged,
-            fault_code: self.fault.or(self.refusal).unwrap_or(0),
-            heartbeat: (now.as_millis() / BEAT.as_millis() % 0x1_0000) as u16,
-            axes: self.settings.limits.map(|axis, limits| self.axis_reading(axis, limits)),
-        }
-    }
-
     /// Where the clamp really is by backlash and cross-coupling, in the manipulator's axes.
     #[must_use]
     pub fn clamp(&mut self, now: Duration) -> Position {
@@ -218,132 +158,13 @@ impl Controller {
             self.abort();
         }
     }
-
-    /// Lets simulated time run on to `now`. In even steps, so that it does not matter how often anyone looks.
-    pub(super) fn advance(&mut self, now: Duration) {
-        let due = (now.as_secs_f64() * self.settings.time_factor / STEP_S + 1e-6) as u64;
-        while self.steps < due {
-            if self.task == Task::Rest {
-                self.steps = due;
-                return;
-            }
-            self.steps += 1;
-            self.step();
-        }
-    }
-
-    fn step(&mut self) {
-        let deadline_s = (self.heard + self.watchdog).as_secs_f64() * self.settings.time_factor;
-        let moves = matches!(self.task, Task::Move | Task::Home { .. });
-        if moves && self.steps as f64 * STEP_S > deadline_s {
-            self.fail(code::WATCHDOG);
-        }
-        if self.acknowledged.result == CommandResult::Accepted {
-            self.acknowledged.result = CommandResult::Running;
-        }
-        for axis in Axis::ALL {
-            self.servos.get_mut(axis).step(STEP_S);
-        }
-        self.mechanics.follow(&self.servos.map(|_, servo| servo.position()));
-        if self.servos.iter().all(|(_, servo)| servo.rests()) {
-            self.arrive();
-        }
-    }
-
-    /// All axes stand: ends what was to be done.
-    fn arrive(&mut self) {
-        match self.task {
-            Task::Home { until_step, .. } if self.steps < until_step => return,
-            Task::Home { axes, .. } => self.homed = self.homed.map(|axis, homed| *homed || *axes.get(axis)),
-            Task::Stop { then_off: true } => self.powered = false,
-            Task::Rest | Task::Move | Task::Stop { then_off: false } => {}
-        }
-        self.task = Task::Rest;
-        if matches!(self.acknowledged.result, CommandResult::Accepted | CommandResult::Running) {
-            self.acknowledged.result = CommandResult::Done;
-        }
-    }
-
-    /// Latches a fault; stops what moves.
-    fn fail(&mut self, code: u32) {
-        self.fault = Some(code);
-        self.abort();
-    }
-
-    /// Stops what moves, and says that what was asked has not come to its end.
-    fn abort(&mut self) {
-        if matches!(self.acknowledged.result, CommandResult::Accepted | CommandResult::Running) {
-            self.acknowledged.result = CommandResult::Aborted;
-        }
-        self.stop(false);
-    }
-
-    fn stop(&mut self, then_off: bool) {
-        for axis in Axis::ALL {
-            self.servos.get_mut(axis).brake();
-        }
-        self.task = Task::Stop { then_off };
-    }
-
-    fn execute(&mut self, action: &Action) {
-        match *action {
-            Action::Enable => self.powered = true,
-            Action::Disable => self.stop(true),
-            Action::Reset => (self.fault, self.limit_hit) = (None, Axes::default()),
-            Action::Halt => self.stop(false),
-            Action::Home { axes } => {
-                let until_step = self.steps + (self.settings.homing_s / STEP_S) as u64;
-                self.homed = self.homed.map(|axis, homed| *homed && !*axes.get(axis));
-                self.task = Task::Home { axes, until_step };
-            }
-            Action::MoveTo { axes, targets, speeds } => {
-                for axis in Axis::ALL.into_iter().filter(|axis| *axes.get(*axis)) {
-                    self.servos.get_mut(axis).go(*targets.get(axis), *speeds.get(axis));
-                }
-                self.task = Task::Move;
-            }
-        }
-        if matches!(action, Action::Enable | Action::Reset) && self.task == Task::Rest {
-            self.acknowledged.result = CommandResult::Done;
-        }
-    }
-
-    fn state(&self) -> AxisState {
-        match self.task {
-            Task::Stop { .. } => AxisState::Stopping,
-            _ if self.fault.is_some() => AxisState::ErrorStop,
-            _ if !self.powered => AxisState::Disabled,
-            Task::Home { .. } => AxisState::Homing,
-            Task::Move => AxisState::DiscreteMotion,
-            Task::Rest => AxisState::Standstill,
-        }
-    }
-
-    fn axis_reading(&self, axis: Axis, limits: &AxisLimits) -> AxisReading {
-        let servo = self.servos.get(axis);
-        let device = self.state();
-        let concerned = match self.task {
-            Task::Home { axes, .. } => *axes.get(axis),
-            Task::Rest | Task::Move | Task::Stop { .. } => !servo.rests(),
-        };
-        AxisReading {
-            actual: servo.position(),
-            commanded: servo.position(),
-            lower: limits.lower,
-            upper: limits.upper,
-            speed: limits.speed,
-            state: if device.moves() && !concerned { AxisState::Standstill } else { device },
-            homed: *self.homed.get(axis),
-            in_position: servo.rests(),
-            fault: *self.limit_hit.get(axis),
-            limit_hit: *self.limit_hit.get(axis),
-        }
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::device::{Action, AxisState};
+    use crate::motion::AxisLimits;
 
     const WATCHDOG: Duration = Duration::from_millis(400);
 

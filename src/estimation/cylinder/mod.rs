@@ -216,7 +216,7 @@ fn agreed(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(), R
         return Ok(());
     }
     let profiles_min = shares.len().div_ceil(2).try_into().unwrap_or(u32::MAX);
-    let settings = Settings { profiles_min, ..settings.clone() };
+    let settings = Settings { profiles_min, ..*settings };
     Err(too_few(scan, agreeing_count, Reason::NotConverged, Some(solution.sigma), &settings))
 }
 

@@ -2,7 +2,8 @@
 
 use super::super::numbers::rounded;
 use super::{Code, Problem};
-use crate::cell::{Refusal, State};
+use crate::cell::{Refusal, ScanNumber, State};
+use crate::device::AxisState;
 use crate::motion::{Axis, Carrier, MotionRefusal};
 use crate::service::{Stale, plain};
 use axum::http::{HeaderValue, header};
@@ -38,6 +39,9 @@ impl From<Refusal> for Problem {
             }
             R::NotRemote { carrier, .. } => of(Code::NotRemote, text, carrier),
             R::SafetyOpen { carrier } => of(Code::SafetyOpen, text, carrier),
+            R::NotEnabled { carrier, state: AxisState::ErrorStop } => {
+                of(Code::NotEnabled, format!("{text}: POST /v1/cell/reset"), carrier)
+            }
             R::NotEnabled { carrier, .. } => {
                 let detail = format!("{text}: POST /v1/manipulators/{}/enable", carrier.name());
                 of(Code::NotEnabled, detail, carrier)
@@ -62,12 +66,15 @@ impl From<Refusal> for Problem {
     }
 }
 
-/// The cell names the numbers of a scan in words, and a request by its fields.
-fn scan_out_of_range(what: &'static str, given: f64, least: f64, most: f64) -> Problem {
-    let field = [("start", "x_from_mm"), ("end", "x_to_mm"), ("speed", "speed_mm_s"), ("profiles", "profiles_count")]
-        .into_iter()
-        .find_map(|(word, field)| what.contains(word).then_some(field))
-        .unwrap_or(what);
+/// By the field of the request that it is about.
+fn scan_out_of_range(what: ScanNumber, given: f64, least: f64, most: f64) -> Problem {
+    let field = match what {
+        ScanNumber::Start => "x_from_mm",
+        ScanNumber::End => "x_to_mm",
+        ScanNumber::Way => "x_to_mm - x_from_mm",
+        ScanNumber::Speed => "speed_mm_s",
+        ScanNumber::Profiles => "profiles_count",
+    };
     let detail = format!("{field} must be between {} and {}, got {}", plain(least), plain(most), plain(given));
     Problem::new(Code::ScanOutOfRange, detail)
         .with("field", field)

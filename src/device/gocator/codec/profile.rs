@@ -38,13 +38,7 @@ impl<'a> Profiles<'a> {
     pub(super) fn decode(fields: Fields<'a>, numbers: usize) -> Result<Self, CodecError> {
         let values_start = START + fields.struct_size(6, ATTRIBUTE_BYTES)?;
         let (count, width) = (fields.u32(8)?, fields.u32(12)?);
-        let (x, z) = (
-            Scale { scale_nm: fields.u32(16)?, offset_um: fields.i32(24)? },
-            Scale { scale_nm: fields.u32(20)?, offset_um: fields.i32(28)? },
-        );
-        if x.scale_nm == 0 || z.scale_nm == 0 {
-            return Err(CodecError::ScaleZero { kind: fields.kind });
-        }
+        let (x, z) = (Scale::decode(fields, 16, 24)?, Scale::decode(fields, 20, 28)?);
         let values = fields.values(values_start, count, width, 2 * numbers)?;
         let (source, exposure_ns, camera) = (fields.u8(32)?, fields.u32(33)?, fields.u8(37)?);
         Ok(Self { count, width, x, z, source, exposure_ns, camera, values })

@@ -1,6 +1,8 @@
 //! From the sensor's 16-bit numbers to millimetres and back: mm = offset_um / 1000 + raw · scale_nm / 10⁶.
 //! Must not know which coordinate it is.
 
+use super::CodecError;
+use super::fields::Fields;
 use serde::{Deserialize, Serialize};
 
 /// What stands where the sensor saw nothing.
@@ -17,6 +19,12 @@ pub struct Scale {
 }
 
 impl Scale {
+    /// From its two numbers at these places of a message.
+    pub(super) fn decode(fields: Fields<'_>, scale_at: usize, offset_at: usize) -> Result<Self, CodecError> {
+        let (scale_nm, offset_um) = (fields.u32(scale_at)?, fields.i32(offset_at)?);
+        if scale_nm == 0 { Err(CodecError::ScaleZero { kind: fields.kind }) } else { Ok(Self { scale_nm, offset_um }) }
+    }
+
     /// One step, mm.
     #[must_use]
     pub fn step_mm(self) -> f64 {

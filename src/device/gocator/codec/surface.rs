@@ -38,10 +38,7 @@ impl<'a> Surface<'a> {
     pub(super) fn decode(fields: Fields<'a>) -> Result<Self, CodecError> {
         let values_start = START + fields.struct_size(6, ATTRIBUTE_BYTES)?;
         let (rows_count, width) = (fields.u32(8)?, fields.u32(12)?);
-        let scale = |scale_at, offset_at| {
-            let scale = Scale { scale_nm: fields.u32(scale_at)?, offset_um: fields.i32(offset_at)? };
-            if scale.scale_nm == 0 { Err(CodecError::ScaleZero { kind: fields.kind }) } else { Ok(scale) }
-        };
+        let scale = |scale_at, offset_at| Scale::decode(fields, scale_at, offset_at);
         let (x, y, z) = (scale(16, 28)?, scale(20, 32)?, scale(24, 36)?);
         let values = fields.values(values_start, rows_count, width, 2)?;
         Ok(Self { rows_count, width, x, y, z, source: fields.u8(40)?, exposure_ns: fields.u32(41)?, values })

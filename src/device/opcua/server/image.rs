@@ -4,8 +4,7 @@ use crate::device::opcua::codec::{listed, per_axis};
 use crate::device::opcua::layout::Node;
 use crate::device::opcua::nodes::{Answer, Odd};
 use crate::device::opcua::plausible::unit;
-use crate::device::opcua::settings::StateCodes;
-use crate::device::{Action, Command, CommandResult, Mode, Reading, Safety};
+use crate::device::{Action, Command, CommandResult, Mode, Reading, Safety, StateCodes};
 use crate::motion::{Axes, Axis, Position};
 use opcua::types::{DataValue, EUInformation, ExtensionObject, LocalizedText, Range, Variant};
 use std::time::Duration;
@@ -18,7 +17,7 @@ pub(in crate::device::opcua) fn value(
     node: Node,
     reading: &Reading,
     snapshot: u32,
-    codes: &StateCodes,
+    codes: StateCodes,
 ) -> Option<Variant> {
     let axes = &reading.axes;
     let truths = |axes: Axes<bool>| Variant::from(listed(&axes).to_vec());

@@ -4,9 +4,8 @@
 use super::image::{command, value};
 use crate::device::opcua::clock::now;
 use crate::device::opcua::layout::Node;
-use crate::device::opcua::settings::StateCodes;
 use crate::device::simulated::Controller;
-use crate::device::{Reading, Safety};
+use crate::device::{Reading, Safety, StateCodes};
 use crate::motion::{Carrier, Pair};
 use opcua::types::{DataValue, StatusCode, Variant};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -73,7 +72,7 @@ impl Plc {
         let mut stations = self.lock();
         let station = stations.get_mut(carrier);
         let (reading, snapshot) = station.image(now);
-        let status = value(node, reading, snapshot, &self.codes).map(DataValue::new_now);
+        let status = value(node, reading, snapshot, self.codes).map(DataValue::new_now);
         let written = || station.written.iter().find(|(of, _)| *of == node).map(|(_, value)| value.clone());
         status.or_else(written).ok_or(StatusCode::BadNoData)
     }

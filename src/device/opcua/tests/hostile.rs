@@ -6,9 +6,8 @@ use crate::device::opcua::layout::Node;
 use crate::device::opcua::nodes;
 use crate::device::opcua::plausible;
 use crate::device::opcua::server::image;
-use crate::device::opcua::settings::StateCodes;
 use crate::device::simulated::{Controller, ControllerSettings};
-use crate::device::{Action, Command, Reading};
+use crate::device::{Action, Command, Reading, States};
 use crate::motion::{Axes, Axis};
 use opcua::types::{
     AttributeId, ByteString, DataTypeId, DataValue, DateTime, EUInformation, ExtensionObject, NodeId, Range,
@@ -24,12 +23,12 @@ fn reading() -> Reading {
 }
 
 fn answer(reading: &Reading) -> Vec<(Node, DataValue)> {
-    let codes = StateCodes::default();
-    Node::reading().map(|node| (node, good(image::value(node, reading, 8, &codes).expect("a status")))).collect()
+    let codes = States::default().codes();
+    Node::reading().map(|node| (node, good(image::value(node, reading, 8, codes).expect("a status")))).collect()
 }
 
 fn read(values: &[(Node, DataValue)]) -> Result<Reading, String> {
-    codec::reading(values, &StateCodes::default()).map_err(|odd| odd.to_string())
+    codec::reading(values, States::default().codes()).map_err(|odd| odd.to_string())
 }
 
 #[test]

@@ -3,9 +3,9 @@
 
 use super::limits;
 use crate::device::contract::{check_manipulator, motion::check_manipulator_motion};
-use crate::device::opcua::{OpcuaManipulator, Plc, PlcServer, Security, Settings, StateCodes, device_path};
+use crate::device::opcua::{OpcuaManipulator, Plc, PlcServer, Security, Settings, device_path};
 use crate::device::simulated::{Controller, ControllerSettings};
-use crate::device::{Action, Command, DeviceError, Manipulator};
+use crate::device::{Action, Command, DeviceError, Manipulator, States};
 use crate::motion::{Carrier, Pair};
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -24,7 +24,7 @@ impl Bench {
     async fn start(name: &str) -> Self {
         let folder = std::env::temp_dir().join(format!("coaxis-loopback-{name}-{}", std::process::id()));
         let controllers = Pair::from_fn(|_| Controller::new(ControllerSettings::exact(limits())));
-        let plc = Arc::new(Plc::new(controllers, StateCodes::default()));
+        let plc = Arc::new(Plc::new(controllers, States::default().codes()));
         let anywhere = SocketAddr::from(([127, 0, 0, 1], 0));
         let server = PlcServer::listen(anywhere, &plc, &folder.join("plc")).await.expect("a server");
         let address = server.address();
