@@ -73,7 +73,7 @@ pub enum EventKind {
     },
     /// Every device was told to stop.
     Stopping {
-        /// Why, where it was no fault.
+        /// What asked for it; none where what was under way could not go on, or something was found moving.
         cause: Option<StopCause>,
     },
     /// A fault is latched.

@@ -6,7 +6,6 @@ use super::snapshot::Live;
 use super::{Refusal, ScanNumber, ScanOrder};
 use crate::device::{AxisReading, AxisState, CommandResult, Mode, Reading, SensorReading, StageReading};
 use crate::motion::{Axes, Axis, Carrier, MotionRefusal, Pair, Path, Position};
-use std::time::Duration;
 use tokio::time::Instant;
 
 /// Profiles that one scan may have.
@@ -224,6 +223,5 @@ fn enabled(reading: &Reading) -> bool {
 }
 
 fn good<R>(live: &Live<R>, now: Instant) -> Result<&R, Refusal> {
-    live.good(now)
-        .ok_or_else(|| Refusal::DeviceStale { device: live.name.clone(), age: live.age(now).unwrap_or(Duration::ZERO) })
+    live.good(now).ok_or_else(|| Refusal::DeviceStale { device: live.name.clone(), age: live.age(now) })
 }

@@ -41,12 +41,12 @@ pub enum Refusal {
         count: usize,
     },
     /// A device cannot be reached, or its state is old.
-    #[error("{device} has not answered for {} ms", age.as_millis())]
+    #[error("{device} {}", age.map_or_else(|| "has never answered".to_owned(), |age| format!("has not answered for {} ms", age.as_millis())))]
     DeviceStale {
         /// Its name in the configuration.
         device: String,
-        /// Since its last good answer.
-        age: Duration,
+        /// Since its last good answer, where there was one.
+        age: Option<Duration>,
     },
     /// Somebody commands the manipulator at its panel, or nobody does.
     #[error("{} is in mode {}; switch it to automatic", carrier.name(), mode_name(*mode))]

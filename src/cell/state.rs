@@ -13,7 +13,7 @@
 //!                                    |
 //!                                    +-- reset with the lease, and every device read at rest -- faulted
 //!
-//!  any but offline --- a link lost, a device's fault, an outcome unknown ---> faulted (every device is told to halt)
+//!  any --- a link lost (not while offline), a fault, an outcome unknown ---> faulted (every device is told to halt)
 //! ```
 //!
 //! The good path: offline, idle, moving, idle. Words in -ing pass by themselves; `faulted` is left only by a reset. `requests`

@@ -2,7 +2,8 @@
 //! scan its part and move it to a target, and shows the poses beside the truth, where the pictures are and what to type next.
 
 use super::config::Sources;
-use super::serve::{open_service, start_log, stop_on_signal};
+use super::log;
+use super::serve::{open_service, stop_on_signal};
 use super::simulate::write_made;
 use super::{Outcome, client, demo_cell, print};
 use crate::config::Config;
@@ -45,7 +46,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     if config.cell.simulated.time_factor == crate::device::simulated::Settings::default().time_factor {
         config.cell.simulated.time_factor = TIME_FACTOR;
     }
-    start_log(&config.log)?;
+    let _last_lines = log::start(&config.log)?;
     tokio::runtime::Builder::new_multi_thread().enable_all().build()?.block_on(demonstrate(&config, arguments.once))?;
     Ok(ExitCode::SUCCESS)
 }

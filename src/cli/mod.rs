@@ -7,6 +7,7 @@ mod demo;
 mod demo_cell;
 mod devices;
 mod health;
+mod log;
 mod measure;
 mod openapi;
 mod scene;

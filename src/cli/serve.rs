@@ -2,19 +2,18 @@
 
 use super::Outcome;
 use super::config::Sources;
-use crate::config::{Config, Log, LogFormat};
+use super::log;
+use crate::config::Config;
 use crate::device::simulated::World;
 use crate::http::{Server, Stopper};
 use crate::service::{Capacity, Equipment, Service, ServiceError};
 use crate::store::StoreError;
 use std::error::Error;
-use std::io::IsTerminal;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::time::timeout;
-use tracing_subscriber::EnvFilter;
 
 /// How long the devices may take to come to rest; requests are answered meanwhile.
 const MOTION_STOP: Duration = Duration::from_secs(4);
@@ -28,7 +27,7 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Outcome {
     let config = arguments.sources.config()?;
-    start_log(&config.log)?;
+    let _last_lines = log::start(&config.log)?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let outcome = runtime.block_on(serve(&config));
     // A thread that waits for a client must not keep the process from ending.
@@ -83,47 +82,4 @@ pub(super) async fn stop_on_signal(stopper: Stopper, service: Arc<Service>) {
         tracing::error!("the devices were told to stop and have not been seen at rest");
     }
     stopper.stop();
-}
-
-/// What the OPC UA library says of keys that nobody wants where messages are open, and of a configuration of its own that is
-/// not used. Whatever is wrong with a device its adaptor says itself.
-const NOISE: [&str; 4] = [
-    "opcua_client::config=off",
-    "opcua_client::session::client=off",
-    "opcua_core::comms::secure_channel=off",
-    "opcua_crypto::certificate_store=off",
-];
-
-/// The lines that are written: without the noise, unless it was asked for by name.
-fn filter(asked: &str) -> String {
-    if asked.contains("opcua_") { asked.to_owned() } else { format!("{asked},{}", NOISE.join(",")) }
-}
-
-pub(super) fn start_log(log: &Log) -> Result<(), Box<dyn Error>> {
-    let filter =
-        EnvFilter::try_new(filter(&log.filter)).map_err(|error| format!("log.filter = {:?}: {error}", log.filter))?;
-    let lines = tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_ansi(std::io::stderr().is_terminal())
-        .with_writer(std::io::stderr);
-    match log.format {
-        LogFormat::Text => lines.init(),
-        LogFormat::Json => lines.json().flatten_event(true).init(),
-    }
-    Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn noise_is_left_out_of_the_log_unless_it_is_asked_for() {
-        for asked in ["info", "warn,coaxis::http=debug"] {
-            let filter = filter(asked);
-            assert!(filter.starts_with(asked) && filter.contains(",opcua_core::comms::secure_channel=off"), "{filter}");
-            EnvFilter::try_new(&filter).expect("a filter");
-        }
-        assert_eq!(filter("info,opcua_core=debug"), "info,opcua_core=debug");
-    }
 }

@@ -143,7 +143,17 @@ impl Arguments {
             ..Settings::default()
         };
         let sensor = BTreeMap::from([("gocator", toml::Value::try_from(settings)?), ("adaptor", "gocator".into())]);
-        let document = toml::to_string(&BTreeMap::from([("cell", BTreeMap::from([("sensor", sensor)]))]))?;
+        let end_mm = scan.stations().last().map_or(start_mm, |station| station.x);
+        // From first to last profile in the time that so many take.
+        let seconds = profiles_count.saturating_sub(1).max(1) as f64 / self.rate_hz;
+        let way = BTreeMap::from([
+            ("x_from_mm", toml::Value::from(start_mm)),
+            ("x_to_mm", end_mm.into()),
+            ("profiles_count", i64::try_from(profiles_count)?.into()),
+            ("speed_mm_s", ((end_mm - start_mm).abs() / seconds).into()),
+        ]);
+        let cell = BTreeMap::from([("sensor", toml::Value::try_from(sensor)?), ("scan", toml::Value::try_from(way)?)]);
+        let document = toml::to_string(&BTreeMap::from([("cell", cell)]))?;
         Ok(format!(
             "# {profiles_count} profiles at every start; the configuration of a service that takes them:\n{document}"
         ))

@@ -85,7 +85,8 @@ pub(super) struct EventDocument {
     /// The state before.
     #[serde(skip_serializing_if = "Option::is_none")]
     from: Option<&'static str>,
-    /// The state of cell or job from now on.
+    /// The state of cell or job from now on. `job_ended` tells of the cell's part: whether a scan became a measurement is told by
+    /// `measured` or `not_measured` after it.
     #[serde(skip_serializing_if = "Option::is_none")]
     state: Option<&'static str>,
     /// The verdict of a measurement.
@@ -299,6 +300,10 @@ fn job_ended(end: &JobEnd) -> EventDocument {
 fn stopping(cause: Option<StopCause>) -> EventDocument {
     match cause {
         Some(cause) => coded("stopping", stop_code(cause), cause.text().to_owned()),
-        None => coded("stopping", "fault", "a fault".to_owned()),
+        None => coded(
+            "stopping",
+            "given_up",
+            "what was under way could not go on, or something was found moving".to_owned(),
+        ),
     }
 }

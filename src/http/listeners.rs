@@ -33,7 +33,7 @@ impl Listeners {
     pub(super) fn place(&self) -> Result<OwnedSemaphorePermit, Problem> {
         Arc::clone(&self.places).try_acquire_owned().map_err(|_| {
             let most = self.most;
-            let detail = format!("{most} clients wait for events or ends, as many as may; ask again without a wait");
+            let detail = format!("{most} clients wait for events or ends, as many as may (limits.listeners_max); ask again later, or without wait_s");
             Problem::new(Code::Busy, detail)
                 .with("listeners_max_count", most)
                 .with_header(header::RETRY_AFTER, RETRY_AFTER_S)

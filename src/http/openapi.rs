@@ -229,9 +229,9 @@ fn refusals(operation_id: &str) -> Vec<&'static [Code]> {
         }
         "execute_plan" => vec![COMMAND, MOVING, PATH, &[Code::PlanUnknown, Code::RouteUnknown]],
         "get_plan" => vec![STORE, &[Code::PlanUnknown, Code::RouteUnknown]],
-        "get_move" => vec![STORE, &[Code::MoveUnknown, Code::RouteUnknown]],
+        "get_move" => vec![STORE, &[Code::MoveUnknown, Code::RouteUnknown, Code::Busy]],
         "list_moves" | "list_plans" => vec![STORE, &[Code::CursorMalformed]],
-        "list_events" => vec![&[Code::HeaderInvalid, Code::NotAcceptable]],
+        "list_events" => vec![&[Code::HeaderInvalid, Code::NotAcceptable, Code::Busy]],
         "create_scan" => vec![STORE, BODY, SCAN],
         "put_recipe" => vec![
             STORE,
@@ -248,7 +248,9 @@ fn refusals(operation_id: &str) -> Vec<&'static [Code]> {
             ],
         ],
         "list_measurements" | "list_scans" | "list_recipes" => vec![STORE, &[Code::CursorMalformed]],
-        "get_measurement" => vec![STORE, &[Code::MeasurementUnknown, Code::PartUnknown, Code::RouteUnknown]],
+        "get_measurement" => {
+            vec![STORE, &[Code::MeasurementUnknown, Code::PartUnknown, Code::RouteUnknown, Code::Busy]]
+        }
         "list_profiles" => {
             vec![STORE, NOT_MEASURED, &[Code::PartUnknown, Code::NotAcceptable, Code::RouteUnknown]]
         }

@@ -126,7 +126,7 @@ pub(super) struct AxisDocument {
 /// A page of plans, newest first.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct PlanList {
-    /// The plans; `move_id` is told by GET /v1/plans/{id} alone.
+    /// The plans.
     plans: Vec<PlanDocument>,
     /// What `cursor` has to be for the next page; null at the end.
     next_cursor: Option<String>,
@@ -243,7 +243,12 @@ pub(super) async fn list_plans(
     uri: Uri,
 ) -> Result<(HeaderMap, Json<PlanList>), Problem> {
     let page = app.service.plans(&query.page()?).await?;
-    let (link, plans, next_cursor) = listed(&uri, page, |plan| PlanDocument::of(plan, None));
+    let (link, stored, next_cursor) = listed(&uri, page, |plan| plan);
+    let mut plans = Vec::with_capacity(stored.len());
+    for plan in stored {
+        let move_id = app.service.move_of_plan(&plan.id).await?;
+        plans.push(PlanDocument::of(plan, move_id));
+    }
     Ok((link, Json(PlanList { plans, next_cursor })))
 }
 

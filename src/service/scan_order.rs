@@ -77,7 +77,8 @@ pub(super) fn misplaced(cloud: &Cloud, order: &SensorOrder, tolerance_mm: f64) -
         code: "scan_misplaced".to_owned(),
         text: format!(
             "the profiles lie from x = {first:.2} to {last:.2} mm, and the stage went from {x_from_mm:.2} to {x_to_mm:.2} mm; \
-             check where and how fast the sensor reckons its travel, and cell.scan.place_tolerance_mm"
+             check where the sensor's travel begins and how far it goes from profile to profile (for a Gocator \
+             cell.sensor.gocator.travel), the number of profiles and the speed; what may differ is cell.scan.place_tolerance_mm"
         ),
     })
 }

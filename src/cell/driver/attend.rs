@@ -75,10 +75,14 @@ impl<A: Attendant> Driver<A> {
         let mut until = self.post.silent_until();
         while self.wait(until).await {
             let mut gone = self.session().await;
-            if matches!(gone, Gone::Cut) {
-                // One attempt at once, for the halt's sake; if that fails too, it is a loss like any other.
+            while matches!(gone, Gone::Cut) {
+                // One attempt at once, for the halt's sake; where it does not get the halt out, it is a loss like any other.
                 self.attendant.leave(&mut self.post, None).await;
+                let handled = self.post.handled;
                 gone = self.session().await;
+                if self.post.handled == handled {
+                    break;
+                }
             }
             match gone {
                 Gone::Closed => return,

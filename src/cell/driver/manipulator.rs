@@ -5,7 +5,7 @@ use super::call::Answer;
 use super::{Gone, Handling, News, Order, Outcome, Post, Seen};
 use crate::cell::{Failure, now};
 use crate::device::sequence::{is_newer, next};
-use crate::device::{Action, Command, CommandResult, DeviceError, Manipulator, Mode, Pending, Reading};
+use crate::device::{Action, AxisState, Command, CommandResult, DeviceError, Manipulator, Mode, Pending, Reading};
 use crate::motion::Carrier;
 use tokio::sync::mpsc;
 use tokio::time::Instant;
@@ -23,6 +23,8 @@ struct Awaited {
 struct Halting {
     number: u64,
     sequence: u16,
+    /// Unless it is acknowledged by then, it did not arrive.
+    until: Instant,
 }
 
 /// The driver of a manipulator.
@@ -38,6 +40,12 @@ pub(in crate::cell) struct ManipulatorAttendant {
     halting: Option<Halting>,
     /// A command whose link was lost before its word came.
     in_doubt: Option<u16>,
+    /// As it was read last: it moves, and listens to us.
+    moves: bool,
+    /// It comes to rest.
+    stops: bool,
+    /// The number that it acknowledged last.
+    acknowledged: u16,
 }
 
 impl ManipulatorDriver {
@@ -47,8 +55,17 @@ impl ManipulatorDriver {
         post: Post,
         orders: mpsc::Receiver<Order<Handling>>,
     ) -> Self {
-        let attendant =
-            ManipulatorAttendant { carrier, device, sequence: 0, awaited: None, halting: None, in_doubt: None };
+        let attendant = ManipulatorAttendant {
+            carrier,
+            device,
+            sequence: 0,
+            awaited: None,
+            halting: None,
+            in_doubt: None,
+            moves: false,
+            stops: false,
+            acknowledged: 0,
+        };
         Self::of(attendant, post, orders)
     }
 }
@@ -68,7 +85,11 @@ impl Attendant for ManipulatorAttendant {
 
     async fn read(&mut self, post: &mut Post) -> Result<(), Gone> {
         let reading = post.ask(self.device.read()).await?.map_err(Gone::Lost)?;
+        let overtaken = is_newer(reading.acknowledged.sequence, self.sequence);
         self.follow(&reading);
+        self.moves = moves(&reading) && listens(&reading);
+        self.stops = reading.state == AxisState::Stopping;
+        self.acknowledged = reading.acknowledged.sequence;
         let word = self.awaited.and_then(|awaited| self.word(post, awaited, &reading));
         let rested = self.halting.filter(|halting| rests(halting, &reading));
         if rested.is_some() {
@@ -86,7 +107,7 @@ impl Attendant for ManipulatorAttendant {
         if let Some((order, outcome)) = word {
             post.told(order, outcome).await;
         }
-        Ok(())
+        self.mind_halt(post, overtaken)
     }
 
     async fn halt(&mut self, post: &mut Post) -> Result<(), Gone> {
@@ -95,11 +116,19 @@ impl Attendant for ManipulatorAttendant {
         // What the device acknowledges from here on is the halt.
         self.in_doubt = None;
         let command = self.command(post, halts.fence, Action::Halt);
-        let answer = post.ask_for_halt(halts.number, self.device.send(&command)).await?;
+        let answer = post.ask_for_halt(self.device.send(&command)).await?;
+        let refusal = answer.clone().err();
+        self.halting = None;
         if post.halted(halts.number, answer).await? {
-            self.halting = Some(Halting { number: halts.number, sequence: command.sequence });
+            let until = now() + post.timing.acknowledge;
+            self.halting = Some(Halting { number: halts.number, sequence: command.sequence, until });
         }
-        self.read(post).await
+        self.read(post).await?;
+        match refusal.filter(|_| self.moves) {
+            // To go on reading is to keep it alive: left alone, it stops by its watchdog.
+            Some(refusal) => Err(Gone::Lost(refusal)),
+            None => Ok(()),
+        }
     }
 
     /// Sends a command once. Where its answer is lost and the link is not, what the device acknowledges decides.
@@ -115,6 +144,7 @@ impl Attendant for ManipulatorAttendant {
                 post.told(order.number, Outcome::Refused(error)).await;
                 Ok(())
             }
+            Ok(()) | Err(_) if post.halt_is_due() => Ok(()),
             Ok(()) | Err(_) => self.read(post).await,
         }
     }
@@ -132,6 +162,19 @@ impl Attendant for ManipulatorAttendant {
 }
 
 impl ManipulatorAttendant {
+    /// A halt that somebody else's command has overtaken goes out again. One that is not acknowledged in time while the device
+    /// moves costs the link: our reading would keep the motion alive, and left alone the device stops by its watchdog.
+    fn mind_halt(&mut self, post: &mut Post, overtaken: bool) -> Result<(), Gone> {
+        let Some(Halting { sequence, until, .. }) = self.halting else { return Ok(()) };
+        let late = self.moves && now() >= until;
+        // A number that it knows already, from somebody else, is acknowledged and not obeyed.
+        if overtaken || (late && !self.stops) {
+            post.halt_again();
+        }
+        let unheard = late && self.acknowledged != sequence;
+        if unheard { Err(Gone::Lost(post.unheard())) } else { Ok(()) }
+    }
+
     /// Counts on from the device's number, where somebody else has commanded it: it would not listen to an older one, and not
     /// to a halt either.
     const fn follow(&mut self, reading: &Reading) {
@@ -171,8 +214,11 @@ impl ManipulatorAttendant {
 /// Whether the device stands after a halt: it has seen the halt, or does not listen to us, and no axis moves.
 fn rests(halting: &Halting, reading: &Reading) -> bool {
     let heard = reading.acknowledged.sequence == halting.sequence;
-    let deaf = reading.mode != Mode::Automatic || !reading.safety.remote_enabled;
-    (heard || deaf) && !moves(reading)
+    (heard || !listens(reading)) && !moves(reading)
+}
+
+fn listens(reading: &Reading) -> bool {
+    reading.mode == Mode::Automatic && reading.safety.remote_enabled
 }
 
 /// Whether the device, or any axis, moves or may.

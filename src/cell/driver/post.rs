@@ -22,8 +22,10 @@ pub(in crate::cell) struct Post {
     pub(super) handled: u64,
     pub(super) timing: Timing,
     pub(super) next_read: Instant,
-    /// The device may have heard us then: it was spoken to, or whoever was here before us did.
+    /// When the newest call began.
     pub(super) spoke_at: Instant,
+    /// The device may have heard us until then: a call ended, or whoever was here before us did.
+    heard_until: Instant,
 }
 
 impl Post {
@@ -36,7 +38,21 @@ impl Post {
     ) -> (Self, watch::Receiver<Halted>) {
         let (halted, seen) = watch::channel(Halted::default());
         let (halts, now) = (flag.watch(), now());
-        (Self { member, name, reports, halts, halted, handled: 0, timing, next_read: now, spoke_at: now }, seen)
+        (
+            Self {
+                member,
+                name,
+                reports,
+                halts,
+                halted,
+                handled: 0,
+                timing,
+                next_read: now,
+                spoke_at: now,
+                heard_until: now,
+            },
+            seen,
+        )
     }
 
     /// Tells the cell. Where the cell has ended there is nobody to tell, and the orders are closed too.
@@ -94,13 +110,14 @@ impl Post {
         self.speak(pending, self.patience()).await
     }
 
-    /// The same, for the sake of a halt, which is no reason to hurry then.
-    pub(super) async fn ask_for_halt<T>(
-        &mut self,
-        number: u64,
-        pending: Pending<'_, Answer<T>>,
-    ) -> Result<Answer<T>, Gone> {
-        self.speak(pending, Patience { handled: number, ..self.patience() }).await
+    /// The same for a halt: one that is on its way serves for every newer one, and is not cut short by it.
+    pub(super) async fn ask_for_halt<T>(&mut self, pending: Pending<'_, Answer<T>>) -> Result<Answer<T>, Gone> {
+        self.speak(pending, Patience { handled: u64::MAX, ..self.patience() }).await
+    }
+
+    /// The newest halt did not reach the device after all, and is due again.
+    pub(super) fn halt_again(&mut self) {
+        self.handled = self.handled.min(self.halts().number.saturating_sub(1));
     }
 
     /// Connects. A connection is needed to halt, so a halt does not cut it short.
@@ -111,7 +128,10 @@ impl Post {
 
     async fn speak<T>(&mut self, pending: Pending<'_, Answer<T>>, patience: Patience) -> Result<Answer<T>, Gone> {
         self.spoke_at = now();
-        call(&self.name, pending, &self.halts, patience).await
+        let answer = call(&self.name, pending, &self.halts, patience).await;
+        // One call may speak to the device many times.
+        self.heard_until = now();
+        answer
     }
 
     const fn patience(&self) -> Patience {
@@ -120,12 +140,17 @@ impl Post {
 
     /// Until when nothing may be said, so that whatever moves stops by its watchdog.
     pub(super) fn silent_until(&self) -> Instant {
-        self.spoke_at + self.timing.silence
+        self.heard_until + self.timing.silence
     }
 
     /// The error of a call that was dropped for a halt's sake.
     pub(super) fn silent(&self) -> DeviceError {
         DeviceError::Silent { device: self.name.clone(), within: self.timing.grace }
+    }
+
+    /// The error of a halt that the device does not acknowledge.
+    pub(super) fn unheard(&self) -> DeviceError {
+        DeviceError::Silent { device: self.name.clone(), within: self.timing.acknowledge }
     }
 
     /// Sets when the device is read next.

@@ -53,7 +53,7 @@ impl Attendant for SensorAttendant {
     /// A halt ends whatever the sensor takes; harmless where it takes nothing, and nobody's worry where it refuses.
     async fn halt(&mut self, post: &mut Post) -> Result<(), Gone> {
         let number = post.halts().number;
-        let answer = post.ask_for_halt(number, self.device.stop()).await?;
+        let answer = post.ask_for_halt(self.device.stop()).await?;
         post.halted(number, answer.or_else(|error| if error.leaves_unknown() { Err(error) } else { Ok(()) })).await?;
         post.rested(number).await;
         Ok(())

@@ -16,6 +16,8 @@ pub(in crate::cell) struct StageAttendant {
     device: Box<dyn Stage>,
     /// A halt after which it was not seen at rest yet.
     halting: Option<u64>,
+    /// As it was read last.
+    moves: bool,
 }
 
 impl StageDriver {
@@ -24,7 +26,7 @@ impl StageDriver {
         post: Post,
         orders: mpsc::Receiver<Order<Travel>>,
     ) -> Self {
-        Self::of(StageAttendant { device, halting: None }, post, orders)
+        Self::of(StageAttendant { device, halting: None, moves: false }, post, orders)
     }
 }
 
@@ -38,6 +40,7 @@ impl Attendant for StageAttendant {
     async fn read(&mut self, post: &mut Post) -> Result<(), Gone> {
         let reading = post.ask(self.device.read()).await?.map_err(Gone::Lost)?;
         let rested = self.halting.take_if(|_| !reading.moves);
+        self.moves = reading.moves;
         post.seen(Seen::Stage(reading), reading.moves).await;
         if let Some(number) = rested {
             post.rested(number).await;
@@ -47,11 +50,17 @@ impl Attendant for StageAttendant {
 
     async fn halt(&mut self, post: &mut Post) -> Result<(), Gone> {
         let number = post.halts().number;
-        let answer = post.ask_for_halt(number, self.device.halt()).await?;
+        let answer = post.ask_for_halt(self.device.halt()).await?;
+        let refusal = answer.clone().err();
         if post.halted(number, answer).await? {
             self.halting = Some(number);
         }
-        self.read(post).await
+        self.read(post).await?;
+        match refusal.filter(|_| self.moves) {
+            // To go on reading is to keep it alive: left alone, it stops by its watchdog.
+            Some(refusal) => Err(Gone::Lost(refusal)),
+            None => Ok(()),
+        }
     }
 
     async fn obey(&mut self, post: &mut Post, order: Order<Travel>) -> Result<(), Gone> {
@@ -70,6 +79,7 @@ impl Attendant for StageAttendant {
         post.told(number, outcome).await;
         match gone {
             Some(gone) => Err(gone),
+            None if post.halt_is_due() => Ok(()),
             None => self.read(post).await,
         }
     }

@@ -134,29 +134,41 @@ impl Task {
 
     /// A device of which a halt has not been seen to be over.
     pub(super) fn restless(&self) -> Option<Member> {
+        self.restless_that(|_| true)
+    }
+
+    fn restless_that(&self, also: impl Fn(Member) -> bool) -> Option<Member> {
         let halt = self.rest?.halt;
         let up = |link: Link| link == Link::Up;
         let manipulators = Carrier::ALL.into_iter().filter(|carrier| up(self.live.get(*carrier).link));
         let stage = self.live_stage.as_ref().filter(|stage| up(stage.link)).map(|_| Member::Stage);
         let mut all = manipulators.map(Member::Manipulator).chain(stage);
-        all.find(|member| self.rested.get(member).is_none_or(|rested| *rested < halt))
+        all.find(|member| self.rested.get(member).is_none_or(|rested| *rested < halt) && also(*member))
     }
 
-    /// In `stopping`: looks whether everything is at rest, or late.
+    /// After a halt: looks whether everything is at rest, or late.
     pub(super) fn look_for_rest(&mut self, now: Instant) {
-        if self.machine.state() != State::Stopping {
-            return;
-        }
         let Some(Rest { until, .. }) = self.rest else { return };
-        match self.restless() {
-            None => self.tell(Input::AtRest),
-            Some(member) if now >= until => {
-                let device = self.name_of(member);
-                let failure = Failure::NotAtRest { device: device.clone(), within: self.settings.rest };
-                self.tell(Input::Fault(Fault { device, failure, at: now }));
+        match (self.machine.state(), self.restless()) {
+            (State::Stopping, None) => self.tell(Input::AtRest),
+            (State::Stopping, Some(member)) if now >= until => self.late(member, now),
+            (State::Faulted, None) => self.rest = None,
+            // What a fault has halted may have refused it and stand all the same; what moves is halted once more.
+            (State::Faulted, Some(_)) if now >= until => {
+                let moving = self.restless_that(|member| self.moves(member));
+                self.rest = None;
+                if let Some(member) = moving {
+                    self.late(member, now);
+                }
             }
-            Some(_) => {}
+            (State::Offline | State::Idle | State::Scanning | State::Moving | State::Stopping | State::Faulted, _) => {}
         }
+    }
+
+    fn late(&mut self, member: Member, now: Instant) {
+        let device = self.name_of(member);
+        let failure = Failure::NotAtRest { device: device.clone(), within: self.settings.rest };
+        self.tell(Input::Fault(Fault { device, failure, at: now }));
     }
 
     /// After a reset: looks whether every device was read, or one is late.

@@ -179,7 +179,7 @@ impl Task {
         if !self.machine.resetting() {
             self.rereading = None;
         }
-        if self.machine.state() != State::Stopping && !self.machine.closing() {
+        if !matches!(self.machine.state(), State::Stopping | State::Faulted) && !self.machine.closing() {
             self.rest = None;
         }
     }

@@ -41,15 +41,24 @@ impl Task {
         let device = self.name_of(member);
         self.note(EventKind::LinkUp { device });
         self.read(member, asked_at, seen);
-        let moves = self.anything_moves();
+        // A sensor that comes back is no reason to halt what somebody moves at its panel.
+        let moves = member != Member::Sensor && self.anything_moves();
         self.tell(Input::Up { member, moves });
     }
 
-    /// By what was read last.
     fn anything_moves(&self) -> bool {
-        let manipulator = self.live.iter().any(|(_, one)| one.reading.as_ref().is_some_and(moves));
-        let stage = self.live_stage.as_ref().and_then(|stage| stage.reading);
-        manipulator || stage.is_some_and(|reading| reading.moves)
+        Carrier::ALL.into_iter().map(Member::Manipulator).chain([Member::Stage]).any(|member| self.moves(member))
+    }
+
+    /// By what was read last.
+    pub(super) fn moves(&self, member: Member) -> bool {
+        match member {
+            Member::Manipulator(carrier) => self.live.get(carrier).reading.as_ref().is_some_and(moves),
+            Member::Stage => {
+                self.live_stage.as_ref().and_then(|stage| stage.reading).is_some_and(|reading| reading.moves)
+            }
+            Member::Sensor => false,
+        }
     }
 
     fn read(&mut self, member: Member, asked_at: Instant, seen: Seen) {

@@ -4,7 +4,7 @@ use super::bench::{Bench, LEASE, made};
 use crate::cell::{Failure, JobEnd, LeaseRequest, Refusal, State, StopCause, now};
 use crate::device::simulated::{Device, Fault};
 use crate::device::{Action, DeviceError};
-use crate::motion::{Axis, Carrier};
+use crate::motion::{Axes, Axis, Carrier};
 use std::time::Duration;
 use tokio::time::sleep;
 
@@ -20,7 +20,8 @@ async fn a_stop_in_a_move_is_sent_to_all_within_50_ms_and_ends_the_job_when_all_
     let asked_at = now();
     let report = bench.cell.stop().await;
     assert!(now() - asked_at <= Duration::from_millis(50), "the answer took {:?}", now() - asked_at);
-    assert!(report.sent_within <= Duration::from_millis(50), "{report:?}");
+    // Latency of the made devices is 5 ms, and a call under way is let go on for 25 ms.
+    assert!(report.sent_within < Duration::from_millis(30), "{report:?}");
     assert!(report.devices.len() == 3 && report.devices.iter().all(|device| device.sent), "{report:?}");
     assert_eq!(bench.cell.snapshot().state, State::Stopping);
     assert_eq!(job.ended().await, JobEnd::Stopped(StopCause::Requested));
@@ -61,6 +62,60 @@ async fn a_halt_that_a_device_refuses_is_not_said_to_be_sent_and_is_latched_by_t
     let seen = bench.until(|now| now.state == State::Faulted).await;
     let refused = Failure::HaltRefused(DeviceError::Rejected { device: "m1".to_owned(), code: 5 });
     assert_eq!(seen.faults.iter().map(|fault| &fault.failure).collect::<Vec<_>>(), [&refused]);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_device_that_refuses_the_halt_in_a_motion_is_left_alone_and_stops_by_its_watchdog() {
+    let bench = Bench::ready(&made()).await;
+    bench.begin("job-1", 20.0).await;
+    sleep(Duration::from_millis(700)).await;
+    bench.m1_was_read().await;
+    let (m1, faults) = (Device::Manipulator(Carrier::M1), bench.world.faults());
+    faults.at(m1, faults.steps(m1) + 1, Fault::Rejected { code: 6 });
+    let report = bench.cell.stop().await;
+    assert!(!report.devices.iter().any(|device| device.name == "m1" && device.sent), "{report:?}");
+    // 300 ms of watchdog, 100 ms from 10 mm/s at 100 mm/s², one reading.
+    sleep(Duration::from_millis(450)).await;
+    assert_eq!(bench.last_motion(Duration::from_secs(3)).await, None);
+    let y = bench.positions().m1.y;
+    assert!(y > 1.0 && y < 15.0, "mm, on the way: {y}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_halt_whose_number_somebody_else_has_used_goes_out_again() {
+    // The first takes the number of our halt, the second a newer one.
+    for commands_count in [1, 2] {
+        let bench = Bench::ready(&made()).await;
+        bench.begin("job-1", 20.0).await;
+        sleep(Duration::from_millis(700)).await;
+        bench.m1_was_read().await;
+        let axes = Axes { y: true, ..Axes::default() };
+        let (targets, speeds) = (Axes { y: 18.0, ..Axes::default() }, Axes { y: 5.0, ..Axes::default() });
+        for _ in 0..commands_count {
+            bench.command_from_elsewhere(Carrier::M1, Action::MoveTo { axes, targets, speeds }).await;
+        }
+        bench.cell.stop().await;
+        // The wait for the acknowledgement, 300 ms, and the way to rest.
+        sleep(Duration::from_millis(500)).await;
+        assert_eq!(bench.last_motion(Duration::from_secs(3)).await, None, "{commands_count}");
+        let y = bench.positions().m1.y;
+        assert!(y > 1.0 && y < 15.0, "mm, on the way: {y}");
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_device_that_is_slow_every_time_is_halted_every_time() {
+    let bench = Bench::ready(&made()).await;
+    for round in 1..=3 {
+        bench.world.faults().next(Device::Manipulator(Carrier::M1), Fault::Late { by: Duration::from_millis(120) });
+        sleep(Duration::from_millis(60)).await;
+        let before = halts(&bench, Carrier::M1).len();
+        bench.cell.stop().await;
+        sleep(Duration::from_millis(100)).await;
+        assert!(halts(&bench, Carrier::M1).len() > before, "round {round}");
+        bench.until(|now| now.state == State::Idle).await;
+    }
+    assert_eq!(bench.cell.snapshot().faults, []);
 }
 
 #[tokio::test(start_paused = true)]
@@ -123,7 +178,7 @@ async fn a_hundred_stops_at_once_do_not_wear_the_cell_down() {
     bench.begin("job-1", 20.0).await;
     for _ in 0..100 {
         let report = bench.cell.stop().await;
-        assert!(report.sent_within <= Duration::from_millis(50), "{report:?}");
+        assert!(report.devices.iter().all(|device| device.sent), "{report:?}");
     }
     bench.until(|now| now.state == State::Idle).await;
     bench.begin("job-2", 0.5).await.ended().await;

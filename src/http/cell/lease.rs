@@ -71,7 +71,7 @@ impl From<HeldLease> for LeaseDocument {
 /// Take or renew the lease
 ///
 /// Moving needs it. It runs out unless it is used or renewed; what it moves stops then. With `lease_id` (or the header
-/// `Lease-Id`) it is renewed, with status 200. While somebody else holds it the answer is 423.
+/// `Lease-Id`) it is renewed as it was taken, with status 200: `holder` and `ttl_s` change nothing then. While somebody else holds it the answer is 423.
 #[utoipa::path(
     post, path = "/v1/cell/lease", tag = "cell",
     params(("Lease-Id" = Option<String>, Header, description = "Renews this lease"), LeaseQuery),

@@ -47,6 +47,8 @@ pub(in super::super) struct CreateQuery {
     /// The same as the header Idempotency-Key: a repeated request of the same id gets the first answer again.
     #[param(pattern = "^[A-Za-z0-9._:-]{1,128}$")]
     request_id: Option<String>,
+    /// The same as the header `Lease-Id`, which a scan by the sensor needs; nothing else does.
+    lease_id: Option<String>,
 }
 
 /// A measurement of a kept scan.
@@ -133,6 +135,7 @@ pub(in super::super) struct JsonProfile {
     params(
         CreateQuery,
         ("Idempotency-Key" = Option<String>, Header, description = "The same as `request_id`", pattern = "^[A-Za-z0-9._:-]{1,128}$"),
+        ("Lease-Id" = Option<String>, Header, description = "The lease, for a scan by the sensor"),
     ),
     request_body(
         description = "A scan file, or an order to measure a kept scan",
@@ -184,6 +187,7 @@ async fn measure_kept(
         recipe: body.recipe.or(query.recipe),
         nominal_radius_mm: body.nominal_radius_mm.or(query.nominal_radius_mm),
         request_id: body.request_id.or(query.request_id),
+        lease_id: None,
     };
     let accepted = app.service.accept(query.order(headers)?).await?;
     answer(app, app.service.measure_scan(&body.scan_id, accepted).await?)
@@ -217,6 +221,7 @@ impl CreateQuery {
         order.method = order.method.or(self.method);
         order.nominal_radius_mm = order.nominal_radius_mm.or(self.nominal_radius_mm);
         order.request_id = order.request_id.or(self.request_id);
+        order.lease_in_query = self.lease_id;
         Ok(order)
     }
 

@@ -28,6 +28,10 @@ pub(in super::super) struct SensorOrderDocument {
     _source: Source,
     /// The same as the header `Lease-Id`.
     lease_id: Option<String>,
+    /// The lease in the query, which no body has.
+    #[serde(skip)]
+    #[schema(ignore)]
+    pub(super) lease_in_query: Option<String>,
     /// Name of a stored recipe.
     #[schema(pattern = "^[a-z0-9][a-z0-9_-]{0,63}$")]
     pub(super) recipe: Option<String>,
@@ -172,7 +176,7 @@ impl PlcSensorDocument {
     }
 }
 
-/// The profiles may all be here while the pose is still estimated.
+/// Where the cell knows nothing of it, the profiles are all here, and the pose is estimated.
 fn progress(standing: JobStanding, id: &str, service: &Service) -> f64 {
     match standing {
         JobStanding::Running => rounded(service.progress(id).unwrap_or(1.0)),
@@ -198,7 +202,7 @@ pub(super) async fn measure_from_sensor(
         request_id: request_id(body.request_id, headers)?,
     };
     let request = SensorRequest {
-        lease_id: lease_id(app, [body.lease_id, None], headers)?,
+        lease_id: lease_id(app, [body.lease_id, body.lease_in_query], headers)?,
         way: ScanWay {
             x_from_mm: bounded("x_from_mm", body.x_from_mm)?,
             x_to_mm: bounded("x_to_mm", body.x_to_mm)?,
@@ -211,7 +215,12 @@ pub(super) async fn measure_from_sensor(
     let address = format!("/v1/measurements/{}", started.job.id);
     let any = match started.replayed {
         true => app.service.any_measurement(&started.job.id, Duration::ZERO).await?,
-        false => AnyMeasurement::Scan(Box::new(started.job)),
+        false => {
+            // The cell may not have begun.
+            let begun =
+                SensorMeasurementDocument { progress: 0.0, ..SensorMeasurementDocument::of(started.job, &app.service) };
+            return made(&address, false, AnyMeasurementDocument::Sensor(Box::new(begun)));
+        }
     };
-    made(&address, started.replayed, AnyMeasurementDocument::of(any, &app.service))
+    made(&address, true, AnyMeasurementDocument::of(any, &app.service))
 }

@@ -31,12 +31,13 @@ impl From<Refusal> for Problem {
                 format!("{text}: GET /v1/cell names them, POST /v1/cell/reset acknowledges them"),
             )
             .with("faults_count", u64::try_from(count).unwrap_or(u64::MAX)),
-            R::DeviceStale { device, age } => {
-                Self::new(Code::DeviceUnavailable, format!("{text}; look after its link"))
-                    .with("device", device)
-                    .with("age_ms", ms(age))
-                    .with_header(header::RETRY_AFTER, RETRY_AFTER_S)
-            }
+            R::DeviceStale { device, age } => Self::new(
+                Code::DeviceUnavailable,
+                format!("{text}; look after its link, `coaxis devices check` says more"),
+            )
+            .with("device", device)
+            .with("age_ms", age.map(ms))
+            .with_header(header::RETRY_AFTER, RETRY_AFTER_S),
             R::NotRemote { carrier, .. } => of(Code::NotRemote, text, carrier),
             R::SafetyOpen { carrier } => of(Code::SafetyOpen, text, carrier),
             R::NotEnabled { carrier, state: AxisState::ErrorStop } => {
@@ -88,7 +89,8 @@ fn wrong_state(text: &str, state: State, verb: &str, job: Option<String>) -> Pro
         State::Offline => Problem::new(Code::DeviceUnavailable, format!("{text}; a device was not reached yet"))
             .with_header(header::RETRY_AFTER, RETRY_AFTER_S),
         State::Faulted => Problem::new(Code::Faulted, format!("{text}; see to the faults, then POST /v1/cell/reset")),
-        State::Idle | State::Scanning | State::Moving | State::Stopping => {
+        State::Stopping => Problem::new(Code::CellBusy, format!("{text}; wait until it is idle")),
+        State::Idle | State::Scanning | State::Moving => {
             Problem::new(Code::CellBusy, format!("{text}; wait for its end, or stop it"))
         }
     };

@@ -73,7 +73,7 @@ codes! {
     CellAbsent            "cell_absent"             409 No  "This service has no cell"
     DeviceAbsent          "device_absent"           409 No  "The cell has no such device"
     CellBusy              "cell_busy"               409 Yes "The cell does something else"
-    LeaseRequired         "lease_required"          409 No  "Moving needs the lease, and nobody holds it"
+    LeaseRequired         "lease_required"          409 No  "The command names no lease, and needs it"
     LeaseOver             "lease_over"              409 No  "The lease is over"
     LeaseHeld             "lease_held"              423 Yes "Somebody else holds the lease"
     Faulted               "faulted"                 409 No  "Faults are latched; nothing moves until a reset"
