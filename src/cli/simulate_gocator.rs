@@ -5,6 +5,7 @@ use super::{Outcome, print};
 use crate::device::gocator::codec::Identity;
 use crate::device::gocator::server::{Form, ScanSource, Server, ServerSettings, Taken, View, taken_from};
 use crate::device::gocator::{Extrinsic, Settings, Travel};
+use crate::device::simulated::StageSettings;
 use crate::scan::Scan;
 use crate::scan::decode::{Encoding, FormatClaims, Limits, Request, decode, find_format, inflate};
 use crate::scan::slice::{SliceRequest, slice};
@@ -144,18 +145,21 @@ impl Arguments {
         };
         let sensor = BTreeMap::from([("gocator", toml::Value::try_from(settings)?), ("adaptor", "gocator".into())]);
         let end_mm = scan.stations().last().map_or(start_mm, |station| station.x);
-        // From first to last profile in the time that so many take.
+        // From first to last profile in the time that so many take, but no faster than the simulated stage goes.
         let seconds = profiles_count.saturating_sub(1).max(1) as f64 / self.rate_hz;
+        let speed_mm_s = ((end_mm - start_mm).abs() / seconds).min(StageSettings::default().speed_mm_s);
         let way = BTreeMap::from([
             ("x_from_mm", toml::Value::from(start_mm)),
             ("x_to_mm", end_mm.into()),
             ("profiles_count", i64::try_from(profiles_count)?.into()),
-            ("speed_mm_s", ((end_mm - start_mm).abs() / seconds).into()),
+            ("speed_mm_s", speed_mm_s.into()),
         ]);
         let cell = BTreeMap::from([("sensor", toml::Value::try_from(sensor)?), ("scan", toml::Value::try_from(way)?)]);
         let document = toml::to_string(&BTreeMap::from([("cell", cell)]))?;
         Ok(format!(
-            "# {profiles_count} profiles at every start; the configuration of a service that takes them:\n{document}"
+            "# {profiles_count} profiles at every start; the configuration of a service that takes them.\n\
+             # Beside a simulated stage it needs, first of all, [cell] with enabled = true and simulated_beside_real = true.\n\
+             {document}"
         ))
     }
 }

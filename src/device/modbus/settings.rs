@@ -9,6 +9,7 @@ use super::pulse::Pulse;
 use super::stage::ModbusStage;
 use crate::device::{Manipulator, Stage};
 use serde::{Deserialize, Serialize};
+use std::io;
 use std::time::Duration;
 use tokio::net::TcpStream;
 
@@ -149,7 +150,8 @@ fn dial_tcp(address: &str) -> Dial {
     Box::new(move || {
         let address = address.clone();
         Box::pin(async move {
-            let stream = TcpStream::connect(&address).await?;
+            let said = |error: io::Error| io::Error::new(error.kind(), format!("no connection to {address}: {error}"));
+            let stream = TcpStream::connect(&address).await.map_err(said)?;
             // A set-point must not wait for a fuller packet.
             stream.set_nodelay(true)?;
             Ok(Box::new(stream) as Box<dyn Transport>)

@@ -12,7 +12,7 @@ use super::consensus::Bounds;
 use super::extent;
 use super::kernel::Inner;
 use super::model::Cylinder;
-use super::patches::{self, Averages, Cut, Surface};
+use super::patches::{self, Averages, Cut, Patch, Surface};
 use super::readings;
 use super::settle::Settled;
 use super::smooth;
@@ -202,26 +202,31 @@ fn suspicious(averages: &Averages, own: f64) -> bool {
     let squared: Vec<f64> = averages.patches.iter().flatten().map(|patch| patch.d * patch.d).collect();
     let scatter = robust::sigma(&squared, &mut Vec::new());
     let limit = OFF * scatter.min(SUSPICIOUS * own);
-    let far = averages.patches.iter().flatten().filter(|p| p.d * p.d * p.share > limit * limit).count() as f64;
-    scatter > SUSPICIOUS * own || far > OFF_SHARE * squared.len() as f64
+    let far = |patch: &Option<Patch>| patch.as_ref().is_some_and(|p| p.d * p.d * p.share > limit * limit);
+    let far: Vec<bool> = averages.patches.iter().map(far).collect();
+    // A layer is larger than a patch; a spike makes one patch far by itself.
+    let together = |index: &usize| neighbours(averages, *index).any(|beside| far.get(beside) == Some(&true));
+    let far_count = far.iter().enumerate().filter(|(_, far)| **far).filter(|(index, _)| together(index)).count();
+    scatter > SUSPICIOUS * own || far_count as f64 > OFF_SHARE * squared.len() as f64
+}
+
+/// The patches beside one, along the arc and along x.
+fn neighbours(averages: &Averages, index: usize) -> impl Iterator<Item = usize> {
+    let (sectors, column) = (averages.grid.sectors(), index % averages.grid.sectors().max(1));
+    let along_arc = [(column > 0).then(|| index - 1), (column + 1 < sectors).then_some(index + 1)];
+    let along_x = [index.checked_sub(sectors), Some(index + sectors)];
+    along_arc.into_iter().chain(along_x).flatten()
 }
 
 /// Which patches lie off the part.
 fn off(averages: &Averages, part: &Settled) -> Vec<bool> {
-    let distance = |patch: &patches::Patch| {
+    let distance = |patch: &Patch| {
         let [y, z] = averages.grid.point(patch.x, patch);
         part.cylinder.slice(patch.x).distance(y, z).abs() * patch.share.sqrt() / part.sigma
     };
     let distances: Vec<Option<f64>> = averages.patches.iter().map(|patch| patch.as_ref().map(distance)).collect();
     let far = |index: usize| distances.get(index).is_some_and(|d| d.is_some_and(|d| d > OFF));
-    let sectors = averages.grid.sectors();
-    let beside = |index: usize| {
-        let column = index % sectors;
-        (column > 0 && far(index - 1))
-            || (column + 1 < sectors && far(index + 1))
-            || index.checked_sub(sectors).is_some_and(far)
-            || far(index + sectors)
-    };
+    let beside = |index: usize| neighbours(averages, index).any(far);
     let off = |(index, d): (usize, &Option<f64>)| d.is_some_and(|d| d > OFF || (d > OFF_BESIDE && beside(index)));
     distances.iter().enumerate().map(off).collect()
 }
