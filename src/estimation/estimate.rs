@@ -83,7 +83,9 @@ impl EndFaces {
 pub struct EndFace {
     /// The point, mm.
     pub centre: [f64; 3],
-    /// Standard uncertainty of its x, mm: of the plane's offset along the axis and of the pose together.
+    /// Uncertainty of its x, mm: of the plane's offset along the axis and of the pose together. Two of them hold 95.45 %,
+    /// as two standard uncertainties do of a normal distribution; what the spacing leaves open is an even one, whose
+    /// standard deviation is a fifth more than that.
     pub x_standard: f64,
 }
 

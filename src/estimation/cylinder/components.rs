@@ -5,7 +5,7 @@
 //! The gradient of profile i has the covariance φ S_i + τ² S_i P S_i: S_i is its part of the normal matrix in (y, z, R), φ the
 //! scatter of points with what neighbours share, and τ the vibration, alike in y and in z (P leaves out R). What each profile's
 //! own radius is off by tells φ, with n − 1 degrees of freedom; what its own centre is off by tells φ and τ together, with
-//! 2n − 4. So the variance rests on twice or three times as many degrees of freedom as the clusters of one parameter have.
+//! 2n − 4, of which those count for τ in which the arc shows the centre: n − 2 on a short one.
 
 use super::sums::Sums;
 use nalgebra::{Matrix2, Matrix3, Matrix5, Vector2, Vector3, Vector5};
@@ -18,7 +18,7 @@ const FAR: f64 = 4.417;
 /// the latter is to be no more than this many standard uncertainties away.
 const FAR_MAX: f64 = 5.0;
 /// Fewer degrees of freedom are counted as so many: nothing is known then.
-const FREEDOM_MIN: f64 = 3.0;
+const FREEDOM_MIN: f64 = 4.0;
 /// Vibration is told from the points' noise where centres are off by so many times the variance that radii make likely.
 const TOLD: f64 = 4.0;
 
@@ -36,12 +36,16 @@ pub(super) fn variances(bread: &Matrix5<f64>, profiles: &[Sums], free: &Vector5<
     let of_centre: f64 = sections.iter().map(|section| section.centre).sum();
     let stiffness = sections.iter().map(|section| section.stiffness).sum::<f64>() * freedom_centre / (2.0 * count);
     let (noise, both) = (of_radius / freedom_radius, of_centre / freedom_centre);
+    // Vibration shows in the directions in which a profile knows its centre well, on a short arc one of two.
+    let squares: f64 = sections.iter().map(|section| section.stiffness_squares).sum();
+    let shown = sections.iter().map(|section| section.stiffness.powi(2)).sum::<f64>() / (2.0 * squares);
+    let freedom_vibration = shown * freedom_centre;
     let told = both > TOLD * noise;
     let (noise, freedom_noise, vibration) = if told {
         (noise, freedom_radius, (both - noise) * freedom_centre / stiffness)
     } else {
-        let freedom = freedom_radius + freedom_centre;
-        ((of_radius + of_centre) / freedom, freedom, 0.0)
+        // That there is none rests on no more than these.
+        ((of_radius + of_centre) / (freedom_radius + freedom_centre), freedom_vibration, 0.0)
     };
     // What a unit of each does to the parameters.
     let by_noise = bread.diagonal().component_mul(free);
@@ -54,8 +58,8 @@ pub(super) fn variances(bread: &Matrix5<f64>, profiles: &[Sums], free: &Vector5<
         let (of_noise, of_vibration) = (noise * by_noise, vibration * by_vibration);
         let variance = of_noise + of_vibration;
         // Satterthwaite's.
-        let squared = of_noise.powi(2) / freedom_noise + of_vibration.powi(2) / freedom_centre;
-        let freedom = if squared > 0.0 { variance * variance / squared } else { freedom_centre };
+        let squared = of_noise.powi(2) / freedom_noise + of_vibration.powi(2) / freedom_vibration;
+        let freedom = if squared > 0.0 { variance * variance / squared } else { freedom_vibration };
         variance * widening(freedom).powi(2)
     }))
 }
@@ -67,8 +71,10 @@ struct Section {
     radius_variance: f64,
     /// gᵀ S⁻¹ g of its centre, whose mean is 2φ + τ² tr S.
     centre: f64,
-    /// tr S.
+    /// tr S,
     stiffness: f64,
+    /// and tr S².
+    stiffness_squares: f64,
 }
 
 impl Section {
@@ -83,7 +89,8 @@ impl Section {
         let centre = pull.dot(&stiffness.cholesky()?.solve(&pull));
         let [.., radius] = shift;
         let usable = radius_variance > 0.0 && radius.is_finite() && centre.is_finite();
-        usable.then_some(Self { radius, radius_variance, centre, stiffness: stiffness.trace() })
+        let stiffness_squares = stiffness.norm_squared();
+        usable.then_some(Self { radius, radius_variance, centre, stiffness: stiffness.trace(), stiffness_squares })
     }
 }
 

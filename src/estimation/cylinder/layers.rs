@@ -10,18 +10,17 @@ use super::areas;
 use super::candidates::{self, COVERAGE_MIN, Candidate, Choice, Noise};
 use super::consensus::Bounds;
 use super::extent;
-use super::kernel::Inner;
 use super::model::Cylinder;
 use super::patches::{self, Averages, Cut, Patch, Surface};
 use super::readings;
+use super::repeats::repeats;
+use super::rest::Rest;
 use super::settle::Settled;
 use super::smooth;
 use super::solve::{self, Problem, Solution};
-use super::sums::Sums;
 use crate::estimation::{Progress, robust};
-use crate::scan::{Columns, Scan, Station};
+use crate::scan::Scan;
 use nalgebra::Vector5;
-use rayon::prelude::*;
 
 /// Points within so many cut-offs of the fit are averaged.
 const REACH: f64 = 1.5;
@@ -48,6 +47,10 @@ const TOLERANCE: f64 = 3.0;
 /// Points that make a patch: few show where a layer ends, many show a thin one.
 const POINTS_WANTED: [usize; 2] = [12, 60];
 const ROUNDS: usize = 3;
+/// Profiles that are independent of each other repeat by more standard deviations than this once in 120 scans;
+const REPEATED: f64 = 2.4;
+/// that counts where the fit is rougher by this than neighbouring points are.
+const ROUGHER: f64 = 1.1;
 
 /// What became of the fit.
 pub(super) enum Verdict {
@@ -64,9 +67,14 @@ pub(super) enum Verdict {
 }
 
 /// Looks for layers about the fit, and takes them out.
-pub(super) fn mend(problem: &Problem<'_>, fit: &Solution, bounds: &Bounds, nominal_radius: Option<f64>) -> Verdict {
+pub(super) fn mend(
+    problem: &Problem<'_>,
+    fit: &Solution,
+    mut surface: Option<Surface>,
+    bounds: &Bounds,
+    nominal_radius: Option<f64>,
+) -> Verdict {
     let mut verdict = Verdict::Clean;
-    let mut surface = look(problem, fit);
     let mut rivals = Vec::new();
     for points_wanted in POINTS_WANTED {
         let base = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
@@ -85,8 +93,10 @@ pub(super) fn mend(problem: &Problem<'_>, fit: &Solution, bounds: &Bounds, nomin
     let base = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
     if let Some(surface) = surface {
         rivals.extend(readings::lower(&surface, &base.cylinder, problem.hold, base.sigma));
-        if !rivals.is_empty() {
-            let roughness = extent::roughness(problem.scan);
+        let roughness = extent::roughness(problem.scan);
+        // What is taken out would repeat.
+        let whole = !matches!(verdict, Verdict::Mended(_)) && base.sigma > ROUGHER * roughness;
+        if !rivals.is_empty() || (whole && repeats(&surface) > REPEATED) {
             rivals.extend(readings::beside(&surface, &base.cylinder, problem.hold, base.sigma, roughness));
         }
     }
@@ -101,7 +111,8 @@ fn reach(fit: &Solution) -> f64 {
     REACH * robust::TUKEY_C * fit.sigma
 }
 
-fn look(problem: &Problem<'_>, fit: &Solution) -> Option<Surface> {
+/// What is near the fit; `None` where nothing is.
+pub(super) fn look(problem: &Problem<'_>, fit: &Solution) -> Option<Surface> {
     patches::look(problem.scan, problem.used, &fit.cylinder, reach(fit))
 }
 
@@ -234,54 +245,18 @@ fn off(averages: &Averages, part: &Settled) -> Vec<bool> {
 /// Fits what is left without the patches that are off.
 fn refit(problem: &Problem<'_>, fit: &Solution, part: &Settled, averages: &Averages, off: &[bool]) -> Option<Solution> {
     let Problem { scan, used, hold, .. } = *problem;
-    let serving = scan.stations().iter().zip(used).enumerate().filter(|(_, (_, used))| **used);
-    let serving: Vec<(usize, Station)> = serving.map(|(index, (station, _))| (index, *station)).collect();
-    let left = |&(index, station): &(usize, Station)| outside(scan, fit, averages, off, index, station);
-    let left: Vec<[Vec<f64>; 2]> = serving.par_iter().map(left).collect();
-    let (mut y, mut z, mut stations, mut kept) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-    for ((index, station), [ys, zs]) in serving.into_iter().zip(left).filter(|(_, [ys, _])| !ys.is_empty()) {
-        let start = y.len();
-        y.extend(ys);
-        z.extend(zs);
-        stations.push(Station { x: station.x, start, end: y.len() });
-        kept.push(index);
-    }
-    let rest = Scan::new(stations, Columns::F64 { y, z }, scan.rule().to_owned()).ok()?;
-    let all = vec![true; rest.stations().len()];
-    let sigma = scatter(&rest, &part.cylinder, fit.sigma);
+    let reach = reach(fit);
+    let rest = Rest::of(scan, used, |index, station| {
+        let slice = fit.cylinder.slice(station.x);
+        let is_off = move |y, z| off.get(averages.grid.place(index, &slice, y, z)).copied().unwrap_or(true);
+        move |y, z| slice.distance(y, z).abs() < reach && !is_off(y, z)
+    })?;
+    let sigma = scatter(&rest.scan, &part.cylinder, fit.sigma);
     let silent = Progress::default();
-    let rest_problem = Problem { scan: &rest, used: &all, progress: &silent, ..*problem };
+    let rest_problem = Problem { scan: &rest.scan, used: &rest.used, progress: &silent, ..*problem };
     let mut solution = solve::solve(&rest_problem, &Settled { cylinder: part.cylinder, sigma })?;
-    areas::widen(&rest, &all, &mut solution, hold);
-    let mut profiles = vec![Sums::zero(); scan.stations().len()];
-    let mut inner = vec![Inner::none(); scan.stations().len()];
-    for ((index, sums), counts) in kept.into_iter().zip(&solution.profiles).zip(&solution.inner) {
-        if let (Some(sums_of), Some(inner_of)) = (profiles.get_mut(index), inner.get_mut(index)) {
-            (*sums_of, *inner_of) = (*sums, *counts);
-        }
-    }
-    Some(Solution { profiles, inner, ..solution })
-}
-
-/// The points of a profile that are near the fit and in no patch that is off.
-fn outside(
-    scan: &Scan,
-    fit: &Solution,
-    averages: &Averages,
-    off: &[bool],
-    index: usize,
-    station: Station,
-) -> [Vec<f64>; 2] {
-    let (slice, reach) = (fit.cylinder.slice(station.x), reach(fit));
-    let (mut ys, mut zs) = (Vec::new(), Vec::new());
-    for [y, z] in (station.start..station.end).filter_map(|place| scan.columns().get(place)) {
-        let near = slice.distance(y, z).abs() < reach;
-        if near && !off.get(averages.grid.place(index, &slice, y, z)).copied().unwrap_or(true) {
-            ys.push(y);
-            zs.push(z);
-        }
-    }
-    [ys, zs]
+    areas::widen(&rest.scan, &rest.used, &mut solution, hold);
+    Some(rest.restore(solution))
 }
 
 /// Robust spread of the points that are left about the part.

@@ -10,6 +10,7 @@
 //! ```
 
 mod areas;
+mod beneath;
 mod block;
 mod candidates;
 mod components;
@@ -24,8 +25,11 @@ mod layers;
 mod model;
 mod narrow;
 mod patches;
+mod pieces;
 mod projection;
 mod readings;
+mod repeats;
+mod rest;
 mod sample;
 mod scatter;
 mod settle;
@@ -46,7 +50,9 @@ use candidates::{Candidate, Choice, Noise};
 use consensus::Bounds;
 use judge::Model;
 use layers::Verdict;
-use patches::Cut;
+use model::Cylinder;
+use patches::{Cut, Directions};
+use rest::Rest;
 use sample::Sample;
 use solve::{Problem, Solution};
 use step::Hold;
@@ -65,8 +71,9 @@ const NOMINAL_REACH: f64 = 0.02;
 const TOLERANCE_ROUGHNESS: f64 = 4.0;
 const TOLERANCE_SIZES: [f64; 2] = [0.002, 0.02];
 
-/// So few profiles have to agree by half,
+/// So few profiles have to agree by half, and so very few by two thirds,
 const FEW: usize = 20;
+const VERY_FEW: usize = 8;
 /// and one agrees that has this share on the surface of what the fullest has.
 const AGREEING: f64 = 0.25;
 /// A surface so much rougher than neighbouring points is looked at again,
@@ -129,7 +136,14 @@ fn search(scan: &Scan, used: &[bool], settings: &Settings, progress: &Progress) 
     let epsilon = judge::epsilon(settings, chosen.settled.sigma);
     let problem = Problem { scan, used, hold, epsilon, progress };
     let mut solution = solve::solve(&problem, &chosen.settled).filter(resolved).ok_or(no_cylinder)?;
-    match layers::mend(&problem, &solution, &bounds, settings.nominal_radius_mm) {
+    let surface = layers::look(&problem, &solution);
+    if let Some(directions) = surface.as_ref().and_then(|surface| pieces::held(surface, solution.sigma)) {
+        return within(scan, used, settings, &solution.cylinder, directions);
+    }
+    if let Some(refusal) = sleeve(&sample, &chosen, &solution, settings) {
+        return Err(refusal);
+    }
+    match layers::mend(&problem, &solution, surface, &bounds, settings.nominal_radius_mm) {
         Verdict::Clean => {}
         Verdict::Open { rivals } => solution.rivals = rivals,
         Verdict::Mended(mended) => return Some(mended).filter(resolved).ok_or(no_cylinder),
@@ -138,6 +152,24 @@ fn search(scan: &Scan, used: &[bool], settings: &Settings, progress: &Progress) 
     }
     areas::widen(scan, used, &mut solution, hold);
     Ok(solution)
+}
+
+/// The search among the points that lie in these directions from the axis of a first fit. Each round leaves points out, so
+/// there is a last one.
+fn within(
+    scan: &Scan,
+    used: &[bool],
+    settings: &Settings,
+    cylinder: &Cylinder,
+    directions: Directions,
+) -> Result<Solution, Refusal> {
+    let rest = Rest::of(scan, used, |_, station| {
+        let slice = cylinder.slice(station.x);
+        move |y, z| directions.hold(&slice, y, z)
+    });
+    let rest = rest.ok_or(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm })?;
+    let solution = search(&rest.scan, &rest.used, settings, &Progress::default())?;
+    Ok(rest.restore(solution))
 }
 
 /// The candidate looked at as closely as the points' own roughness allows: where a coarse look took a low layer and the part
@@ -174,6 +206,18 @@ fn finer(
     }
 }
 
+/// Where another surface about the same axis lies beneath, the fit may be a jaw; a nominal radius says which is the part.
+fn sleeve(sample: &Sample, chosen: &Candidate, solution: &Solution, settings: &Settings) -> Option<Refusal> {
+    let beneath = beneath::beneath(sample, &solution.cylinder, solution.sigma)?;
+    let (radius_a_mm, radius_b_mm) = (solution.cylinder.radius, solution.cylinder.radius - beneath.depth);
+    let off = |radius: f64| settings.nominal_radius_mm.map_or(0.0, |nominal| (radius - nominal).abs());
+    let (coverage_a, coverage_b) = (chosen.coverage, beneath.coverage);
+    // A radius that is held at the nominal one says nothing of which of them has it.
+    let told = settings.nominal_radius_mm.is_some() && settings.radius == RadiusRule::Free;
+    let open = !told || off(radius_b_mm) < off(radius_a_mm);
+    open.then_some(Refusal::TwoCylinders { radius_a_mm, coverage_a, radius_b_mm, coverage_b })
+}
+
 fn bounds(scan: &Scan, sample: &Sample, settings: &Settings) -> Bounds {
     let size = extent::size(sample);
     let [least, most] = TOLERANCE_SIZES;
@@ -205,17 +249,21 @@ fn too_few(
     Refusal::TooFewValidProfiles { valid_count, profiles_count, profiles_min, most_common, sigma_mm, epsilon_mm }
 }
 
-/// Where there are few profiles, half of them have to lie on the surface. A cylinder can be tilted until it meets some that
+/// Where there are few profiles, half or two thirds of them have to lie on the surface. A cylinder can be tilted until it meets some that
 /// vibration has shifted, and then says nothing of the others.
 fn agreed(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(), Refusal> {
     let share = |(station, sums): (&Station, &sums::Sums)| sums.weight / (station.end - station.start).max(1) as f64;
     let shares: Vec<f64> = scan.stations().iter().zip(&solution.profiles).map(share).collect();
     let fullest = shares.iter().copied().fold(0.0, f64::max);
     let agreeing_count = shares.iter().filter(|share| **share >= AGREEING * fullest).count();
-    if shares.len() > FEW || 2 * agreeing_count >= shares.len() {
+    let needed_count = match shares.len() {
+        count if count <= VERY_FEW => (2 * count).div_ceil(3),
+        count => count.div_ceil(2),
+    };
+    if shares.len() > FEW || agreeing_count >= needed_count {
         return Ok(());
     }
-    let profiles_min = shares.len().div_ceil(2).try_into().unwrap_or(u32::MAX);
+    let profiles_min = needed_count.try_into().unwrap_or(u32::MAX);
     let settings = Settings { profiles_min, ..*settings };
     Err(too_few(scan, agreeing_count, Reason::NotConverged, Some(solution.sigma), &settings))
 }

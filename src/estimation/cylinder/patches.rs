@@ -62,6 +62,21 @@ pub(super) struct Surface {
     stride: usize,
 }
 
+/// Directions from an axis, of which some count.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Directions {
+    mean: [f64; 2],
+    span: [f64; 2],
+}
+
+impl Directions {
+    /// Whether the point (y, z) lies in one of them.
+    pub(super) fn hold(&self, slice: &Slice, y: f64, z: f64) -> bool {
+        let [low, high] = self.span;
+        (low..=high).contains(&angle(self.mean, slice, y, z))
+    }
+}
+
 /// How the surface is cut into patches.
 #[derive(Debug, Clone)]
 pub(super) struct Grid {
@@ -153,6 +168,11 @@ impl Surface {
         self.planes.get(point.index).copied().unwrap_or(0.0)
     }
 
+    /// Those between two angles from the middle direction.
+    pub(super) fn directions(&self, span: [f64; 2]) -> Directions {
+        Directions { mean: self.mean, span }
+    }
+
     /// One in so many points was looked at.
     pub(super) fn thinned(&self) -> usize {
         self.every * self.stride
@@ -197,9 +217,14 @@ impl Surface {
         if sectors < SECTORS_MIN || stations_count.div_ceil(block) < 3 {
             return None;
         }
-        let ends = |(low, high): (f64, f64), point: &Near| (low.min(point.angle), high.max(point.angle));
-        let (low, high) = self.near.iter().fold((f64::INFINITY, f64::NEG_INFINITY), ends);
+        let [low, high] = self.ends();
         Some(Grid { cylinder: self.cylinder, mean: self.mean, block, sectors, low, high })
+    }
+
+    /// Angles of the first and the last point, radians.
+    pub(super) fn ends(&self) -> [f64; 2] {
+        let ends = |[low, high]: [f64; 2], point: &Near| [low.min(point.angle), high.max(point.angle)];
+        self.near.iter().fold([f64::INFINITY, f64::NEG_INFINITY], ends)
     }
 }
 
@@ -211,8 +236,7 @@ impl Grid {
 
     /// The sector of a point at this angle.
     pub(super) fn sector(&self, angle: f64) -> usize {
-        let share = (angle - self.low) / (self.high - self.low).max(f64::MIN_POSITIVE);
-        (share * self.sectors as f64).clamp(0.0, self.sectors as f64 - 1.0) as usize
+        sector(angle, [self.low, self.high], self.sectors)
     }
 
     /// The patch of the point (y, z) in the plane of the station `index`.
@@ -228,6 +252,12 @@ impl Grid {
     pub(super) fn block(&self) -> usize {
         self.block
     }
+}
+
+/// Which of so many equal sectors between two angles holds this one.
+pub(super) fn sector(angle: f64, [low, high]: [f64; 2], sectors: usize) -> usize {
+    let share = (angle - low) / (high - low).max(f64::MIN_POSITIVE);
+    (share * sectors as f64).clamp(0.0, sectors as f64 - 1.0) as usize
 }
 
 impl Averages {

@@ -1,12 +1,12 @@
 //! The cylinder about its end as cells: columns about the axis times planes. A cell shows the surface, something below it,
 //! something above that hides it, or nothing. Must not know where the part ends.
 
-use super::lattice::Lattice;
+use super::lattice::{Column, Lattice};
 use super::view::{Glimpse, Plane};
 
 /// Deepest chamfer that is told from a hole or a support, mm.
 const DEPTH_MAX_MM: f64 = 3.2;
-/// Points below the surface that make a chamfer, and which of their depths is that at its end.
+/// Points below the surface that make a chamfer, and which of their depths tells that at its end.
 const CHAMFER_POINTS_MIN: usize = 5;
 const DEPTH_QUANTILE: f64 = 0.95;
 
@@ -24,8 +24,9 @@ pub(super) enum Seen {
         t: f64,
         depth: f64,
     },
-    /// The surface, up to t.
+    /// The surface, from `first` up to t.
     Surface {
+        first: f64,
         t: f64,
     },
 }
@@ -47,9 +48,11 @@ pub(super) fn cells(glimpses: &[Glimpse], planes: &[Plane], lattice: &Lattice, t
         let Some(cell) = cells.get_mut(glimpse.plane * lattice.len() + column) else { continue };
         let (t, depth) = (glimpse.t, -glimpse.height);
         cell.seen = match cell.seen {
-            Seen::Surface { t: before } if depth.abs() <= tolerance => Seen::Surface { t: before.max(t) },
-            Seen::Surface { t } => Seen::Surface { t },
-            _ if depth.abs() <= tolerance => Seen::Surface { t },
+            Seen::Surface { first, t: last } if depth.abs() <= tolerance => {
+                Seen::Surface { first: first.min(t), t: last.max(t) }
+            }
+            surface @ Seen::Surface { .. } => surface,
+            _ if depth.abs() <= tolerance => Seen::Surface { first: t, t },
             Seen::Nothing | Seen::Hidden if depth > 0.0 && depth <= DEPTH_MAX_MM + tolerance => {
                 Seen::Below { t, depth }
             }
@@ -79,7 +82,9 @@ impl Chamfer {
         let mut depths: Vec<f64> = cells.iter().filter_map(depth).collect();
         depths.sort_by(f64::total_cmp);
         let at = (DEPTH_QUANTILE * depths.len() as f64) as usize;
-        depths.get(at).copied().filter(|_| depths.len() >= CHAMFER_POINTS_MIN)
+        let (least, depth) = (depths.first()?, depths.get(at)?);
+        // Up to its end the depths are spread evenly.
+        (depths.len() >= CHAMFER_POINTS_MIN).then(|| least + (depth - least) / DEPTH_QUANTILE)
     }
 }
 
@@ -91,6 +96,10 @@ pub(super) struct Evidence {
     /// How many cells in a row lack the part, of those beside it that a growing part reaches first, up to [`LACKING_MAX`];
     /// `None` where nobody can say.
     pub(super) lacking: Option<usize>,
+    /// Where the nearest of those lies, if it shows the part.
+    pub(super) beside: Option<f64>,
+    /// Variance of `t`, mm².
+    pub(super) variance: f64,
     pub(super) column: usize,
 }
 
@@ -98,23 +107,52 @@ pub(super) struct Evidence {
 pub(super) fn evidence(cells: &[Cell], lattice: &Lattice, chamfer: Option<Chamfer>) -> Vec<Evidence> {
     // The lead grows with the radius.
     let share = 1.0 - chamfer.map_or(0.0, |chamfer| chamfer.depth / lattice.radius());
+    let firsts = firsts(cells, lattice);
     let mut evidence = Vec::with_capacity(cells.len());
     for plane in cells.chunks(lattice.len().max(1)) {
-        for (index, (cell, column)) in plane.iter().zip(lattice.columns()).enumerate() {
+        let shows = |index: usize| plane.get(index)?.seen.is_part(chamfer);
+        let reach = |index: usize| match plane.get(index)?.seen {
+            Seen::Surface { t, .. } | Seen::Below { t, .. } if shows(index)? => Some(t),
+            _ => None,
+        };
+        for (index, ((cell, column), first)) in plane.iter().zip(lattice.columns()).zip(&firsts).enumerate() {
             let Some(present) = cell.seen.is_part(chamfer) else { continue };
-            let t = match cell.seen {
-                Seen::Surface { t } | Seen::Below { t, .. } if present => t,
-                _ => cell.ahead + share * column.lead,
-            };
+            // What is missing is missing from the first of its points on.
+            let t = reach(index).unwrap_or(cell.ahead + share * first.mean);
             let before = |index: usize| lattice.columns().get(index)?.before;
-            let lacks = |index: &usize| plane.get(*index).and_then(|cell| cell.seen.is_part(chamfer)) == Some(false);
-            let known = column.before.and_then(|beside| plane.get(beside)?.seen.is_part(chamfer)).is_some();
+            let known = column.before.and_then(shows).is_some();
             let run = std::iter::successors(column.before, |index| before(*index));
-            let lacking = known.then(|| run.take_while(lacks).take(LACKING_MAX).count());
-            evidence.push(Evidence { t, present, lacking, column: index });
+            let lacking = known.then(|| run.take_while(|index| shows(*index) == Some(false)).take(LACKING_MAX).count());
+            let beside = column.before.and_then(reach);
+            evidence.push(Evidence { t, present, lacking, beside, variance: first.variance, column: index });
         }
     }
     evidence
+}
+
+/// How far ahead of its plane the first point of a column lies.
+#[derive(Debug, Clone, Copy)]
+struct First {
+    mean: f64,
+    variance: f64,
+}
+
+/// Of each column, over the planes that show the surface in it.
+fn firsts(cells: &[Cell], lattice: &Lattice) -> Vec<First> {
+    let mut sums = vec![[0.0; 3]; lattice.len()];
+    for plane in cells.chunks(lattice.len().max(1)) {
+        for ([count, sum, squares], cell) in sums.iter_mut().zip(plane) {
+            if let Seen::Surface { first, .. } = cell.seen {
+                let lead = first - cell.ahead;
+                (*count, *sum, *squares) = (*count + 1.0, *sum + lead, *squares + lead * lead);
+            }
+        }
+    }
+    let first = |([count, sum, squares], column): ([f64; 3], &Column)| {
+        let mean = if count > 0.0 { sum / count } else { column.lead };
+        First { mean, variance: (squares / f64::max(count, 1.0) - mean * mean).max(0.0) }
+    };
+    sums.into_iter().zip(lattice.columns()).map(first).collect()
 }
 
 impl Seen {

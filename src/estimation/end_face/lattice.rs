@@ -85,12 +85,4 @@ impl Lattice {
         let pairs = self.columns.windows(2).filter_map(|pair| Some((pair.last()?.lead - pair.first()?.lead).abs()));
         pairs.sum::<f64>() / self.len() as f64
     }
-
-    /// Mean step from one of these columns to the next along the axis, mm.
-    pub(super) fn step(&self, columns: &[usize]) -> f64 {
-        let lead = |index: usize| self.columns.get(index).map(|column| column.lead);
-        let steps = columns.iter().filter_map(|&c| Some((lead(c + 1)? - lead(c)?).abs()));
-        let (sum, count) = steps.fold((0.0, 0.0), |(sum, count), step| (sum + step, count + 1.0));
-        sum / f64::max(count, 1.0)
-    }
 }

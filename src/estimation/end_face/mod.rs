@@ -14,10 +14,11 @@
 mod cells;
 mod lattice;
 mod offset;
+mod posterior;
 mod reach;
 mod view;
 
-use super::{End, EndFace, EndFaces, Estimate, Outcome, Pose, Settings, Warning};
+use super::{End, EndFace, EndFaces, Estimate, Outcome, Pose, Settings, TypeB, Warning};
 use crate::scan::Scan;
 use cells::{Cell, Chamfer, Evidence};
 use lattice::Lattice;
@@ -50,10 +51,8 @@ pub(super) fn complete(scan: &Scan, settings: &Settings, estimate: &mut Estimate
     let sigma = estimate.residuals.map_or(0.0, |residuals| residuals.sigma);
     let tolerance = settings.epsilon_mm.max(SURFACE_SIGMAS * sigma);
     let [near, far] = [End::Near, End::Far].map(|end| {
-        let mut found = asked.asks_for(end).then(|| find(scan, pose, end, [sigma, tolerance]));
-        if let Some(Some(face)) = &mut found {
-            face.x_standard = (face.x_standard.powi(2) + settings.type_b.along_x(face.centre)).sqrt();
-        }
+        let found = asked.asks_for(end).then(|| find(scan, pose, end, tolerance));
+        let found = found.map(|found| Some(found?.face(pose, &settings.type_b)));
         if found.is_some_and(|face| face.is_none()) {
             estimate.conditioning.warnings.push(Warning::EndFaceNotSeen { end });
         }
@@ -63,7 +62,7 @@ pub(super) fn complete(scan: &Scan, settings: &Settings, estimate: &mut Estimate
 }
 
 /// `None` where the scan does not show the end.
-fn find(scan: &Scan, pose: &Pose, end: End, [sigma, tolerance]: [f64; 2]) -> Option<EndFace> {
+fn find(scan: &Scan, pose: &Pose, end: End, tolerance: f64) -> Option<Found> {
     let view = View::new(pose, end);
     let planes = view.planes_outward(scan);
     let coarse = view::thin(&planes, COARSE_PLANES_MAX);
@@ -76,7 +75,22 @@ fn find(scan: &Scan, pose: &Pose, end: End, [sigma, tolerance]: [f64; 2]) -> Opt
     let about = reach::reach(&cells::evidence(&seen, &lattice, None), 0.0, coarse_spacing)?;
     let stage = Stage { scan, view: &view, about, coarse_spacing, span: lattice.span(), tolerance };
     let (offset, lattice) = stage.refine(&planes)?;
-    Some(view.face(pose, &offset, &lattice, sigma))
+    Some(Found { view, offset, lattice })
+}
+
+/// An end as it was seen.
+struct Found {
+    view: View,
+    offset: Offset,
+    lattice: Lattice,
+}
+
+impl Found {
+    fn face(&self, pose: &Pose, type_b: &TypeB) -> EndFace {
+        let centre = self.view.point(&self.offset);
+        let variance = self.view.variance(pose, &self.offset, &self.lattice) + type_b.along_x(centre);
+        EndFace { centre, x_standard: self.view.half_of_expanded(&self.offset, variance) }
+    }
 }
 
 /// What is known before every point about the end is read.
@@ -132,7 +146,7 @@ impl Search<'_> {
         let Some(depth) = chamfer.depth_of(self.cells) else { return Some(surface) };
         let with = self.of(Some(Chamfer { depth, ..chamfer }));
         // What goes on below the surface for longer is no chamfer, and the part ends where its surface does.
-        with.filter(|with| with.t < chamfer.to - self.spacing).or(Some(surface))
+        with.filter(|with| with.at.mean() < chamfer.to - self.spacing).or(Some(surface))
     }
 
     fn of(&self, chamfer: Option<Chamfer>) -> Option<Offset> {
@@ -142,6 +156,6 @@ impl Search<'_> {
         let to = to.min(next);
         evidence.retain(|evidence| evidence.t >= from && evidence.t <= to);
         let (step, columns_count) = (self.lattice.mean_step(), self.lattice.len());
-        offset::find(evidence, to, Grid { spacing: self.spacing, step, columns_count })
+        offset::find(&evidence, to, Grid { spacing: self.spacing, step, columns_count })
     }
 }

@@ -4,25 +4,23 @@
 //! Up to the plane a cell shows the part but for drop-outs, beyond it nothing but for strays. Drop-outs and strays come in
 //! runs, so each cell is weighed given those beside it: a Markov chain along the profile, whose rates are those of the
 //! cells just before the plane. In order of t the logarithm of the likelihood of a plane is a running sum; with nothing
-//! known before about the offset it is the posterior, constant between one cell and the next, and its mean and standard
-//! deviation are the answer. Where all cells of a profile share one t it is even over the spacing: its standard deviation
-//! is spacing/√12, however many the columns.
+//! known before about the offset it is the posterior, constant between one cell and the next. Where all cells of a profile
+//! share one t it is even over the spacing, however many the columns.
 
 use super::cells::{Evidence, LACKING_MAX};
+use super::posterior::{Piece, Posterior};
 
 /// Where the plane is.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Offset {
     /// Outward from the reference point along the axis, mm.
-    pub(super) t: f64,
-    /// Standard uncertainty, mm.
-    pub(super) standard: f64,
+    pub(super) at: Posterior,
     /// The last place before the likeliest plane, mm.
     pub(super) last: f64,
     /// The columns that decided it.
     pub(super) columns: Vec<usize>,
-    /// How many profiles meet the edge, about; at least 1.
-    pub(super) crossings: f64,
+    /// Variance by what is not known of the places of the points that decided it, mm².
+    pub(super) of_places: f64,
 }
 
 /// How the evidence is spread.
@@ -39,7 +37,7 @@ pub(super) struct Grid {
 const STRAY: [f64; 2] = [1e-3, 0.3];
 /// Before the end: how often a cell is taken to lack its point until that is counted, after none, one, two, and three cells
 /// or more that lack theirs; and how many cells that is worth.
-const LACK: [f64; 1 + LACKING_MAX] = [0.05, 0.9, 0.9, 0.9];
+const LACK: [f64; 1 + LACKING_MAX] = [0.01, 0.9, 0.9, 0.9];
 const LACK_WORTH: f64 = 10.0;
 /// At most: a point must stay likelier on the part than beyond it, also where a chamfer has taken most of the surface.
 const LACK_MOST: [f64; 1 + LACKING_MAX] = [0.5, 0.99, 0.99, 0.99];
@@ -72,82 +70,89 @@ impl Lack {
         Self(counts.map(|(lacking, all)| (lacking / all).min(most.next().unwrap_or_default())))
     }
 
-    /// Logarithm of how much likelier a cell is before the plane than beyond it.
-    fn gain(&self, cell: &Evidence) -> f64 {
+    /// By how much the logarithm of the likelihood grows as the plane passes the cell beside this one, and this one.
+    fn gains(&self, cell: &Evidence) -> [f64; 2] {
         let [stray, stray_again] = STRAY;
         let after = |lacking: usize| self.0.get(lacking).copied().unwrap_or_default();
-        let (lack, stray) = match cell.lacking {
-            Some(0) => (after(0), stray_again),
-            Some(lacking) => (after(lacking), stray),
+        let lack = match cell.lacking {
+            Some(lacking) => after(lacking),
             // With nothing beside it, as often as in the long run.
-            None => (after(0) / (1.0 + after(0) - after(1)), stray),
+            None => after(0) / (1.0 + after(0) - after(1)),
         };
-        if cell.present { ((1.0 - lack) / stray).ln() } else { (lack / (1.0 - stray)).ln() }
+        let of = |present: f64| if cell.present { present.ln() } else { (1.0 - present).ln() };
+        let passed = if cell.beside.is_some() { of(stray) - of(stray_again) } else { 0.0 };
+        [passed, of(1.0 - lack) - of(stray)]
     }
 }
 
+/// Where the likelihood of a plane changes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Step {
+    t: f64,
+    gain: f64,
+}
+
 /// The plane, from evidence up to `to`; `None` where no end is seen.
-pub(super) fn find(mut evidence: Vec<Evidence>, to: f64, grid: Grid) -> Option<Offset> {
-    evidence.sort_by(|a, b| a.t.total_cmp(&b.t));
+pub(super) fn find(evidence: &[Evidence], to: f64, grid: Grid) -> Option<Offset> {
     let [mm, spacings] = COUNTED;
     let counted = f64::max(mm, spacings * grid.spacing);
     let mut lack = Lack(LACK);
     for _ in 0..2 {
-        let sums = sums(&evidence, lack);
-        let (_, last) = best(&evidence, &sums)?;
+        let last = best(&likelihood(evidence, lack))?.t;
         lack = Lack::counted(evidence.iter().filter(|cell| cell.t <= last && cell.t > last - counted));
     }
-    let sums = sums(&evidence, lack);
-    let (most, last) = best(&evidence, &sums)?;
-    let falls = most >= LOG_LIKELIHOOD_MIN && most - sums.last()? >= LOG_LIKELIHOOD_MIN;
+    let sums = likelihood(evidence, lack);
+    let Step { t: last, gain: most } = best(&sums)?;
+    let falls = most >= LOG_LIKELIHOOD_MIN && most - sums.last()?.gain >= LOG_LIKELIHOOD_MIN;
     let mut ended: Vec<usize> = evidence.iter().filter(|c| c.t > last && !c.present).map(|c| c.column).collect();
     ended.sort_unstable();
     ended.dedup();
     if !falls || (ended.len() as f64) < COLUMNS_SHARE_MIN * grid.columns_count as f64 {
         return None;
     }
-    let [t, standard] = moments(&evidence, &sums, most, to)?;
+    let at = posterior(&sums, most, to)?;
     // The cells at either side of what is left open, and those of every other profile that meets the edge.
     let steps = NEAR_STEPS * grid.step;
-    let near = |cell: &&Evidence| (cell.t - t).abs() <= steps.max(NEAR_STANDARDS * standard);
+    let near = |cell: &&Evidence| (cell.t - at.mean()).abs() <= steps.max(NEAR_STANDARDS * at.deviation());
     let columns: Vec<usize> = evidence.iter().filter(near).map(|cell| cell.column).collect();
-    let crossings = (columns.len() as f64 / (2.0 * NEAR_STEPS)).max(1.0);
-    Some(Offset { t, standard, last, columns, crossings })
+    let count = columns.len().max(1) as f64;
+    let crossings = (count / (2.0 * NEAR_STEPS)).max(1.0);
+    let of_places = evidence.iter().filter(near).map(|cell| cell.variance).sum::<f64>() / count / crossings;
+    Some(Offset { at, last, columns, of_places })
 }
 
-/// The logarithm of the likelihood of a plane just beyond each cell, but for a constant.
-fn sums(evidence: &[Evidence], lack: Lack) -> Vec<f64> {
+/// The logarithm of the likelihood of a plane just beyond each place where it changes, but for a constant.
+///
+/// A cell beyond the plane that shows something after one that does is no surprise, unless that one lies before the plane.
+fn likelihood(evidence: &[Evidence], lack: Lack) -> Vec<Step> {
+    let steps = |cell: &Evidence| {
+        let [passed, gain] = lack.gains(cell);
+        let beside = cell.beside.map(|t| Step { t: t.min(cell.t), gain: passed });
+        [beside, Some(Step { t: cell.t, gain })].into_iter().flatten()
+    };
+    let mut steps: Vec<Step> = evidence.iter().flat_map(steps).collect();
+    steps.sort_by(|a, b| a.t.total_cmp(&b.t));
     let mut sum = 0.0;
-    evidence
-        .iter()
-        .map(|cell| {
-            sum += lack.gain(cell);
-            sum
-        })
-        .collect()
-}
-
-/// The largest of the sums, and the t of its cell.
-fn best(evidence: &[Evidence], sums: &[f64]) -> Option<(f64, f64)> {
-    sums.iter().zip(evidence).map(|(sum, cell)| (*sum, cell.t)).max_by(|(a, _), (b, _)| a.total_cmp(b))
-}
-
-/// Mean and standard deviation of the posterior, constant from each cell to the next and from the last one up to `to`.
-fn moments(evidence: &[Evidence], sums: &[f64], most: f64, to: f64) -> Option<[f64; 2]> {
-    let ends = evidence.iter().skip(1).map(|cell| cell.t).chain([to]);
-    let pieces = evidence.iter().zip(sums).zip(ends).map(|((cell, sum), end)| {
-        let width = (end - cell.t).max(0.0);
-        ((sum - most).exp() * width, 0.5 * (cell.t + end), width)
-    });
-    let pieces: Vec<(f64, f64, f64)> = pieces.collect();
-    let total: f64 = pieces.iter().map(|(weight, ..)| weight).sum();
-    if !(total > 0.0 && total.is_finite()) {
-        return None;
+    for step in &mut steps {
+        sum += step.gain;
+        step.gain = sum;
     }
-    let mean = pieces.iter().map(|(weight, middle, _)| weight * middle).sum::<f64>() / total;
-    let square = |(weight, middle, width): &(f64, f64, f64)| weight * ((middle - mean).powi(2) + width * width / 12.0);
-    let variance = pieces.iter().map(square).sum::<f64>() / total;
-    Some([mean, variance.sqrt()])
+    steps
+}
+
+/// Where the likelihood is largest.
+fn best(sums: &[Step]) -> Option<Step> {
+    sums.iter().copied().max_by(|a, b| a.gain.total_cmp(&b.gain))
+}
+
+/// Constant from each step to the next and from the last one up to `to`.
+fn posterior(sums: &[Step], most: f64, to: f64) -> Option<Posterior> {
+    let ends = sums.iter().skip(1).map(|step| step.t).chain([to]);
+    let pieces = sums.iter().zip(ends).map(|(step, end)| {
+        let end = end.max(step.t);
+        Piece { from: step.t, to: end, weight: (step.gain - most).exp() * (end - step.t) }
+    });
+    Posterior::of(pieces.collect())
 }
 
 #[cfg(test)]
@@ -161,25 +166,33 @@ mod tests {
         let cell = |plane: u32, column: usize| {
             let t = f64::from(plane) + step * column as f64;
             let lacking = column.checked_sub(1).map(|_| usize::from(t - step > end));
-            Evidence { t, present: t <= end, lacking, column }
+            Evidence {
+                t,
+                present: t <= end,
+                lacking,
+                beside: lacking.filter(|l| *l == 0).map(|_| t - step),
+                variance: 0.0,
+                column,
+            }
         };
         (0..10).flat_map(|plane| (0..COLUMNS).map(move |column| cell(plane, column))).collect()
     }
 
     fn found(step: f64, end: f64) -> Option<Offset> {
-        find(cells(step, end), 12.0, Grid { spacing: 1.0, step, columns_count: COLUMNS })
+        find(&cells(step, end), 12.0, Grid { spacing: 1.0, step, columns_count: COLUMNS })
     }
 
     #[test]
     fn where_all_columns_end_alike_the_plane_is_anywhere_in_the_spacing() {
         let offset = found(0.0, 5.7).expect("an end");
-        assert!((offset.t - 5.5).abs() < 1e-3 && (offset.standard - 1.0 / 12f64.sqrt()).abs() < 1e-3, "{offset:?}");
+        assert!((offset.at.mean() - 5.5).abs() < 1e-3, "{offset:?}");
+        assert!((offset.at.deviation() - 1.0 / 12f64.sqrt()).abs() < 1e-3, "{offset:?}");
     }
 
     #[test]
     fn where_columns_end_in_turn_the_plane_is_known_to_a_step() {
         let offset = found(0.005, 5.333).expect("an end");
-        assert!((offset.t - 5.333).abs() < 0.03 && offset.standard < 0.05, "{offset:?}");
+        assert!((offset.at.mean() - 5.333).abs() < 0.03 && offset.at.deviation() < 0.05, "{offset:?}");
     }
 
     #[test]

@@ -46,7 +46,14 @@ mod tests {
     /// A profile a millimetre of five cells, showing the part where `shown` says so.
     fn planes(shown: &str) -> Vec<Evidence> {
         let plane = |(index, shown): (usize, char)| {
-            let cell = Evidence { t: index as f64 + 0.5, present: shown == '#', lacking: None, column: 0 };
+            let cell = Evidence {
+                t: index as f64 + 0.5,
+                present: shown == '#',
+                lacking: None,
+                beside: None,
+                variance: 0.0,
+                column: 0,
+            };
             std::iter::repeat_n(cell, 5)
         };
         shown.chars().enumerate().flat_map(plane).collect()

@@ -6,7 +6,7 @@
 
 use super::lattice::Lattice;
 use super::offset::Offset;
-use crate::estimation::{End, EndFace, Pose};
+use crate::estimation::{End, Pose};
 use crate::geometry::AxisLine;
 use crate::scan::Scan;
 use std::ops::Range;
@@ -111,19 +111,26 @@ impl View {
         [reach * sin, reach * cos]
     }
 
-    /// The point where the axis meets the plane at an offset, with the standard uncertainty of its x.
+    /// The point where the axis meets the plane at an offset.
+    pub(super) fn point(&self, offset: &Offset) -> [f64; 3] {
+        let x = self.x_ref + self.side * offset.at.mean() / self.n;
+        let [y, z] = self.axis.at(x);
+        [x, y, z]
+    }
+
+    /// The variance of the point's x but for what the offset leaves open.
     ///
     /// What the pose adds is taken at that of the deciding columns where it adds most: where several decide, an axis that
     /// is off lets the one win that ends last.
-    pub(super) fn face(&self, pose: &Pose, offset: &Offset, lattice: &Lattice, sigma: f64) -> EndFace {
-        let x = self.x_ref + self.side * offset.t / self.n;
-        let [y, z] = self.axis.at(x);
+    pub(super) fn variance(&self, pose: &Pose, offset: &Offset, lattice: &Lattice) -> f64 {
+        let [x, ..] = self.point(offset);
         let of_pose = lattice.angles(&offset.columns).map(|angle| self.of_pose(pose, x, angle)).fold(0.0, f64::max);
-        // A column is as wide as a step of the raster, and a point of it lies off by the noise, both times the tilt.
-        let tilt = self.axis.p.hypot(self.axis.q);
-        let of_place = lattice.step(&offset.columns).powi(2) / 12.0 / offset.crossings + (tilt * sigma).powi(2);
-        let x_standard = ((offset.standard.powi(2) + of_place) / (self.n * self.n) + of_pose).sqrt();
-        EndFace { centre: [x, y, z], x_standard }
+        offset.of_places / (self.n * self.n) + of_pose
+    }
+
+    /// Half of the half-width along x that holds 95.45 %, with this variance beside what the offset leaves open.
+    pub(super) fn half_of_expanded(&self, offset: &Offset, variance: f64) -> f64 {
+        offset.at.half_of_expanded(self.n * variance.sqrt()) / self.n
     }
 
     /// The variance of the point's x by that of the pose where the edge is seen in one direction about the axis.

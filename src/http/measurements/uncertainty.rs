@@ -50,7 +50,8 @@ pub struct UncertaintiesDocument {
     pub z_ref_mm: f64,
     /// Of the radius.
     pub radius_mm: f64,
-    /// Of x of the end face; null where there is none.
+    /// Of x of the end face; null where there is none. The expanded one holds 95.45 %, and this half of it is below the
+    /// standard deviation where the spacing of the profiles leaves x open, which is no normal distribution.
     pub end_face_x_mm: Option<f64>,
     /// Of x of the far end face where both were asked for; null where there is none.
     pub far_end_face_x_mm: Option<f64>,

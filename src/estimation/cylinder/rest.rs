@@ -1,0 +1,84 @@
+//! A scan without some of its points. In: which points of a used profile stay. Out: a scan of its own, and a solution of that
+//! put back in the places of the whole. Must not know why points are left out.
+
+use super::kernel::Inner;
+use super::solve::Solution;
+use super::sums::Sums;
+use crate::scan::{Columns, Scan, Station};
+use rayon::prelude::*;
+
+/// Profiles that are gone through at a time, so that what is left of them is not held twice.
+const CHUNK: usize = 128;
+
+/// What is left of a scan.
+pub(super) struct Rest {
+    pub(super) scan: Scan,
+    /// All of its profiles serve.
+    pub(super) used: Vec<bool>,
+    /// Which profiles of the whole they are.
+    kept: Vec<usize>,
+    whole_count: usize,
+}
+
+impl Rest {
+    /// The points of the used profiles that stay, by a rule made for each profile; `None` where none does.
+    pub(super) fn of<S: Fn(f64, f64) -> bool>(
+        scan: &Scan,
+        used: &[bool],
+        rule: impl Fn(usize, Station) -> S + Sync,
+    ) -> Option<Self> {
+        let serving = scan.stations().iter().zip(used).enumerate().filter(|(_, (_, used))| **used);
+        let serving: Vec<(usize, Station)> = serving.map(|(index, (station, _))| (index, *station)).collect();
+        let left = |&(index, station): &(usize, Station)| -> (Vec<f64>, Vec<f64>) {
+            let stays = rule(index, station);
+            let points = (station.start..station.end).filter_map(|place| scan.columns().get(place));
+            points.filter(|[y, z]| stays(*y, *z)).map(|[y, z]| (y, z)).unzip()
+        };
+        let (mut columns, mut stations, mut kept) = (empty_like(scan.columns()), Vec::new(), Vec::new());
+        for some in serving.chunks(CHUNK) {
+            let left: Vec<(Vec<f64>, Vec<f64>)> = some.par_iter().map(left).collect();
+            for ((index, station), (y, z)) in some.iter().zip(left).filter(|(_, (y, _))| !y.is_empty()) {
+                let start = columns.len();
+                extend(&mut columns, &y, &z);
+                stations.push(Station { x: station.x, start, end: columns.len() });
+                kept.push(*index);
+            }
+        }
+        let scan_left = Scan::new(stations, columns, scan.rule().to_owned()).ok()?;
+        let used = vec![true; scan_left.stations().len()];
+        Some(Self { scan: scan_left, used, kept, whole_count: scan.stations().len() })
+    }
+
+    /// A solution of what is left, with its profiles in their places of the whole.
+    pub(super) fn restore(&self, solution: Solution) -> Solution {
+        let mut profiles = vec![Sums::zero(); self.whole_count];
+        let mut inner = vec![Inner::none(); self.whole_count];
+        for ((index, sums), counts) in self.kept.iter().zip(&solution.profiles).zip(&solution.inner) {
+            if let (Some(sums_of), Some(inner_of)) = (profiles.get_mut(*index), inner.get_mut(*index)) {
+                (*sums_of, *inner_of) = (*sums, *counts);
+            }
+        }
+        Solution { profiles, inner, ..solution }
+    }
+}
+
+fn empty_like(columns: &Columns) -> Columns {
+    match columns {
+        Columns::F32 { .. } => Columns::F32 { y: Vec::new(), z: Vec::new() },
+        Columns::F64 { .. } => Columns::F64 { y: Vec::new(), z: Vec::new() },
+    }
+}
+
+fn extend(columns: &mut Columns, ys: &[f64], zs: &[f64]) {
+    match columns {
+        // They were of single precision before.
+        Columns::F32 { y, z } => {
+            y.extend(ys.iter().map(|v| *v as f32));
+            z.extend(zs.iter().map(|v| *v as f32));
+        }
+        Columns::F64 { y, z } => {
+            y.extend(ys);
+            z.extend(zs);
+        }
+    }
+}
