@@ -13,11 +13,12 @@ use super::extent;
 use super::model::Cylinder;
 use super::patches::{self, Averages, Cut, Patch, Surface};
 use super::readings;
-use super::repeats::repeats;
+use super::repeats::repeated;
 use super::rest::Rest;
 use super::settle::Settled;
 use super::smooth;
 use super::solve::{self, Problem, Solution};
+use super::step::Hold;
 use crate::estimation::{Progress, robust};
 use crate::scan::Scan;
 use nalgebra::Vector5;
@@ -47,10 +48,8 @@ const TOLERANCE: f64 = 3.0;
 /// Points that make a patch: few show where a layer ends, many show a thin one.
 const POINTS_WANTED: [usize; 2] = [12, 60];
 const ROUNDS: usize = 3;
-/// Profiles that are independent of each other repeat by more standard deviations than this once in 120 scans;
-const REPEATED: f64 = 2.4;
-/// that counts where the fit is rougher by this than neighbouring points are.
-const ROUGHER: f64 = 1.1;
+/// A shift of the profile follows about half of a layer's height.
+const LEVELLED: f64 = 2.0;
 
 /// What became of the fit.
 pub(super) enum Verdict {
@@ -93,18 +92,28 @@ pub(super) fn mend(
     let base = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
     if let Some(surface) = surface {
         rivals.extend(readings::lower(&surface, &base.cylinder, problem.hold, base.sigma));
-        let roughness = extent::roughness(problem.scan);
-        // What is taken out would repeat.
-        let whole = !matches!(verdict, Verdict::Mended(_)) && base.sigma > ROUGHER * roughness;
-        if !rivals.is_empty() || (whole && repeats(&surface) > REPEATED) {
-            rivals.extend(readings::beside(&surface, &base.cylinder, problem.hold, base.sigma, roughness));
-        }
+        // What is taken out would repeat; of what is left it was asked before.
+        let whole = !matches!(verdict, Verdict::Mended(_));
+        rivals.extend(low(problem.scan, problem.hold, base, &surface, whole, !rivals.is_empty()));
     }
     match verdict {
         verdict if rivals.is_empty() => verdict,
-        Verdict::Mended(mended) => Verdict::Mended(Solution { rivals, ..mended }),
+        Verdict::Mended(mended) => {
+            rivals.extend(&mended.rivals);
+            Verdict::Mended(Solution { rivals, ..mended })
+        }
         _ => Verdict::Open { rivals },
     }
+}
+
+/// What a layer too low to be found does to the fit, where profiles repeat one, or where one is `seen`.
+fn low(scan: &Scan, hold: Hold, fit: &Solution, surface: &Surface, asked: bool, seen: bool) -> Option<Vector5<f64>> {
+    let excess = (fit.sigma.powi(2) - extent::roughness(scan).powi(2)).max(0.0).sqrt();
+    let repeated = Some(surface).filter(|_| asked).map(repeated).filter(|found| found.tells(excess / fit.sigma));
+    let shared = repeated.map_or(0.0, |repeated| repeated.shared);
+    // Half of the points above the middle and half below scatter by half of the height.
+    let height = 2.0 * excess.max(LEVELLED * shared);
+    (seen || repeated.is_some()).then(|| readings::beside(surface, &fit.cylinder, hold, fit.sigma, height)).flatten()
 }
 
 fn reach(fit: &Solution) -> f64 {
@@ -256,6 +265,8 @@ fn refit(problem: &Problem<'_>, fit: &Solution, part: &Settled, averages: &Avera
     let rest_problem = Problem { scan: &rest.scan, used: &rest.used, progress: &silent, ..*problem };
     let mut solution = solve::solve(&rest_problem, &Settled { cylinder: part.cylinder, sigma })?;
     areas::widen(&rest.scan, &rest.used, &mut solution, hold);
+    let surface = look(&rest_problem, &solution);
+    solution.rivals.extend(surface.and_then(|left| low(&rest.scan, hold, &solution, &left, true, false)));
     Some(rest.restore(solution))
 }
 

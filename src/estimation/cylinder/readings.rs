@@ -140,17 +140,15 @@ fn reading(
     Some(shift)
 }
 
-/// What a layer beside the part does, as high as the scatter beyond the points' own `roughness` and up to one of some places
-/// along the arc: the worst of them. A fit that was bent into both surfaces shows neither its height nor its edge.
+/// What a layer of this height beside the part does that goes up to one of some places along the arc: the worst of them. A
+/// fit that was bent into both surfaces shows no edge.
 pub(super) fn beside(
     surface: &Surface,
     cylinder: &Cylinder,
     hold: Hold,
     sigma: f64,
-    roughness: f64,
+    height: f64,
 ) -> Option<Vector5<f64>> {
-    // Half of the points above the middle and half below scatter by half of the height.
-    let height = 2.0 * (sigma * sigma - roughness * roughness).max(0.0).sqrt();
     let mut angles: Vec<f64> = surface.near.iter().map(|point| point.angle).collect();
     angles.sort_unstable_by(f64::total_cmp);
     let row = |point: &Near| {

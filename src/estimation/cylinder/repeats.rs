@@ -1,6 +1,6 @@
 //! Whether profiles repeat what those before them show beside the fit: a layer lies on many in the same place, while noise,
-//! also what neighbouring points share of it, begins anew in each. In: the points near a fit. Out: by how many standard
-//! deviations they do. Must not know what it is that they repeat.
+//! also what neighbouring points share of it, begins anew in each. In: the points near a fit. Out: how high it is, and by how
+//! many standard deviations it shows. Must not know what it is that they repeat.
 //!
 //! With e_i the deviations of profile i over sectors of the arc, without the shift in y and in z that vibration gives it, and
 //! m_i a running mean of those before it, s_i = e_i · m_i is zero on average where profiles are independent, whatever is
@@ -13,27 +13,63 @@ use nalgebra::{Matrix2, Vector2};
 const POINTS: usize = 3;
 const SECTORS: [usize; 2] = [6, 24];
 /// What of the running mean stays from one profile to the next.
-const STAYS: f64 = 0.6;
+const STAYS: f64 = 0.8;
 
-/// By how many standard deviations profiles go together with those before them.
-pub(super) fn repeats(surface: &Surface) -> f64 {
+/// Profiles that are independent of each other repeat by more standard deviations than this once in 700 scans,
+const CERTAIN: f64 = 3.0;
+/// and than this once in 120; that counts where the fit is rougher than its points, by this share of its scatter.
+const LIKELY: f64 = 2.4;
+const ROUGHER: f64 = 0.4;
+
+/// What profiles have in common with those before them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Repeated {
+    /// By how many standard deviations.
+    pub(super) certain: f64,
+    /// Root mean square of it, mm.
+    pub(super) shared: f64,
+}
+
+impl Repeated {
+    /// Whether it is more than chance, where the fit is rougher by a share of its scatter than neighbouring points are.
+    pub(super) fn tells(&self, excess: f64) -> bool {
+        self.certain > CERTAIN || (self.certain > LIKELY && excess > ROUGHER)
+    }
+}
+
+/// What profiles repeat of those before them.
+pub(super) fn repeated(surface: &Surface) -> Repeated {
     let profiles = || surface.near.chunk_by(|one, next| one.index == next.index);
     let [least, most] = SECTORS;
     let sectors = (surface.near.len() / profiles().count().max(1) / POINTS).clamp(least, most);
     let ends = surface.ends();
-    let (mut running, mut sum, mut squares) = (vec![0.0; sectors], 0.0, 0.0);
+    let (mut running, mut sum, mut squares, mut pairs) = (vec![Sector::default(); sectors], 0.0, 0.0, 0.0);
     for profile in profiles() {
         let own = deviations(profile, ends, sectors);
-        let together: f64 = own.iter().zip(&running).map(|(own, running)| own * running).sum();
+        let both = || own.iter().zip(&running);
+        let together: f64 = both().map(|(own, running)| own.sum * running.sum).sum();
         sum += together;
         squares += together * together;
-        running.iter_mut().zip(own).for_each(|(running, own)| *running = STAYS * *running + own);
+        pairs += both().map(|(own, running)| own.count * running.count).sum::<f64>();
+        for (running, own) in running.iter_mut().zip(own) {
+            running.sum = STAYS * running.sum + own.sum;
+            running.count = STAYS * running.count + own.count;
+        }
     }
-    if squares > 0.0 { sum / squares.sqrt() } else { 0.0 }
+    let quotient = |of: f64, by: f64| if by > 0.0 { of / by } else { 0.0 };
+    Repeated { certain: quotient(sum, squares.sqrt()), shared: quotient(sum, pairs).max(0.0).sqrt() }
+}
+
+/// What lies in a sector of the arc.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sector {
+    count: f64,
+    /// Of deviations, mm.
+    sum: f64,
 }
 
 /// Sums over sectors of what the points of a profile deviate by, beside its shift.
-fn deviations(profile: &[Near], ends: [f64; 2], sectors: usize) -> Vec<f64> {
+fn deviations(profile: &[Near], ends: [f64; 2], sectors: usize) -> Vec<Sector> {
     let direction = |point: &Near| Vector2::new(point.angle.cos(), point.angle.sin());
     let (mut normal, mut right) = (Matrix2::zeros(), Vector2::zeros());
     for point in profile {
@@ -42,10 +78,11 @@ fn deviations(profile: &[Near], ends: [f64; 2], sectors: usize) -> Vec<f64> {
         right += row * point.d;
     }
     let shift = normal.cholesky().map_or_else(Vector2::zeros, |normal| normal.solve(&right));
-    let mut sums = vec![0.0; sectors];
+    let mut sums = vec![Sector::default(); sectors];
     for point in profile {
-        if let Some(sum) = sums.get_mut(patches::sector(point.angle, ends, sectors)) {
-            *sum += point.d - direction(point).dot(&shift);
+        if let Some(sector) = sums.get_mut(patches::sector(point.angle, ends, sectors)) {
+            sector.count += 1.0;
+            sector.sum += point.d - direction(point).dot(&shift);
         }
     }
     sums
