@@ -54,3 +54,35 @@ fn depths(sample: &Sample, station: &Station, cylinder: &Cylinder) -> Vec<f64> {
     let (y, z) = sample.points(station);
     y.iter().zip(z).map(|(y, z)| -slice.distance(*y, *z)).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CYLINDER: Cylinder = Cylinder { x_ref: 0.0, p: 0.0, q: 0.0, y_ref: 0.0, z_ref: 0.0, radius: 10.0 };
+
+    /// Ten profiles of twenty points, each as far below the cylinder as said.
+    fn sample(depth: impl Fn(usize, usize) -> f64) -> Sample {
+        let mut sample = Sample { stations: Vec::new(), y: Vec::new(), z: Vec::new() };
+        for profile in 0..10 {
+            for point in 0..20 {
+                let (sin, cos) = (0.1 * point as f64 - 1.0).sin_cos();
+                let reach = 10.0 - depth(profile, point);
+                sample.y.push(reach * sin);
+                sample.z.push(reach * cos);
+            }
+            sample.stations.push(Station { x: profile as f64, start: 20 * profile, end: 20 * profile + 20 });
+        }
+        sample
+    }
+
+    #[test]
+    fn a_surface_beside_the_fit_and_below_it_is_told_from_parts_in_a_row_and_from_holes() {
+        let sleeve = beneath(&sample(|_, point| if point < 6 { 1.0 } else { 0.0 }), &CYLINDER, 0.01);
+        let Beneath { depth, coverage } = sleeve.expect("a surface beneath");
+        assert!((depth - 1.0).abs() < 0.03 && coverage == 1.0, "{sleeve:?}");
+        assert_eq!(beneath(&sample(|profile, _| if profile < 5 { 1.0 } else { 0.0 }), &CYLINDER, 0.01), None);
+        assert_eq!(beneath(&sample(|_, point| if point < 6 { point as f64 } else { 0.0 }), &CYLINDER, 0.01), None);
+        assert_eq!(beneath(&sample(|_, _| 0.0), &CYLINDER, 0.01), None);
+    }
+}

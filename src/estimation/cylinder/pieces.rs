@@ -39,8 +39,8 @@ fn counting(bins: &[usize]) -> Option<[usize; 2]> {
     let mut counting = pieces.iter().filter(|piece| piece.points_count as f64 >= PIECE_MIN * all as f64);
     let first = counting.next()?;
     let last = counting.next_back().unwrap_or(first);
-    let before = bins.iter().take((first.start + 1).saturating_sub(GAP));
-    let beyond: usize = before.chain(bins.iter().skip(last.end + GAP - 1)).sum();
+    let before = bins.iter().take(first.start.saturating_sub(GAP));
+    let beyond: usize = before.chain(bins.iter().skip(last.end + GAP)).sum();
     (beyond > 0).then_some([first.start, last.end])
 }
 
@@ -78,14 +78,14 @@ mod tests {
     fn a_gap_of_twenty_degrees_parts_and_a_narrower_one_does_not() {
         let mut bins = [0; BINS];
         bins[100..140].fill(50);
-        bins[158] = 5;
-        assert_eq!(pieces(&bins), [Piece { start: 100, end: 159, points_count: 2005 }]);
-        assert_eq!(counting(&bins), None);
-        bins[158] = 1;
-        assert_eq!(counting(&bins), None);
         bins[159] = 5;
+        assert_eq!(pieces(&bins), [Piece { start: 100, end: 160, points_count: 2005 }]);
+        assert_eq!(counting(&bins), None);
+        bins[159] = 1;
         assert_eq!(counting(&bins), None);
         bins[160] = 5;
         assert_eq!(counting(&bins), Some([100, 140]));
+        bins[150] = 5;
+        assert_eq!(counting(&bins), None);
     }
 }

@@ -82,3 +82,21 @@ fn extend(columns: &mut Columns, ys: &[f64], zs: &[f64]) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_stays_keeps_its_bits_and_its_place() {
+        let columns = Columns::F32 { y: vec![0.1, 0.2, 0.3, 0.4, 0.5, 0.6], z: vec![1.1, 1.2, 1.3, 1.4, 1.5, 1.6] };
+        let station = |x: f64, start: usize| Station { x, start, end: start + 2 };
+        let stations = vec![station(0.0, 0), station(1.0, 2), station(2.0, 4)];
+        let scan = Scan::new(stations, columns, "by hand".to_owned()).expect("a scan");
+        let rest = Rest::of(&scan, &[true, true, false], |index, _| move |y: f64, _| index == 1 && y > 0.35);
+        let rest = rest.expect("a point");
+        assert_eq!(*rest.scan.columns(), Columns::F32 { y: vec![0.4], z: vec![1.4] });
+        assert_eq!((rest.kept, rest.whole_count), (vec![1], 3));
+        assert!(Rest::of(&scan, &[true; 3], |_, _| |_: f64, _: f64| false).is_none());
+    }
+}
