@@ -237,13 +237,16 @@ fn a_scan_that_stops_before_the_part_does_shows_no_end() {
         Scene { drop_out_ratio: 0.3, ..PLAIN },
         Scene { method: Method::SectionLinePlain, ..PLAIN },
     ] {
-        for seed in 0..4 {
+        for seed in 0..12 {
             let part = Part { edges: Edges { near: None, ..scene.part(seed).edges }, ..scene.part(seed) };
             let (estimate, _) = measure(&part, &scene.settings());
             let [near, far] = faces(&estimate);
-            assert!(near.is_none() && far.is_some(), "{near:?} {far:?}");
-            let warned = |warning: &Warning| matches!(warning, Warning::EndFaceNotSeen { end } if end.name() == "near");
-            assert_eq!(estimate.conditioning.warnings.iter().filter(|w| warned(w)).count(), 1);
+            // Where plain sections leave the axis open by degrees, the far end may be too uncertain to be told, too.
+            let expected = far.is_some() || scene.method == Method::SectionLinePlain;
+            assert!(near.is_none() && expected, "{near:?} {far:?}");
+            let warned = |warning: &Warning| matches!(warning, Warning::EndFaceNotSeen { .. });
+            let warned_count = estimate.conditioning.warnings.iter().filter(|w| warned(w)).count();
+            assert_eq!(warned_count, 1 + usize::from(far.is_none()));
         }
     }
 }

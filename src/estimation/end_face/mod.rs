@@ -52,7 +52,7 @@ pub(super) fn complete(scan: &Scan, settings: &Settings, estimate: &mut Estimate
     let tolerance = settings.epsilon_mm.max(SURFACE_SIGMAS * sigma);
     let [near, far] = [End::Near, End::Far].map(|end| {
         let found = asked.asks_for(end).then(|| find(scan, pose, end, tolerance));
-        let found = found.map(|found| Some(found?.face(pose, &settings.type_b)));
+        let found = found.map(|found| found?.face(pose, &settings.type_b));
         if found.is_some_and(|face| face.is_none()) {
             estimate.conditioning.warnings.push(Warning::EndFaceNotSeen { end });
         }
@@ -74,8 +74,7 @@ fn find(scan: &Scan, pose: &Pose, end: End, tolerance: f64) -> Option<Found> {
     let seen = cells::cells(&glimpses, &coarse, &lattice, tolerance);
     let about = reach::reach(&cells::evidence(&seen, &lattice, None), 0.0, coarse_spacing)?;
     let stage = Stage { scan, view: &view, about, coarse_spacing, span: lattice.span(), tolerance };
-    let (offset, lattice) = stage.refine(&planes)?;
-    Some(Found { view, offset, lattice })
+    stage.refine(&planes)
 }
 
 /// An end as it was seen.
@@ -83,13 +82,18 @@ struct Found {
     view: View,
     offset: Offset,
     lattice: Lattice,
+    /// How much was looked at before the end, mm.
+    looked_at: f64,
 }
 
 impl Found {
-    fn face(&self, pose: &Pose, type_b: &TypeB) -> EndFace {
+    /// `None` where the pose leaves more open than was looked at: an axis that is off lets the surface leave its tolerance,
+    /// and that is no end.
+    fn face(&self, pose: &Pose, type_b: &TypeB) -> Option<EndFace> {
         let centre = self.view.point(&self.offset);
         let variance = self.view.variance(pose, &self.offset, &self.lattice) + type_b.along_x(centre);
-        EndFace { centre, x_standard: self.view.half_of_expanded(&self.offset, variance) }
+        let x_standard = self.view.half_of_expanded(&self.offset, variance);
+        (2.0 * x_standard <= self.looked_at).then_some(EndFace { centre, x_standard })
     }
 }
 
@@ -105,7 +109,7 @@ struct Stage<'a> {
 }
 
 impl Stage<'_> {
-    fn refine(&self, planes: &[Plane]) -> Option<(Offset, Lattice)> {
+    fn refine(&self, planes: &[Plane]) -> Option<Found> {
         let (view, spacing) = (self.view, self.view.spacing(planes)?);
         let slack = 2.0 * (self.coarse_spacing - spacing).max(0.0);
         let length = |[mm, spacings]: [f64; 2]| f64::max(mm, spacings * spacing) + slack;
@@ -125,7 +129,7 @@ impl Stage<'_> {
         let lattice = Lattice::of(angles, columns.clamp(least, most), view)?;
         let cells = cells::cells(&glimpses, &planes, &lattice, self.tolerance);
         let offset = Search { cells: &cells, lattice: &lattice, range: [from, to], spacing }.end()?;
-        Some((offset, lattice))
+        Some(Found { view: *view, offset, lattice, looked_at: length(BEFORE) })
     }
 }
 
