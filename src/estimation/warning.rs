@@ -61,7 +61,8 @@ pub enum Warning {
     /// An end face was asked for that the scan does not show.
     #[error(
         "the {} end face is not seen: the scan must go on beyond that end of the part, by two profiles or more that show the \
-         background or are kept though they are empty, and part of the edge must be free of clamps", .end.name()
+         background or are kept though they are empty, part of the edge must be free of clamps, and the axis must be known well \
+         enough to tell where the surface ends", .end.name()
     )]
     EndFaceNotSeen {
         /// Which.
