@@ -99,7 +99,7 @@ pub enum Refusal {
     /// Two surfaces that could both be the part.
     #[error(
         "the scan could be a part of {radius_a_mm:.3} mm radius (on {:.0} % of the profiles) or one of {radius_b_mm:.3} mm \
-         (on {:.0} %); say which by nominal_radius_mm", 100.0 * .coverage_a, 100.0 * .coverage_b
+         (on {:.0} %); say which by nominal_radius_mm, or leave the other out by region", 100.0 * .coverage_a, 100.0 * .coverage_b
     )]
     TwoCylinders {
         /// Radius of the one.

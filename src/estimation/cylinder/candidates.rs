@@ -7,6 +7,7 @@
 use super::consensus::{self, Bounds};
 use super::model::Cylinder;
 use super::narrow;
+use super::pieces;
 use super::sample::Sample;
 use super::settle::{Settled, settle, total};
 use super::step::{self, Hold};
@@ -67,10 +68,6 @@ const RADIUS_SIGMAS: f64 = 3.0;
 const PLANE: f64 = 1.5;
 /// A shorter arc, radians (75°), with points of a plane at its ends still looks like an arc.
 const ARC_BESIDE_PLANE: f64 = 1.31;
-/// A gap in it, radians (20°), beyond which
-const GAP: f64 = 0.35;
-/// less than this share of its points is no part of it.
-const PIECE_MIN: f64 = 0.1;
 /// Less of a scan than this on a surface is chance.
 const SUPPORT_MIN: f64 = 0.1;
 /// What is left of a sample after a surface was taken out is worth another search above this share.
@@ -104,25 +101,17 @@ pub(super) fn candidates(sample: &Sample, bounds: &Bounds, noise: Noise, hold: H
     counted(&found, sample)
 }
 
-/// The arc that the sample's points on it span, radians about the direction in which their mean lies. A few points beyond a
-/// wide gap do not lengthen it: there a floor crosses the circle that the arc's ends were bent into.
+/// The arc that the sample's points on it span, radians. A few points beyond a wide gap do not lengthen it: there a floor
+/// crosses the circle that the arc's ends were bent into.
 fn seen(settled: &Settled, sample: &Sample) -> f64 {
     let reach = robust::TUKEY_C * settled.sigma;
-    let mut on = Vec::new();
-    for station in &sample.stations {
+    let angles = sample.stations.iter().flat_map(|station| {
         let slice = settled.cylinder.slice(station.x);
         let (y, z) = sample.points(station);
-        let near = y.iter().zip(z).filter(|(y, z)| slice.distance(**y, **z).abs() < reach);
-        on.extend(near.map(|(y, z)| [y - slice.y, z - slice.z]));
-    }
-    let [u, w] = on.iter().fold([0.0, 0.0], |[u, w], point| [u + point[0], w + point[1]]);
-    let angle = |point: &[f64; 2]| (point[1] * u - point[0] * w).atan2(point[0] * u + point[1] * w);
-    let mut angles: Vec<f64> = on.iter().map(angle).collect();
-    angles.sort_unstable_by(f64::total_cmp);
-    let pieces = angles.chunk_by(|one, next| next - one < GAP);
-    let held = pieces.filter(|piece| piece.len() as f64 >= PIECE_MIN * on.len() as f64);
-    let ends: Vec<f64> = held.flat_map(|piece| piece.first().into_iter().chain(piece.last())).copied().collect();
-    ends.last().zip(ends.first()).map_or(0.0, |(last, first)| last - first)
+        let near = y.iter().zip(z).filter(move |(y, z)| slice.distance(**y, **z).abs() < reach);
+        near.map(move |(y, z)| (y - slice.y).atan2(z - slice.z))
+    });
+    pieces::arc(angles)
 }
 
 /// A floor or a jaw's face is a plane: a cylinder of any large radius fits it, and none is the part.

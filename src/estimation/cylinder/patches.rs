@@ -6,6 +6,7 @@ use super::model::{Cylinder, Slice};
 use super::sample::{Sample, spread};
 use crate::scan::{Scan, Station};
 use rayon::prelude::*;
+use std::f64::consts::TAU;
 
 /// Blocks along x and sectors of the arc, at most.
 const BLOCKS_MAX: usize = 64;
@@ -66,14 +67,15 @@ pub(super) struct Surface {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Directions {
     mean: [f64; 2],
-    span: [f64; 2],
+    /// Angle of the first, and how far they go on from there, radians.
+    first: f64,
+    length: f64,
 }
 
 impl Directions {
     /// Whether the point (y, z) lies in one of them.
     pub(super) fn hold(&self, slice: &Slice, y: f64, z: f64) -> bool {
-        let [low, high] = self.span;
-        (low..=high).contains(&angle(self.mean, slice, y, z))
+        (angle(self.mean, slice, y, z) - self.first).rem_euclid(TAU) <= self.length
     }
 }
 
@@ -112,7 +114,7 @@ pub(super) struct Averages {
 pub(super) fn look(scan: &Scan, used: &[bool], cylinder: &Cylinder, reach: f64) -> Option<Surface> {
     let (points, every) = (scan.points(), scan.stations().len().div_ceil(PROFILES_MAX).max(1));
     let stride = (points.end - points.start).div_ceil(POINTS_MAX * every).max(1);
-    let mean = direction(scan, cylinder);
+    let mean = direction(scan, cylinder, reach);
     let looked_at: Vec<(usize, &Station)> = scan
         .stations()
         .iter()
@@ -142,14 +144,15 @@ pub(super) fn look(scan: &Scan, used: &[bool], cylinder: &Cylinder, reach: f64) 
     (!near.is_empty()).then_some(Surface { cylinder: *cylinder, mean, near, planes, every, stride })
 }
 
-/// The direction from the axis to the middle of some points.
-fn direction(scan: &Scan, cylinder: &Cylinder) -> [f64; 2] {
+/// The direction from the axis to the middle of some points near the cylinder; what stands beside the part says nothing of it.
+fn direction(scan: &Scan, cylinder: &Cylinder, reach: f64) -> [f64; 2] {
     let mut sum = [0.0; 2];
     let stations = scan.stations();
     for station in spread(stations.len(), SEEN).filter_map(|index| stations.get(index)) {
         let slice = cylinder.slice(station.x);
         let places = spread(station.end - station.start, SEEN).map(|place| station.start + place);
-        for [y, z] in places.filter_map(|place| scan.columns().get(place)) {
+        let points = places.filter_map(|place| scan.columns().get(place));
+        for [y, z] in points.filter(|[y, z]| slice.distance(*y, *z).abs() < reach) {
             sum = [sum[0] + y - slice.y, sum[1] + z - slice.z];
         }
     }
@@ -168,9 +171,9 @@ impl Surface {
         self.planes.get(point.index).copied().unwrap_or(0.0)
     }
 
-    /// Those between two angles from the middle direction.
-    pub(super) fn directions(&self, span: [f64; 2]) -> Directions {
-        Directions { mean: self.mean, span }
+    /// Those from an angle from the middle direction on.
+    pub(super) fn directions(&self, first: f64, length: f64) -> Directions {
+        Directions { mean: self.mean, first, length }
     }
 
     /// One in so many points was looked at.

@@ -1,0 +1,242 @@
+//! The surface of the part: which cylinder the points lie on, and the points that say so. In: a scan and what is asked for.
+//! Out: the joint fit, or why there is none. Must not weigh how well it is known, nor judge profiles.
+
+use super::beneath;
+use super::candidates::{self, Candidate, Choice, Noise};
+use super::consensus::Bounds;
+use super::extent;
+use super::judge;
+use super::layers::{self, Verdict};
+use super::model::Cylinder;
+use super::patches::{self, Cut, Directions};
+use super::pieces;
+use super::rest::Rest;
+use super::sample::Sample;
+use super::settle::Settled;
+use super::solve::{self, Problem, Solution};
+use super::step::Hold;
+use super::{areas, hold, too_few, too_short};
+use crate::estimation::unusable::unusable;
+use crate::estimation::{Progress, Reason, Refusal, Settings, robust};
+use crate::scan::Scan;
+
+/// Sampled for the start: enough that the finest surface is told from its neighbours.
+const SAMPLE_PROFILES_MAX: usize = 128;
+const SAMPLE_POINTS_MAX: usize = 96;
+/// Steepest slope that is looked for, beyond the 10° that parts are held to.
+const SLOPE_MAX: f64 = 0.35;
+/// Radii that are looked for, in sizes of a profile: a full section has a third of its diagonal, less with a floor
+/// beside it, an arc of 10° six times it.
+const RADIUS_SIZES: [f64; 2] = [0.1, 8.0];
+/// Radii that are looked for about a nominal one, relative to it.
+const NOMINAL_REACH: f64 = 0.02;
+/// What is near a start: this many times the roughness, but within these shares of the size of a profile.
+const TOLERANCE_ROUGHNESS: f64 = 4.0;
+const TOLERANCE_SIZES: [f64; 2] = [0.002, 0.02];
+
+/// How often points in other directions may be left out before nothing hangs together.
+const ROUNDS_MAX: usize = 4;
+/// A surface so much rougher than neighbouring points is looked at again,
+const SUSPICIOUS: f64 = 2.0;
+/// unless they are so smooth, relative to its radius, that this is rounding.
+const ROUGHNESS_MIN: f64 = 1e-7;
+/// A closer look has found another surface where the scatter is below this share of the first.
+const FINER: f64 = 0.7;
+
+/// What is asked of every round.
+struct Search<'a> {
+    settings: &'a Settings,
+    hold: Hold,
+    /// Profiles of the whole scan.
+    profiles_count: usize,
+}
+
+/// What became of a round.
+enum Round {
+    Found(Box<Solution>),
+    /// Points elsewhere hold the fit; only those in these directions from its axis count.
+    Within(Cylinder, Directions),
+}
+
+/// The fit to the part.
+pub(super) fn search(
+    scan: &Scan,
+    used: &[bool],
+    settings: &Settings,
+    progress: &Progress,
+) -> Result<Solution, Refusal> {
+    if let Some(refusal) = unusable(scan, settings) {
+        return Err(refusal);
+    }
+    let search = Search { settings, hold: hold(settings), profiles_count: scan.stations().len() };
+    let mut within = match search.round(scan, used, progress)? {
+        Round::Found(solution) => return Ok(*solution),
+        Round::Within(cylinder, directions) => vec![(cylinder, directions)],
+    };
+    while within.len() <= ROUNDS_MAX {
+        let rest = Rest::of(scan, used, |_, station| {
+            let slices: Vec<_> = within.iter().map(|(cylinder, held)| (cylinder.slice(station.x), *held)).collect();
+            move |y, z| slices.iter().all(|(slice, held)| held.hold(slice, y, z))
+        });
+        let rest = rest.ok_or_else(|| search.no_cylinder())?;
+        let used = enough(&rest.scan, settings);
+        match search.round(&rest.scan, &used, &Progress::default())? {
+            Round::Found(solution) => return Ok(rest.restore(*solution)),
+            Round::Within(cylinder, directions) => within.push((cylinder, directions)),
+        }
+    }
+    Err(search.no_cylinder())
+}
+
+/// Which profiles have as many points as the settings ask for.
+pub(super) fn enough(scan: &Scan, settings: &Settings) -> Vec<bool> {
+    scan.stations().iter().map(|station| station.end - station.start >= settings.points_min as usize).collect()
+}
+
+impl Search<'_> {
+    fn no_cylinder(&self) -> Refusal {
+        Refusal::NoCylinder { nominal_radius_mm: self.settings.nominal_radius_mm }
+    }
+
+    fn round(&self, scan: &Scan, used: &[bool], progress: &Progress) -> Result<Round, Refusal> {
+        let (settings, hold) = (self.settings, self.hold);
+        let valid_count = used.iter().filter(|used| **used).count();
+        if valid_count < settings.profiles_min as usize {
+            return Err(too_few(self.profiles_count, valid_count, Reason::TooFewPoints, None, settings));
+        }
+        too_short(scan.stations().iter().zip(used).filter(|(_, used)| **used).map(|(s, _)| s), settings)?;
+        let sample = Sample::take(scan, used, SAMPLE_PROFILES_MAX, SAMPLE_POINTS_MAX);
+        let bounds = bounds(scan, &sample, settings);
+        let chosen = match self.choose(&sample, &bounds, Noise::Unknown) {
+            Choice::One(candidate) => self.finer(scan, used, &sample, &bounds, candidate)?,
+            Choice::Two(a, b) => return Err(two_cylinders(&a, &b)),
+            Choice::None => return Err(self.no_cylinder()),
+        };
+        let resolved = |solution: &Solution| {
+            let [least, most] = bounds.radius_mm;
+            let radius = solution.cylinder.radius;
+            // At the end of what was looked for lies a plane or a line, not a part.
+            radius >= least && radius <= most && radius >= settings.radius_resolved_mm()
+        };
+        let epsilon = judge::epsilon(settings, chosen.settled.sigma);
+        let problem = Problem { scan, used, hold, epsilon, progress };
+        let mut solution =
+            solve::solve(&problem, &chosen.settled).filter(resolved).ok_or_else(|| self.no_cylinder())?;
+        let surface = layers::look(&problem, &solution);
+        if let Some(directions) = surface.as_ref().and_then(|surface| pieces::held(surface, solution.sigma)) {
+            return Ok(Round::Within(solution.cylinder, directions));
+        }
+        if let Some(refusal) = self.sleeve(&problem, &sample, &chosen, &solution) {
+            return Err(refusal);
+        }
+        match layers::mend(&problem, &solution, surface, &bounds, settings.nominal_radius_mm) {
+            Verdict::Clean => {}
+            Verdict::Open { rivals } => solution.rivals = rivals,
+            Verdict::Mended(mended) => {
+                return Some(mended).filter(resolved).map(Box::new).map(Round::Found).ok_or_else(|| self.no_cylinder());
+            }
+            Verdict::Two(a, b) => return Err(two_cylinders(&a, &b)),
+            Verdict::Undecided { layer_ratio, reach_mm } => {
+                return Err(Refusal::LayersUndecided { layer_ratio, reach_mm });
+            }
+        }
+        areas::widen(scan, used, &mut solution, hold);
+        Ok(Round::Found(Box::new(solution)))
+    }
+
+    /// The candidate that is the part. A radius that is held fits every surface, and where that leaves two, the radii that the
+    /// points say tell which of them is the nominal one.
+    fn choose(&self, sample: &Sample, bounds: &Bounds, noise: Noise) -> Choice {
+        let choice = |hold: Hold| {
+            let found = candidates::candidates(sample, bounds, noise, hold);
+            candidates::choose(&found, self.settings.nominal_radius_mm, sample)
+        };
+        match choice(self.hold) {
+            Choice::Two(..) if !matches!(self.hold, Hold::Free) => choice(Hold::Free),
+            choice => choice,
+        }
+    }
+
+    /// The candidate looked at as closely as the points' own roughness allows: where a coarse look took a low layer and the part
+    /// for one rough surface, a fine one tells them apart.
+    fn finer(
+        &self,
+        scan: &Scan,
+        used: &[bool],
+        sample: &Sample,
+        bounds: &Bounds,
+        coarse: Candidate,
+    ) -> Result<Candidate, Refusal> {
+        let reach = robust::TUKEY_C * coarse.settled.sigma;
+        let surface = patches::look(scan, used, &coarse.settled.cylinder, reach);
+        let averages = surface.and_then(|surface| surface.average(Cut::Profiles));
+        // Whole profiles may be off, which is no layer.
+        let roughness = averages.as_ref().map_or(0.0, layers::own_scatter).max(extent::roughness(scan));
+        if coarse.settled.sigma < SUSPICIOUS * roughness || roughness < ROUGHNESS_MIN * coarse.settled.cylinder.radius {
+            return Ok(coarse);
+        }
+        let bounds = Bounds { tolerance: TOLERANCE_ROUGHNESS * roughness, ..*bounds };
+        match self.choose(sample, &bounds, Noise::Known(roughness)) {
+            Choice::Two(..) if averages.as_ref().is_some_and(layers::smooth) => Ok(coarse),
+            Choice::Two(a, b) => Err(two_cylinders(&a, &b)),
+            Choice::One(fine) if fine.coverage >= candidates::COVERAGE_MIN => {
+                // Neighbours may share their noise: what one point scatters by is seen only now.
+                let settled = candidates::grown(sample, fine.settled.cylinder, robust::TUKEY_C * roughness, self.hold);
+                let finer = settled.filter(|settled| settled.sigma < FINER * coarse.settled.sigma);
+                Ok(finer.map_or(coarse, |settled| Candidate { settled, ..fine }))
+            }
+            Choice::One(_) | Choice::None => Ok(coarse),
+        }
+    }
+
+    /// Where another surface about the same axis lies beneath, the fit may be a jaw; a nominal radius says which is the part.
+    fn sleeve(
+        &self,
+        problem: &Problem<'_>,
+        sample: &Sample,
+        chosen: &Candidate,
+        solution: &Solution,
+    ) -> Option<Refusal> {
+        let least = self.settings.radius_resolved_mm();
+        let beneath = beneath::beneath(sample, &solution.cylinder, solution.sigma)?;
+        let free = free_radius(problem, solution);
+        let radius_a_mm = free.unwrap_or(solution.cylinder.radius);
+        let radius_b_mm = radius_a_mm - beneath.depth;
+        let off = |radius: f64| self.settings.nominal_radius_mm.map(|nominal| (radius - nominal).abs());
+        let told = free.is_some() && off(radius_a_mm).zip(off(radius_b_mm)).is_some_and(|(a, b)| a <= b);
+        let (coverage_a, coverage_b) = (chosen.coverage, beneath.coverage);
+        let open = !told && radius_b_mm >= least;
+        open.then_some(Refusal::TwoCylinders { radius_a_mm, coverage_a, radius_b_mm, coverage_b })
+    }
+}
+
+/// The radius that the points say: one that is held says nothing of which surface has it.
+fn free_radius(problem: &Problem<'_>, solution: &Solution) -> Option<f64> {
+    if matches!(problem.hold, Hold::Free) {
+        return Some(solution.cylinder.radius);
+    }
+    let start = Settled { cylinder: solution.cylinder, sigma: solution.sigma };
+    let silent = Progress::default();
+    let free = solve::solve(&Problem { hold: Hold::Free, progress: &silent, ..*problem }, &start)?;
+    Some(free.cylinder.radius)
+}
+
+fn bounds(scan: &Scan, sample: &Sample, settings: &Settings) -> Bounds {
+    let size = extent::size(sample);
+    let [least, most] = TOLERANCE_SIZES;
+    let tolerance = (TOLERANCE_ROUGHNESS * extent::roughness(scan)).clamp(least * size, most * size);
+    let radius_mm = match settings.nominal_radius_mm {
+        Some(nominal) => [nominal * (1.0 - NOMINAL_REACH), nominal * (1.0 + NOMINAL_REACH)],
+        None => RADIUS_SIZES.map(|sizes| sizes * size),
+    };
+    Bounds { slope_max: SLOPE_MAX, radius_mm, tolerance }
+}
+
+fn two_cylinders(a: &Candidate, b: &Candidate) -> Refusal {
+    Refusal::TwoCylinders {
+        radius_a_mm: a.settled.cylinder.radius,
+        coverage_a: a.coverage,
+        radius_b_mm: b.settled.cylinder.radius,
+        coverage_b: b.coverage,
+    }
+}
