@@ -13,7 +13,7 @@ use super::extent;
 use super::model::Cylinder;
 use super::patches::{self, Averages, Cut, Patch, Surface};
 use super::readings;
-use super::repeats::repeated;
+use super::repeats;
 use super::rest::Rest;
 use super::settle::Settled;
 use super::smooth;
@@ -93,8 +93,14 @@ pub(super) fn mend(
     if let Some(surface) = surface {
         rivals.extend(readings::lower(&surface, &base.cylinder, problem.hold, base.sigma));
         // What is taken out would repeat; of what is left it was asked before.
-        let whole = !matches!(verdict, Verdict::Mended(_));
-        rivals.extend(low(problem.scan, problem.hold, base, &surface, whole, !rivals.is_empty()));
+        let (asked, answered) = match &verdict {
+            Verdict::Mended(mended) => (false, !mended.rivals.is_empty()),
+            _ => (true, false),
+        };
+        let height = Some(&surface).filter(|_| asked).and_then(|surface| repeating(problem.scan, base, surface));
+        if !answered && (height.is_some() || !rivals.is_empty()) {
+            rivals.extend(low(problem.scan, problem.hold, base, &surface, height.unwrap_or(0.0)));
+        }
     }
     match verdict {
         verdict if rivals.is_empty() => verdict,
@@ -106,14 +112,22 @@ pub(super) fn mend(
     }
 }
 
-/// What a layer too low to be found does to the fit, where profiles repeat one, or where one is `seen`.
-fn low(scan: &Scan, hold: Hold, fit: &Solution, surface: &Surface, asked: bool, seen: bool) -> Option<Vector5<f64>> {
-    let excess = (fit.sigma.powi(2) - extent::roughness(scan).powi(2)).max(0.0).sqrt();
-    let repeated = Some(surface).filter(|_| asked).map(repeated).filter(|found| found.tells(excess / fit.sigma));
-    let shared = repeated.map_or(0.0, |repeated| repeated.shared);
+/// How high a layer is that profiles repeat, where they do.
+fn repeating(scan: &Scan, fit: &Solution, surface: &Surface) -> Option<f64> {
+    let repeated = repeats::repeated(surface, robust::TUKEY_C * fit.sigma);
+    repeated.tells(excess(scan, fit) / fit.sigma).then_some(LEVELLED * repeated.shared)
+}
+
+/// What a layer does to the fit that is as high as the excess of its scatter, or as this.
+fn low(scan: &Scan, hold: Hold, fit: &Solution, surface: &Surface, height: f64) -> Option<Vector5<f64>> {
     // Half of the points above the middle and half below scatter by half of the height.
-    let height = 2.0 * excess.max(LEVELLED * shared);
-    (seen || repeated.is_some()).then(|| readings::beside(surface, &fit.cylinder, hold, fit.sigma, height)).flatten()
+    readings::beside(surface, &fit.cylinder, hold, fit.sigma, 2.0 * height.max(excess(scan, fit)))
+}
+
+/// What points scatter by beyond their own roughness, mm; 0 where chance may be all of it.
+fn excess(scan: &Scan, fit: &Solution) -> f64 {
+    let excess = (fit.sigma.powi(2) - extent::roughness(scan).powi(2)).max(0.0).sqrt();
+    if excess > repeats::ROUGHER * fit.sigma { excess } else { 0.0 }
 }
 
 fn reach(fit: &Solution) -> f64 {
@@ -266,7 +280,11 @@ fn refit(problem: &Problem<'_>, fit: &Solution, part: &Settled, averages: &Avera
     let mut solution = solve::solve(&rest_problem, &Settled { cylinder: part.cylinder, sigma })?;
     areas::widen(&rest.scan, &rest.used, &mut solution, hold);
     let surface = look(&rest_problem, &solution);
-    solution.rivals.extend(surface.and_then(|left| low(&rest.scan, hold, &solution, &left, true, false)));
+    let low = surface.and_then(|left| {
+        let height = repeating(&rest.scan, &solution, &left)?;
+        low(&rest.scan, hold, &solution, &left, height)
+    });
+    solution.rivals.extend(low);
     Some(rest.restore(solution))
 }
 

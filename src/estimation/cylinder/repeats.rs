@@ -4,7 +4,8 @@
 //!
 //! With e_i the deviations of profile i over sectors of the arc, without the shift in y and in z that vibration gives it, and
 //! m_i a running mean of those before it, s_i = e_i · m_i is zero on average where profiles are independent, whatever is
-//! correlated within them, and uncorrelated from one i to the next. So Σ s_i / √Σ s_i² is a standard normal number.
+//! correlated within them, and uncorrelated from one i to the next. So Σ s_i / √Σ s_i² is nearly a standard normal number
+//! where there are many of them. Of n profiles it is √(n − 1) at most: of ten and fewer nothing is said.
 
 use super::patches::{self, Near, Surface};
 use nalgebra::{Matrix2, Vector2};
@@ -13,13 +14,13 @@ use nalgebra::{Matrix2, Vector2};
 const POINTS: usize = 3;
 const SECTORS: [usize; 2] = [6, 24];
 /// What of the running mean stays from one profile to the next.
-const STAYS: f64 = 0.8;
+const STAYS: f64 = 0.95;
 
-/// Profiles that are independent of each other repeat by more standard deviations than this once in 700 scans,
+/// A normal number is more standard deviations than this once in 740,
 const CERTAIN: f64 = 3.0;
 /// and than this once in 120; that counts where the fit is rougher than its points, by this share of its scatter.
 const LIKELY: f64 = 2.4;
-const ROUGHER: f64 = 0.4;
+pub(super) const ROUGHER: f64 = 0.33;
 
 /// What profiles have in common with those before them.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,11 +38,12 @@ impl Repeated {
     }
 }
 
-/// What profiles repeat of those before them.
-pub(super) fn repeated(surface: &Surface) -> Repeated {
-    let profiles = || surface.near.chunk_by(|one, next| one.index == next.index);
+/// What profiles repeat of those before them, of the points that are nearer to the fit than `reach`: others have no part in it.
+pub(super) fn repeated(surface: &Surface, reach: f64) -> Repeated {
+    let near: Vec<Near> = surface.near.iter().filter(|point| point.d.abs() < reach).copied().collect();
+    let profiles = || near.chunk_by(|one, next| one.index == next.index);
     let [least, most] = SECTORS;
-    let sectors = (surface.near.len() / profiles().count().max(1) / POINTS).clamp(least, most);
+    let sectors = (near.len() / profiles().count().max(1) / POINTS).clamp(least, most);
     let ends = surface.ends();
     let (mut running, mut sum, mut squares, mut pairs) = (vec![Sector::default(); sectors], 0.0, 0.0, 0.0);
     for profile in profiles() {
@@ -100,7 +102,7 @@ mod tests {
         let cylinder =
             Cylinder { x_ref: 0.0, p: axis.p, q: axis.q, y_ref: axis.y0, z_ref: axis.z0, radius: part.radius_mm };
         let used = vec![true; scan.stations().len()];
-        repeated(&patches::look(&scan, &used, &cylinder, 1.0).expect("points"))
+        repeated(&patches::look(&scan, &used, &cylinder, 1.0).expect("points"), 1.0)
     }
 
     #[test]
