@@ -16,6 +16,8 @@ use nalgebra::{Matrix5, Vector5};
 const LEVERAGE_SMALL: f64 = 0.1;
 /// Of fewer profiles what they say together is asked as well.
 const FEW: f64 = 20.0;
+/// And where a parameter hangs on fewer of them than this.
+const FEW_EFFECTIVE: f64 = 10.0;
 /// Parameters of an axis in one projection: what the degrees of freedom cannot get back.
 const LINE: f64 = 2.0;
 
@@ -49,10 +51,13 @@ pub(super) fn sandwich(normal: &Matrix5<f64>, profiles: &[Sums], hold: Hold) -> 
     });
     let widen = Matrix5::from_diagonal(&freedom.map(student_over_normal));
     let mut covariance = widen * scatter * widen * ((clusters_count - 1.0) / clusters_count.max(1.0));
-    if clusters_count < FEW {
+    let few = freedom.map(|freedom| clusters_count < FEW || freedom < FEW_EFFECTIVE);
+    if few.iter().any(|few| *few) {
         let floor = components::variances(&bread, profiles, &free).unwrap_or_else(Vector5::zeros);
         let wider = |own: f64, floor: f64| if own > 0.0 { (floor / own).max(1.0).sqrt() } else { 1.0 };
-        let widen = Matrix5::from_diagonal(&covariance.diagonal().zip_map(&floor, wider));
+        let wider =
+            covariance.diagonal().zip_map(&floor, wider).zip_map(&few, |wider, few| if few { wider } else { 1.0 });
+        let widen = Matrix5::from_diagonal(&wider);
         covariance = widen * covariance * widen;
     }
     covariance.iter().all(|v| v.is_finite()).then_some(covariance)
