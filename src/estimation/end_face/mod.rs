@@ -91,9 +91,10 @@ impl Found {
     /// and that is no end.
     fn face(&self, pose: &Pose, type_b: &TypeB) -> Option<EndFace> {
         let centre = self.view.point(&self.offset);
-        let variance = self.view.variance(pose, &self.offset, &self.lattice) + type_b.along_x(centre);
-        let x_standard = self.view.half_of_expanded(&self.offset, variance);
-        (2.0 * x_standard <= self.looked_at).then_some(EndFace { centre, x_standard })
+        let of_scan = self.view.variance(pose, &self.offset, &self.lattice);
+        let standard = |variance: f64| self.view.half_of_expanded(&self.offset, variance);
+        let x_standard = standard(of_scan + type_b.along_x(centre));
+        (2.0 * standard(of_scan) <= self.looked_at).then_some(EndFace { centre, x_standard })
     }
 }
 
