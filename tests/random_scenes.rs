@@ -24,7 +24,7 @@ use std::collections::BTreeMap;
 
 /// Scenes that continuous integration has time for.
 const SCENES: u64 = 400;
-/// What is still wrong, scenes in a thousand, rounded up (docs/estimation.md). To be lowered, never raised.
+/// What is still wrong, scenes in a thousand, rounded down (docs/estimation.md). To be lowered, never raised.
 const WRONG_PER_THOUSAND: f64 = 0.1;
 /// Wrong is what is off by more of its own standard uncertainties,
 const UNCERTAINTIES_MAX: f64 = 5.0;
@@ -181,7 +181,7 @@ fn no_answer_is_wrong_by_more_than_it_says() {
             println!("    {:?}", scene(*seed));
         }
     }
-    let allowed = (WRONG_PER_THOUSAND * scenes_count as f64 / 1000.0).ceil() as usize;
+    let allowed = (WRONG_PER_THOUSAND * scenes_count as f64 / 1000.0) as usize;
     assert!(wrong.len() <= allowed, "{} answers are wrong", wrong.len());
     // Refusals are no way out.
     assert!(refused_count as f64 <= REFUSED_MAX * scenes_count as f64, "{refused_count} refused");
