@@ -44,6 +44,8 @@ pub(super) struct Near {
     pub(super) z: f64,
     /// About the axis, from the middle direction, radians.
     pub(super) angle: f64,
+    /// Its cosine and sine, which cost less together with it than later on.
+    pub(super) direction: [f64; 2],
     /// Signed distance from the cylinder, mm.
     pub(super) d: f64,
 }
@@ -133,7 +135,10 @@ pub(super) fn look(scan: &Scan, used: &[bool], cylinder: &Cylinder, reach: f64) 
             for [y, z] in places.filter_map(|place| scan.columns().get(place)) {
                 let d = slice.distance(y, z);
                 if d.abs() < reach {
-                    near.push(Near { index, y, z, angle: angle(mean, &slice, y, z), d });
+                    let [cos, sin] = turned(mean, &slice, y, z);
+                    let length = cos.hypot(sin).max(f64::MIN_POSITIVE);
+                    let direction = [cos / length, sin / length];
+                    near.push(Near { index, y, z, angle: sin.atan2(cos), direction, d });
                 }
             }
         }
@@ -160,9 +165,15 @@ fn direction(scan: &Scan, cylinder: &Cylinder, reach: f64) -> [f64; 2] {
     sum.map(|v| v / length)
 }
 
-fn angle([mean_u, mean_w]: [f64; 2], slice: &Slice, y: f64, z: f64) -> f64 {
+fn angle(mean: [f64; 2], slice: &Slice, y: f64, z: f64) -> f64 {
+    let [along, aside] = turned(mean, slice, y, z);
+    aside.atan2(along)
+}
+
+/// The point from the axis, along the middle direction and aside of it.
+fn turned([mean_u, mean_w]: [f64; 2], slice: &Slice, y: f64, z: f64) -> [f64; 2] {
     let [u, w] = [y - slice.y, z - slice.z];
-    (w * mean_u - u * mean_w).atan2(u * mean_u + w * mean_w)
+    [u * mean_u + w * mean_w, w * mean_u - u * mean_w]
 }
 
 impl Surface {

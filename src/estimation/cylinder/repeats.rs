@@ -72,7 +72,7 @@ struct Sector {
 
 /// Sums over sectors of what the points of a profile deviate by, beside its shift.
 fn deviations(profile: &[Near], ends: [f64; 2], sectors: usize) -> Vec<Sector> {
-    let direction = |point: &Near| Vector2::new(point.angle.cos(), point.angle.sin());
+    let direction = |point: &Near| Vector2::from(point.direction);
     let (mut normal, mut right) = (Matrix2::zeros(), Vector2::zeros());
     for point in profile {
         let row = direction(point);
