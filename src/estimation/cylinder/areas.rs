@@ -1,14 +1,13 @@
 //! What neighbouring profiles share: a layer too low to be told from the part, a bead's flank, a part that is not quite
 //! round. The covariance takes profiles as independent; where residuals go together over larger areas, it is widened by as
-//! much as they do. In: the fit and its points. Out: the fit, with its covariance widened. Must not move the fit.
+//! much as they do. In: the fit and the points near it. Out: the fit, with its covariance widened. Must not move the fit.
 //!
 //! The sandwich is taken once more with areas of the surface as the clusters, on areas of five shapes. Where the variance of a
 //! parameter comes out several times that by profiles, and several times that by what a profile has in each area, chance is
 //! excluded, and it takes its place.
 
-use super::patches::{self, Cut, Grid, Surface};
-use super::solve::Solution;
-use super::step::Hold;
+use super::patches::{Cut, Grid, Surface};
+use super::solve::{Problem, Solution};
 use crate::estimation::robust;
 use crate::scan::Scan;
 use nalgebra::{Matrix5, Vector5};
@@ -23,15 +22,14 @@ const AREAS: [[usize; 2]; 5] = [[2, 6], [4, 12], [6, 3], [CELLS, 2], [2, CELLS]]
 const CHANCE: f64 = 3.0;
 
 /// Widens the covariance where areas of the surface share errors.
-pub(super) fn widen(scan: &Scan, used: &[bool], solution: &mut Solution, hold: Hold) {
+pub(super) fn widen(problem: &Problem<'_>, surface: &Surface, solution: &mut Solution) {
+    let Problem { scan, used, hold, .. } = *problem;
     if used.iter().filter(|used| **used).count() < PROFILES_MIN {
         return;
     }
-    let reach = robust::TUKEY_C * solution.sigma;
-    let Some(surface) = patches::look(scan, used, &solution.cylinder, reach) else { return };
     let Some(grid) = surface.grid(Cut::Cells { sectors: CELLS, blocks: CELLS }) else { return };
     let Some(bread) = solution.bread(hold) else { return };
-    let strips = pulls(scan, &grid, &surface, solution, &bread);
+    let strips = pulls(scan, &grid, surface, solution, &bread);
     let usual = variances(&strips, [1, CELLS]);
     let mut factor = Vector5::repeat(1.0_f64);
     for [blocks, sectors] in AREAS {

@@ -69,37 +69,40 @@ pub(super) enum Verdict {
 pub(super) fn mend(
     problem: &Problem<'_>,
     fit: &Solution,
-    mut surface: Option<Surface>,
+    seen: Option<&Surface>,
     bounds: &Bounds,
     nominal_radius: Option<f64>,
 ) -> Verdict {
     let mut verdict = Verdict::Clean;
     let mut rivals = Vec::new();
+    let mut anew = None;
     for points_wanted in POINTS_WANTED {
         let base = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
-        let averages = surface.as_ref().and_then(|surface| surface.average(Cut::Points(points_wanted)));
+        let surface = anew.as_ref().or(seen);
+        let averages = surface.and_then(|surface| surface.average(Cut::Points(points_wanted)));
         let Some(averages) = averages else { continue };
         match mend_at(problem, base, bounds, nominal_radius, &averages) {
             Verdict::Clean => {}
             Verdict::Open { rivals: readings } => rivals.extend(readings),
             Verdict::Mended(mended) => {
-                surface = look(problem, &mended);
+                anew = look(problem, &mended);
                 verdict = Verdict::Mended(mended);
             }
             refused @ (Verdict::Two(..) | Verdict::Undecided { .. }) => return refused,
         }
     }
     let base = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
-    if let Some(surface) = surface {
-        rivals.extend(readings::lower(&surface, &base.cylinder, problem.hold, base.sigma));
+    if let Some(surface) = anew.as_ref().or(seen) {
+        rivals.extend(readings::lower(surface, &base.cylinder, problem.hold, base.sigma));
         // What is taken out would repeat; of what is left it was asked before.
         let (asked, answered) = match &verdict {
             Verdict::Mended(mended) => (false, !mended.rivals.is_empty()),
             _ => (true, false),
         };
-        let height = Some(&surface).filter(|_| asked).and_then(|surface| repeating(problem.scan, base, surface));
+        let excess = excess(base, problem.roughness);
+        let height = if asked { repeating(base, surface, excess) } else { None };
         if !answered && (height.is_some() || !rivals.is_empty()) {
-            rivals.extend(low(problem.scan, problem.hold, base, &surface, height.unwrap_or(0.0)));
+            rivals.extend(low(problem.hold, base, surface, excess.max(height.unwrap_or(0.0))));
         }
     }
     match verdict {
@@ -113,20 +116,20 @@ pub(super) fn mend(
 }
 
 /// How high a layer is that profiles repeat, where they do.
-fn repeating(scan: &Scan, fit: &Solution, surface: &Surface) -> Option<f64> {
+fn repeating(fit: &Solution, surface: &Surface, excess: f64) -> Option<f64> {
     let repeated = repeats::repeated(surface, robust::TUKEY_C * fit.sigma);
-    repeated.tells(excess(scan, fit) / fit.sigma).then_some(LEVELLED * repeated.shared)
+    repeated.tells(excess / fit.sigma).then_some(LEVELLED * repeated.shared)
 }
 
-/// What a layer does to the fit that is as high as the excess of its scatter, or as this.
-fn low(scan: &Scan, hold: Hold, fit: &Solution, surface: &Surface, height: f64) -> Option<Vector5<f64>> {
+/// What a layer does to the fit by which points scatter so much more.
+fn low(hold: Hold, fit: &Solution, surface: &Surface, excess: f64) -> Option<Vector5<f64>> {
     // Half of the points above the middle and half below scatter by half of the height.
-    readings::beside(surface, &fit.cylinder, hold, fit.sigma, 2.0 * height.max(excess(scan, fit)))
+    readings::beside(surface, &fit.cylinder, hold, fit.sigma, 2.0 * excess)
 }
 
 /// What points scatter by beyond their own roughness, mm; 0 where chance may be all of it.
-fn excess(scan: &Scan, fit: &Solution) -> f64 {
-    let excess = (fit.sigma.powi(2) - extent::roughness(scan).powi(2)).max(0.0).sqrt();
+fn excess(fit: &Solution, roughness: f64) -> f64 {
+    let excess = (fit.sigma.powi(2) - roughness.powi(2)).max(0.0).sqrt();
     if excess > repeats::ROUGHER * fit.sigma { excess } else { 0.0 }
 }
 
@@ -276,15 +279,15 @@ fn refit(problem: &Problem<'_>, fit: &Solution, part: &Settled, averages: &Avera
     })?;
     let sigma = scatter(&rest.scan, &part.cylinder, fit.sigma);
     let silent = Progress::default();
-    let rest_problem = Problem { scan: &rest.scan, used: &rest.used, progress: &silent, ..*problem };
+    let roughness = extent::roughness(&rest.scan);
+    let rest_problem = Problem { scan: &rest.scan, used: &rest.used, roughness, progress: &silent, ..*problem };
     let mut solution = solve::solve(&rest_problem, &Settled { cylinder: part.cylinder, sigma })?;
-    areas::widen(&rest.scan, &rest.used, &mut solution, hold);
-    let surface = look(&rest_problem, &solution);
-    let low = surface.and_then(|left| {
-        let height = repeating(&rest.scan, &solution, &left)?;
-        low(&rest.scan, hold, &solution, &left, height)
-    });
-    solution.rivals.extend(low);
+    if let Some(left) = look(&rest_problem, &solution) {
+        areas::widen(&rest_problem, &left, &mut solution);
+        let excess = excess(&solution, roughness);
+        let height = repeating(&solution, &left, excess);
+        solution.rivals.extend(height.and_then(|height| low(hold, &solution, &left, excess.max(height))));
+    }
     Some(rest.restore(solution))
 }
 

@@ -136,7 +136,7 @@ pub(super) fn look(scan: &Scan, used: &[bool], cylinder: &Cylinder, reach: f64) 
                 let d = slice.distance(y, z);
                 if d.abs() < reach {
                     let [cos, sin] = turned(mean, &slice, y, z);
-                    let length = cos.hypot(sin).max(f64::MIN_POSITIVE);
+                    let length = (cos * cos + sin * sin).sqrt().max(f64::MIN_POSITIVE);
                     let direction = [cos / length, sin / length];
                     near.push(Near { index, y, z, angle: sin.atan2(cos), direction, d });
                 }

@@ -9,6 +9,7 @@
 
 use super::patches::{self, Near, Surface};
 use nalgebra::{Matrix2, Vector2};
+use rayon::prelude::*;
 
 /// Points of a profile a sector, and sectors.
 const POINTS: usize = 3;
@@ -21,6 +22,9 @@ const CERTAIN: f64 = 3.0;
 /// and than this once in 120; that counts where the fit is rougher than its points, by this share of its scatter.
 const LIKELY: f64 = 2.4;
 pub(super) const ROUGHER: f64 = 0.33;
+
+/// Profiles in one piece of work.
+const CHUNK: usize = 32;
 
 /// What profiles have in common with those before them.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,14 +44,17 @@ impl Repeated {
 
 /// What profiles repeat of those before them, of the points that are nearer to the fit than `reach`: others have no part in it.
 pub(super) fn repeated(surface: &Surface, reach: f64) -> Repeated {
-    let near: Vec<Near> = surface.near.iter().filter(|point| point.d.abs() < reach).copied().collect();
-    let profiles = || near.chunk_by(|one, next| one.index == next.index);
+    let is_near = |point: &&Near| point.d.abs() < reach;
+    let profiles: Vec<&[Near]> = surface.near.chunk_by(|one, next| one.index == next.index).collect();
     let [least, most] = SECTORS;
-    let sectors = (near.len() / profiles().count().max(1) / POINTS).clamp(least, most);
+    let near_count = surface.near.iter().filter(is_near).count();
+    let sectors = (near_count / profiles.len().max(1) / POINTS).clamp(least, most);
     let ends = surface.ends();
+    let chunk = |profiles: &[&[Near]]| -> Vec<Vec<Sector>> {
+        profiles.iter().map(|profile| deviations(profile, reach, ends, sectors)).collect()
+    };
     let (mut running, mut sum, mut squares, mut pairs) = (vec![Sector::default(); sectors], 0.0, 0.0, 0.0);
-    for profile in profiles() {
-        let own = deviations(profile, ends, sectors);
+    for own in profiles.par_chunks(CHUNK).flat_map_iter(chunk).collect::<Vec<_>>() {
         let both = || own.iter().zip(&running);
         let together: f64 = both().map(|(own, running)| own.sum * running.sum).sum();
         sum += together;
@@ -70,18 +77,19 @@ struct Sector {
     sum: f64,
 }
 
-/// Sums over sectors of what the points of a profile deviate by, beside its shift.
-fn deviations(profile: &[Near], ends: [f64; 2], sectors: usize) -> Vec<Sector> {
+/// Sums over sectors of what the near points of a profile deviate by, beside its shift.
+fn deviations(profile: &[Near], reach: f64, ends: [f64; 2], sectors: usize) -> Vec<Sector> {
+    let near = || profile.iter().filter(|point| point.d.abs() < reach);
     let direction = |point: &Near| Vector2::from(point.direction);
     let (mut normal, mut right) = (Matrix2::zeros(), Vector2::zeros());
-    for point in profile {
+    for point in near() {
         let row = direction(point);
         normal += row * row.transpose();
         right += row * point.d;
     }
     let shift = normal.cholesky().map_or_else(Vector2::zeros, |normal| normal.solve(&right));
     let mut sums = vec![Sector::default(); sectors];
-    for point in profile {
+    for point in near() {
         if let Some(sector) = sums.get_mut(patches::sector(point.angle, ends, sectors)) {
             sector.count += 1.0;
             sector.sum += point.d - direction(point).dot(&shift);

@@ -106,9 +106,10 @@ impl Search<'_> {
         }
         too_short(scan.stations().iter().zip(used).filter(|(_, used)| **used).map(|(s, _)| s), settings)?;
         let sample = Sample::take(scan, used, SAMPLE_PROFILES_MAX, SAMPLE_POINTS_MAX);
-        let bounds = bounds(scan, &sample, settings);
+        let roughness = extent::roughness(scan);
+        let bounds = bounds(&sample, roughness, settings);
         let chosen = match self.choose(&sample, &bounds, Noise::Unknown) {
-            Choice::One(candidate) => self.finer(scan, used, &sample, &bounds, candidate)?,
+            Choice::One(candidate) => self.finer(scan, used, &sample, &bounds, roughness, candidate)?,
             Choice::Two(a, b) => return Err(two_cylinders(&a, &b)),
             Choice::None => return Err(self.no_cylinder()),
         };
@@ -119,7 +120,7 @@ impl Search<'_> {
             radius >= least && radius <= most && radius >= settings.radius_resolved_mm()
         };
         let epsilon = judge::epsilon(settings, chosen.settled.sigma);
-        let problem = Problem { scan, used, hold, epsilon, progress };
+        let problem = Problem { scan, used, hold, epsilon, roughness, progress };
         let mut solution =
             solve::solve(&problem, &chosen.settled).filter(resolved).ok_or_else(|| self.no_cylinder())?;
         let surface = layers::look(&problem, &solution);
@@ -129,7 +130,7 @@ impl Search<'_> {
         if let Some(refusal) = self.sleeve(&problem, &sample, &chosen, &solution) {
             return Err(refusal);
         }
-        match layers::mend(&problem, &solution, surface, &bounds, settings.nominal_radius_mm) {
+        match layers::mend(&problem, &solution, surface.as_ref(), &bounds, settings.nominal_radius_mm) {
             Verdict::Clean => {}
             Verdict::Open { rivals } => solution.rivals = rivals,
             Verdict::Mended(mended) => {
@@ -140,7 +141,9 @@ impl Search<'_> {
                 return Err(Refusal::LayersUndecided { layer_ratio, reach_mm });
             }
         }
-        areas::widen(scan, used, &mut solution, hold);
+        if let Some(surface) = &surface {
+            areas::widen(&problem, surface, &mut solution);
+        }
         Ok(Round::Found(Box::new(solution)))
     }
 
@@ -165,13 +168,14 @@ impl Search<'_> {
         used: &[bool],
         sample: &Sample,
         bounds: &Bounds,
+        roughness: f64,
         coarse: Candidate,
     ) -> Result<Candidate, Refusal> {
         let reach = robust::TUKEY_C * coarse.settled.sigma;
         let surface = patches::look(scan, used, &coarse.settled.cylinder, reach);
         let averages = surface.and_then(|surface| surface.average(Cut::Profiles));
         // Whole profiles may be off, which is no layer.
-        let roughness = averages.as_ref().map_or(0.0, layers::own_scatter).max(extent::roughness(scan));
+        let roughness = averages.as_ref().map_or(0.0, layers::own_scatter).max(roughness);
         if coarse.settled.sigma < SUSPICIOUS * roughness || roughness < ROUGHNESS_MIN * coarse.settled.cylinder.radius {
             return Ok(coarse);
         }
@@ -221,10 +225,10 @@ fn free_radius(problem: &Problem<'_>, solution: &Solution) -> Option<f64> {
     Some(free.cylinder.radius)
 }
 
-fn bounds(scan: &Scan, sample: &Sample, settings: &Settings) -> Bounds {
+fn bounds(sample: &Sample, roughness: f64, settings: &Settings) -> Bounds {
     let size = extent::size(sample);
     let [least, most] = TOLERANCE_SIZES;
-    let tolerance = (TOLERANCE_ROUGHNESS * extent::roughness(scan)).clamp(least * size, most * size);
+    let tolerance = (TOLERANCE_ROUGHNESS * roughness).clamp(least * size, most * size);
     let radius_mm = match settings.nominal_radius_mm {
         Some(nominal) => [nominal * (1.0 - NOMINAL_REACH), nominal * (1.0 + NOMINAL_REACH)],
         None => RADIUS_SIZES.map(|sizes| sizes * size),

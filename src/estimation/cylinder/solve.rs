@@ -31,6 +31,8 @@ pub(super) struct Problem<'a> {
     pub(super) hold: Hold,
     /// Distance of an inner point, mm.
     pub(super) epsilon: f64,
+    /// What neighbouring points scatter by, mm.
+    pub(super) roughness: f64,
     pub(super) progress: &'a Progress,
 }
 
