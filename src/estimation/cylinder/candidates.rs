@@ -80,7 +80,9 @@ pub(super) fn candidates(sample: &Sample, bounds: &Bounds, noise: Noise, hold: H
     let mut found: Vec<Settled> = Vec::new();
     let mut rest = sample.without(|_, _, _| false);
     while found.len() < SURFACES_MAX && rest.y.len() as f64 >= REST_MIN * sample.y.len() as f64 {
-        let Some(settled) = best(&rest, bounds, noise, hold) else { break };
+        // Less than this counts for nothing in the end.
+        let least = SUPPORT_MIN * sample.y.len() as f64 / rest.y.len() as f64;
+        let Some(settled) = best(&rest, bounds, least, noise, hold) else { break };
         if found.first().is_some_and(|first| settled.sigma > ROUGHER * first.sigma) {
             break;
         }
@@ -121,12 +123,13 @@ fn is_plane(settled: &Settled, sample: &Sample, bounds: &Bounds) -> bool {
     radius > PLANE * most || radius < RADIUS_SIGMAS * radius_uncertainty(settled, sample)
 }
 
-/// The start that most points agree with once it has settled.
-fn best(sample: &Sample, bounds: &Bounds, noise: Noise, hold: Hold) -> Option<Settled> {
-    let starts = consensus::hypotheses(sample, bounds, STARTS_MAX);
+/// The start that most points agree with once it has settled. Only its window is opened: what a poor start settles on can
+/// need many rounds to open to, and comes to nothing.
+fn best(sample: &Sample, bounds: &Bounds, least: f64, noise: Noise, hold: Hold) -> Option<Settled> {
+    let starts = consensus::hypotheses(sample, bounds, least, STARTS_MAX);
     let window = 2.0 * bounds.tolerance;
     let settle_one = |start: Cylinder| match noise {
-        Noise::Unknown => grown(sample, start, window, hold),
+        Noise::Unknown => settle(sample, start, window, hold),
         Noise::Known(sigma) => narrow::narrow(sample, start, window, sigma, hold),
     };
     let settled: Vec<Settled> = starts.par_iter().filter_map(|start| settle_one(start.cylinder)).collect();
@@ -136,12 +139,19 @@ fn best(sample: &Sample, bounds: &Bounds, noise: Noise, hold: Hold) -> Option<Se
         Noise::Known(sigma) => narrow::WINDOW * sigma,
     };
     let score = |s: &Settled| consensus::score_whole(sample, &s.cylinder, reach);
-    settled.into_iter().min_by(|a, b| score(a).total_cmp(&score(b)))
+    let best = settled.into_iter().min_by(|a, b| score(a).total_cmp(&score(b)))?;
+    match noise {
+        Noise::Unknown => opened(sample, best, window, hold),
+        Noise::Known(_) => Some(best),
+    }
 }
 
 /// Settles, and opens a window that turns out to be narrower than the noise.
 pub(super) fn grown(sample: &Sample, start: Cylinder, window: f64, hold: Hold) -> Option<Settled> {
-    let (mut settled, mut window) = (settle(sample, start, window, hold)?, window);
+    opened(sample, settle(sample, start, window, hold)?, window, hold)
+}
+
+fn opened(sample: &Sample, mut settled: Settled, mut window: f64, hold: Hold) -> Option<Settled> {
     for _ in 0..GROWTHS_MAX {
         let wanted = robust::TUKEY_C * settled.sigma;
         if wanted <= window {
