@@ -147,7 +147,8 @@ fn a_real_scan_of_no_cylinder_is_refused() {
     }
 }
 
-/// Stereo sees the far inside of the mug, too: radii of 38 to 40 mm are all the mug's.
+/// Stereo sees the far inside of the mug, too: radii of 38 to 40 mm are all the mug's, and how far the wall beneath leaves the
+/// pose open is said.
 #[test]
 fn a_mug_on_a_table_is_measured_by_its_recipe() {
     let pose = accepted("real/mug-on-table.pcd", &json_of("real/mug.json"));
@@ -156,4 +157,7 @@ fn a_mug_on_a_table_is_measured_by_its_recipe() {
     assert!(upright < 2.0, "a mug stands on its table, found {upright}° off");
     let [y, z] = pose.axis.at(pose.x_ref);
     assert!(y.hypot(z) < 3.0, "the frame's origin is in the mug, found ({y}, {z}) mm off");
+    let found = measured("real/mug-on-table.pcd", &json_of("real/mug.json"));
+    let warnings = &found.measurement.findings.sole().expect("one part").conditioning.warnings;
+    assert_eq!(warnings.iter().map(|warning| warning.code()).collect::<Vec<_>>(), ["layers_leave_open"]);
 }

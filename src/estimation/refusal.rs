@@ -56,7 +56,7 @@ pub enum Refusal {
     /// The valid profiles lie too close together to give a direction.
     #[error(
         "the valid profiles span {axial_length_mm:.3} mm along x, at least {axial_length_min_mm} mm are needed; scan a \
-         longer piece of the part"
+         longer piece of the part, or check the unit"
     )]
     AxialLengthTooShort {
         /// Span of the valid profiles.
@@ -90,7 +90,7 @@ pub enum Refusal {
     #[error(
         "no cylinder{} was found that enough of the points lie on; check the unit, the frame and the region{}",
         .nominal_radius_mm.map_or_else(String::new, |radius| format!(" of about {radius} mm radius")),
-        .nominal_radius_mm.map_or("", |_| ", and the nominal radius")
+        .nominal_radius_mm.map_or("", |_| ", and the nominal radius: parts within 2 % of it are looked for")
     )]
     NoCylinder {
         /// From the recipe.

@@ -35,6 +35,22 @@ pub enum Warning {
         /// Profiles in the scan.
         profiles_count: usize,
     },
+    /// Layers leave more open than is allowed, on a part that the nominal radius vouches for.
+    #[error(
+        "layers that cannot be told from the part leave the pose open: standard uncertainties of {angle_deg:.4}° and \
+         {position_mm:.3} mm where {angle_max_deg}° and {position_max_mm} mm are allowed. Without nominal_radius_mm the scan would \
+         be refused; take tape, clamp or dirt off, or choose a region without it"
+    )]
+    LayersLeaveOpen {
+        /// The larger standard uncertainty of the two angles.
+        angle_deg: f64,
+        /// What is allowed.
+        angle_max_deg: f64,
+        /// The larger standard uncertainty of y_ref and z_ref.
+        position_mm: f64,
+        /// What is allowed.
+        position_max_mm: f64,
+    },
     /// The radius changes along the part.
     #[error(
         "the part is tapered by {taper_deg:.4}°: its radius changes by {radius_change_mm:+.3} mm over the scan. A cylinder fit takes \
@@ -78,6 +94,7 @@ impl Warning {
             Self::ShortArc { .. } => "short_arc",
             Self::RadiusDiffers { .. } => "radius_differs",
             Self::OnSomeProfiles { .. } => "on_some_profiles",
+            Self::LayersLeaveOpen { .. } => "layers_leave_open",
             Self::Tapered { .. } => "tapered",
             Self::Bent { .. } => "bent",
             Self::NotRobust => "not_robust",

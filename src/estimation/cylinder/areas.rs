@@ -9,7 +9,6 @@
 use super::patches::{Cut, Grid, Surface};
 use super::solve::{Problem, Solution};
 use crate::estimation::robust;
-use crate::scan::Scan;
 use nalgebra::{Matrix5, Vector5};
 
 /// Fewer profiles say too little about what areas share.
@@ -29,7 +28,7 @@ pub(super) fn widen(problem: &Problem<'_>, surface: &Surface, solution: &mut Sol
     }
     let Some(grid) = surface.grid(Cut::Cells { sectors: CELLS, blocks: CELLS }) else { return };
     let Some(bread) = solution.bread(hold) else { return };
-    let strips = pulls(scan, &grid, surface, solution, &bread);
+    let strips = pulls(scan.stations().len(), &grid, surface, solution, &bread);
     let usual = variances(&strips, [1, CELLS]);
     let mut factor = Vector5::repeat(1.0_f64);
     for [blocks, sectors] in AREAS {
@@ -50,12 +49,17 @@ pub(super) fn widen(problem: &Problem<'_>, surface: &Surface, solution: &mut Sol
 }
 
 /// What the points of each profile and sector do to the parameters, B Σ w·d·J, profile after profile.
-fn pulls(scan: &Scan, grid: &Grid, surface: &Surface, solution: &Solution, bread: &Matrix5<f64>) -> Vec<Vector5<f64>> {
-    let mut strips = vec![Vector5::zeros(); scan.stations().len().div_ceil(surface.every) * CELLS];
+fn pulls(
+    stations_count: usize,
+    grid: &Grid,
+    surface: &Surface,
+    solution: &Solution,
+    bread: &Matrix5<f64>,
+) -> Vec<Vector5<f64>> {
+    let mut strips = vec![Vector5::zeros(); stations_count.div_ceil(surface.every) * CELLS];
     let cut_off = robust::cut_off_squared(solution.sigma);
-    for point in &surface.near {
-        let Some(station) = scan.stations().get(point.index) else { continue };
-        let response = solution.cylinder.slice(station.x).response(point.y, point.z);
+    for point in surface.near.iter().filter(|point| point.d * point.d < cut_off) {
+        let response = solution.cylinder.slice(surface.plane(point)).response(point.y, point.z);
         let (a, b, t) = (response.a, response.b, response.t);
         let pull = robust::weight(response.d * response.d, cut_off) * response.d;
         if let Some(strip) = strips.get_mut(point.index / surface.every * CELLS + grid.sector(point.angle)) {

@@ -44,6 +44,8 @@ pub(super) enum Choice {
 
 /// Starts that are settled before the best is taken.
 const STARTS_MAX: usize = 12;
+/// Of these so many have their windows opened.
+const OPENED: usize = 3;
 /// How often a window may double.
 const GROWTHS_MAX: usize = 8;
 /// Surfaces that are looked for.
@@ -80,9 +82,7 @@ pub(super) fn candidates(sample: &Sample, bounds: &Bounds, noise: Noise, hold: H
     let mut found: Vec<Settled> = Vec::new();
     let mut rest = sample.without(|_, _, _| false);
     while found.len() < SURFACES_MAX && rest.y.len() as f64 >= REST_MIN * sample.y.len() as f64 {
-        // Less than this counts for nothing in the end.
-        let least = SUPPORT_MIN * sample.y.len() as f64 / rest.y.len() as f64;
-        let Some(settled) = best(&rest, bounds, least, noise, hold) else { break };
+        let Some(settled) = best(&rest, bounds, noise, hold) else { break };
         if found.first().is_some_and(|first| settled.sigma > ROUGHER * first.sigma) {
             break;
         }
@@ -123,27 +123,40 @@ fn is_plane(settled: &Settled, sample: &Sample, bounds: &Bounds) -> bool {
     radius > PLANE * most || radius < RADIUS_SIGMAS * radius_uncertainty(settled, sample)
 }
 
-/// The start that most points agree with once it has settled. Only its window is opened: what a poor start settles on can
-/// need many rounds to open to, and comes to nothing.
-fn best(sample: &Sample, bounds: &Bounds, least: f64, noise: Noise, hold: Hold) -> Option<Settled> {
-    let starts = consensus::hypotheses(sample, bounds, least, STARTS_MAX);
+/// The start that most points agree with once it has settled. What a poor one settles on can need many rounds to open to, so
+/// only the windows of the best are opened.
+fn best(sample: &Sample, bounds: &Bounds, noise: Noise, hold: Hold) -> Option<Settled> {
+    let starts = consensus::hypotheses(sample, bounds, STARTS_MAX);
     let window = 2.0 * bounds.tolerance;
     let settle_one = |start: Cylinder| match noise {
         Noise::Unknown => settle(sample, start, window, hold),
         Noise::Known(sigma) => narrow::narrow(sample, start, window, sigma, hold),
     };
-    let settled: Vec<Settled> = starts.par_iter().filter_map(|start| settle_one(start.cylinder)).collect();
-    let finest = settled.iter().map(|s| s.sigma).fold(f64::INFINITY, f64::min);
-    let reach = match noise {
-        Noise::Unknown => (robust::TUKEY_C * finest).max(0.25 * bounds.tolerance),
+    let least_reach = match noise {
+        Noise::Unknown => 0.25 * bounds.tolerance,
         Noise::Known(sigma) => narrow::WINDOW * sigma,
     };
-    let score = |s: &Settled| consensus::score_whole(sample, &s.cylinder, reach);
-    let best = settled.into_iter().min_by(|a, b| score(a).total_cmp(&score(b)))?;
-    match noise {
-        Noise::Unknown => opened(sample, best, window, hold),
-        Noise::Known(_) => Some(best),
+    let settled: Vec<Settled> = starts.par_iter().filter_map(|start| settle_one(start.cylinder)).collect();
+    let ranked = ranked(settled, sample, noise, least_reach);
+    if matches!(noise, Noise::Known(_)) {
+        return ranked.into_iter().next();
     }
+    let opened = ranked.chunks(OPENED).find_map(|best| {
+        let opened: Vec<Settled> = best.par_iter().filter_map(|one| opened(sample, *one, window, hold)).collect();
+        (!opened.is_empty()).then_some(opened)
+    })?;
+    self::ranked(opened, sample, noise, least_reach).into_iter().next()
+}
+
+/// The surface that most points agree with first, within what the finest of them calls near.
+fn ranked(mut settled: Vec<Settled>, sample: &Sample, noise: Noise, least_reach: f64) -> Vec<Settled> {
+    let finest = settled.iter().map(|s| s.sigma).fold(f64::INFINITY, f64::min);
+    let reach = match noise {
+        Noise::Unknown => (robust::TUKEY_C * finest).max(least_reach),
+        Noise::Known(_) => least_reach,
+    };
+    settled.sort_by_cached_key(|s| consensus::score_whole(sample, &s.cylinder, reach).to_bits());
+    settled
 }
 
 /// Settles, and opens a window that turns out to be narrower than the noise.
@@ -151,6 +164,7 @@ pub(super) fn grown(sample: &Sample, start: Cylinder, window: f64, hold: Hold) -
     opened(sample, settle(sample, start, window, hold)?, window, hold)
 }
 
+/// With its window opened until it is as wide as the noise.
 fn opened(sample: &Sample, mut settled: Settled, mut window: f64, hold: Hold) -> Option<Settled> {
     for _ in 0..GROWTHS_MAX {
         let wanted = robust::TUKEY_C * settled.sigma;

@@ -46,8 +46,8 @@ const NEWTON_STEPS: usize = 3;
 /// Chance of missing the best surface.
 const MISS: f64 = 1e-4;
 
-/// The best starts, best first, no two alike. Surfaces with less than `least` of the points are not looked for.
-pub(super) fn hypotheses(sample: &Sample, bounds: &Bounds, least: f64, most: usize) -> Vec<Hypothesis> {
+/// The best starts, best first, no two alike.
+pub(super) fn hypotheses(sample: &Sample, bounds: &Bounds, most: usize) -> Vec<Hypothesis> {
     if sample.stations.len() < 2 {
         return Vec::new();
     }
@@ -73,7 +73,7 @@ pub(super) fn hypotheses(sample: &Sample, bounds: &Bounds, least: f64, most: usi
         best.extend(whole.collect::<Vec<_>>());
         best.sort_by(|a, b| a.score.total_cmp(&b.score));
         best = distinct(best, sample, bounds.tolerance, most);
-        let share = best.first().map_or(0.0, |h| 1.0 - h.score).max(least);
+        let share = best.first().map_or(0.0, |h| 1.0 - h.score);
         let drawn_count = ((round + 1) * ROUND) as f64;
         // Half of the draws fail the spread rules, so five good points come up half as often as their share says.
         if drawn_count * 0.5 * share.powi(5) > -MISS.ln() {

@@ -22,6 +22,7 @@ use super::step::Hold;
 use crate::estimation::{Progress, robust};
 use crate::scan::Scan;
 use nalgebra::Vector5;
+use std::borrow::Cow;
 
 /// Points within so many cut-offs of the fit are averaged.
 const REACH: f64 = 1.5;
@@ -69,37 +70,36 @@ pub(super) enum Verdict {
 pub(super) fn mend(
     problem: &Problem<'_>,
     fit: &Solution,
-    seen: Option<&Surface>,
+    surface: Option<&Surface>,
     bounds: &Bounds,
     nominal_radius: Option<f64>,
 ) -> Verdict {
     let mut verdict = Verdict::Clean;
     let mut rivals = Vec::new();
-    let mut anew = None;
+    let mut surface = surface.map(Cow::Borrowed);
     for points_wanted in POINTS_WANTED {
         let base = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
-        let surface = anew.as_ref().or(seen);
-        let averages = surface.and_then(|surface| surface.average(Cut::Points(points_wanted)));
+        let averages = surface.as_ref().and_then(|surface| surface.average(Cut::Points(points_wanted)));
         let Some(averages) = averages else { continue };
         match mend_at(problem, base, bounds, nominal_radius, &averages) {
             Verdict::Clean => {}
             Verdict::Open { rivals: readings } => rivals.extend(readings),
             Verdict::Mended(mended) => {
-                anew = look(problem, &mended);
+                surface = look(problem, &mended).map(Cow::Owned);
                 verdict = Verdict::Mended(mended);
             }
             refused @ (Verdict::Two(..) | Verdict::Undecided { .. }) => return refused,
         }
     }
     let base = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
-    if let Some(surface) = anew.as_ref().or(seen) {
+    if let Some(surface) = surface.as_deref() {
         rivals.extend(readings::lower(surface, &base.cylinder, problem.hold, base.sigma));
         // What is taken out would repeat; of what is left it was asked before.
         let (asked, answered) = match &verdict {
             Verdict::Mended(mended) => (false, !mended.rivals.is_empty()),
             _ => (true, false),
         };
-        let excess = excess(base, problem.roughness);
+        let excess = beyond_roughness(base, problem.roughness);
         let height = if asked { repeating(base, surface, excess) } else { None };
         if !answered && (height.is_some() || !rivals.is_empty()) {
             rivals.extend(low(problem.hold, base, surface, excess.max(height.unwrap_or(0.0))));
@@ -122,13 +122,13 @@ fn repeating(fit: &Solution, surface: &Surface, excess: f64) -> Option<f64> {
 }
 
 /// What a layer does to the fit by which points scatter so much more.
-fn low(hold: Hold, fit: &Solution, surface: &Surface, excess: f64) -> Option<Vector5<f64>> {
+fn low(hold: Hold, fit: &Solution, surface: &Surface, scatter: f64) -> Option<Vector5<f64>> {
     // Half of the points above the middle and half below scatter by half of the height.
-    readings::beside(surface, &fit.cylinder, hold, fit.sigma, 2.0 * excess)
+    readings::beside(surface, &fit.cylinder, hold, fit.sigma, 2.0 * scatter)
 }
 
 /// What points scatter by beyond their own roughness, mm; 0 where chance may be all of it.
-fn excess(fit: &Solution, roughness: f64) -> f64 {
+fn beyond_roughness(fit: &Solution, roughness: f64) -> f64 {
     let excess = (fit.sigma.powi(2) - roughness.powi(2)).max(0.0).sqrt();
     if excess > repeats::ROUGHER * fit.sigma { excess } else { 0.0 }
 }
@@ -284,7 +284,7 @@ fn refit(problem: &Problem<'_>, fit: &Solution, part: &Settled, averages: &Avera
     let mut solution = solve::solve(&rest_problem, &Settled { cylinder: part.cylinder, sigma })?;
     if let Some(left) = look(&rest_problem, &solution) {
         areas::widen(&rest_problem, &left, &mut solution);
-        let excess = excess(&solution, roughness);
+        let excess = beyond_roughness(&solution, roughness);
         let height = repeating(&solution, &left, excess);
         solution.rivals.extend(height.and_then(|height| low(hold, &solution, &left, excess.max(height))));
     }

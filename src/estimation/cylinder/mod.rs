@@ -140,28 +140,50 @@ fn weigh(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(Pose,
     too_short(stations, settings)?;
     let hold = hold(settings);
     let mut lines = known::from_data(solution, hold, settings);
-    left_open(&Uncertainty::of(&lines), settings)?;
+    if let Some(open) = left_open(&lines, settings) {
+        return Err(open.refusal());
+    }
     lines.extend(known::from_layers(solution));
-    if settings.nominal_radius_mm.is_none() {
-        // With one the drawing vouches for the part: layers widen the answer and do not refuse it.
-        left_open(&Uncertainty::of(&lines), settings)?;
+    let open = left_open(&lines, settings);
+    if let Some(open) = open.as_ref().filter(|_| settings.nominal_radius_mm.is_none()) {
+        return Err(open.refusal());
     }
     let form = form::form(scan, solution, hold);
     lines.extend(form.iter().map(|form| Line::of_shift(Line::FORM, &form.shift, &solution.cylinder.axis())));
     lines.extend(known::from_calibration(scan, solution, hold, settings));
-    let warnings = form.map_or_else(Vec::new, |form| form.warnings);
+    let mut warnings = form.map_or_else(Vec::new, |form| form.warnings);
+    // The drawing vouches for the part: layers widen the answer and do not refuse it.
+    warnings.extend(open.map(|open| open.warning()));
     Ok((pose(solution, settings, Uncertainty::of(&lines)), warnings))
 }
 
-fn left_open(uncertainty: &Uncertainty, settings: &Settings) -> Result<(), Refusal> {
-    let [[deflection, ..], [_, pitch, ..], [_, _, y, ..], [_, _, _, z, _], _] = uncertainty.covariance;
+/// Standard uncertainties beyond what is allowed.
+struct Open {
+    angle_deg: f64,
+    angle_max_deg: f64,
+    position_mm: f64,
+    position_max_mm: f64,
+}
+
+/// What these lines leave open, unless that is allowed.
+fn left_open(lines: &[Line], settings: &Settings) -> Option<Open> {
+    let [[deflection, ..], [_, pitch, ..], [_, _, y, ..], [_, _, _, z, _], _] = Uncertainty::of(lines).covariance;
     let (angle_deg, position_mm) = (deflection.max(pitch).sqrt().to_degrees(), y.max(z).sqrt());
     let (angle_max_deg, position_max_mm) = (settings.angle_uncertainty_max_deg, settings.position_uncertainty_max_mm);
     let known = angle_deg <= angle_max_deg && position_mm <= position_max_mm;
-    if known {
-        return Ok(());
+    (!known).then_some(Open { angle_deg, angle_max_deg, position_mm, position_max_mm })
+}
+
+impl Open {
+    fn refusal(&self) -> Refusal {
+        let Self { angle_deg, angle_max_deg, position_mm, position_max_mm } = *self;
+        Refusal::PoseUndetermined { angle_deg, angle_max_deg, position_mm, position_max_mm }
     }
-    Err(Refusal::PoseUndetermined { angle_deg, angle_max_deg, position_mm, position_max_mm })
+
+    fn warning(&self) -> Warning {
+        let Self { angle_deg, angle_max_deg, position_mm, position_max_mm } = *self;
+        Warning::LayersLeaveOpen { angle_deg, angle_max_deg, position_mm, position_max_mm }
+    }
 }
 
 fn pose(solution: &Solution, settings: &Settings, uncertainty: Uncertainty) -> Pose {

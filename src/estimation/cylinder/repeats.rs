@@ -45,7 +45,8 @@ impl Repeated {
 /// What profiles repeat of those before them, of the points that are nearer to the fit than `reach`: others have no part in it.
 pub(super) fn repeated(surface: &Surface, reach: f64) -> Repeated {
     let is_near = |point: &&Near| point.d.abs() < reach;
-    let profiles: Vec<&[Near]> = surface.near.chunk_by(|one, next| one.index == next.index).collect();
+    let profiles = surface.near.chunk_by(|one, next| one.index == next.index);
+    let profiles: Vec<&[Near]> = profiles.filter(|profile| profile.iter().any(|point| is_near(&point))).collect();
     let [least, most] = SECTORS;
     let near_count = surface.near.iter().filter(is_near).count();
     let sectors = (near_count / profiles.len().max(1) / POINTS).clamp(least, most);

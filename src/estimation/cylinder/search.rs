@@ -175,17 +175,18 @@ impl Search<'_> {
         let surface = patches::look(scan, used, &coarse.settled.cylinder, reach);
         let averages = surface.and_then(|surface| surface.average(Cut::Profiles));
         // Whole profiles may be off, which is no layer.
-        let roughness = averages.as_ref().map_or(0.0, layers::own_scatter).max(roughness);
-        if coarse.settled.sigma < SUSPICIOUS * roughness || roughness < ROUGHNESS_MIN * coarse.settled.cylinder.radius {
+        let neighbours = averages.as_ref().map_or(0.0, layers::own_scatter).max(roughness);
+        if coarse.settled.sigma < SUSPICIOUS * neighbours || neighbours < ROUGHNESS_MIN * coarse.settled.cylinder.radius
+        {
             return Ok(coarse);
         }
-        let bounds = Bounds { tolerance: TOLERANCE_ROUGHNESS * roughness, ..*bounds };
-        match self.choose(sample, &bounds, Noise::Known(roughness)) {
+        let bounds = Bounds { tolerance: TOLERANCE_ROUGHNESS * neighbours, ..*bounds };
+        match self.choose(sample, &bounds, Noise::Known(neighbours)) {
             Choice::Two(..) if averages.as_ref().is_some_and(layers::smooth) => Ok(coarse),
             Choice::Two(a, b) => Err(two_cylinders(&a, &b)),
             Choice::One(fine) if fine.coverage >= candidates::COVERAGE_MIN => {
                 // Neighbours may share their noise: what one point scatters by is seen only now.
-                let settled = candidates::grown(sample, fine.settled.cylinder, robust::TUKEY_C * roughness, self.hold);
+                let settled = candidates::grown(sample, fine.settled.cylinder, robust::TUKEY_C * neighbours, self.hold);
                 let finer = settled.filter(|settled| settled.sigma < FINER * coarse.settled.sigma);
                 Ok(finer.map_or(coarse, |settled| Candidate { settled, ..fine }))
             }

@@ -68,11 +68,12 @@ pub struct RecipeDocument {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
     pub radius_sigma_mm: Option<f64>,
-    /// Angles of `cylinder` known worse than this refuse the scan; standard uncertainty.
+    /// Angles of `cylinder` known worse than this refuse the scan; standard uncertainty. Where it is layers on a part of known
+    /// `nominal_radius_mm` that leave them open, the answer warns (`layers_leave_open`) instead.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(exclusive_minimum = 0.0, maximum = 90.0)]
     pub angle_uncertainty_max_deg: Option<f64>,
-    /// Positions of `cylinder` at x_ref known worse than this refuse the scan; standard uncertainty.
+    /// Positions of `cylinder` at x_ref known worse than this refuse the scan, or warn, likewise; standard uncertainty.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
     pub position_uncertainty_max_mm: Option<f64>,
