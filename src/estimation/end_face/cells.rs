@@ -19,7 +19,7 @@ pub(super) enum Seen {
     Nothing,
     /// Something above the surface, which hides it.
     Hidden,
-    /// Something a little below, at t.
+    /// Something a little below, up to t.
     Below {
         t: f64,
         depth: f64,
@@ -49,13 +49,12 @@ pub(super) fn cells(glimpses: &[Glimpse], planes: &[Plane], lattice: &Lattice, t
         let (t, depth) = (glimpse.t, -glimpse.height);
         cell.seen = match cell.seen {
             Seen::Surface { first, t: last } if depth.abs() <= tolerance => {
-                Seen::Surface { first: first.min(t), t: last.max(t) }
+                Seen::Surface { first: first.min(glimpse.of_surface), t: last.max(glimpse.of_surface) }
             }
             surface @ Seen::Surface { .. } => surface,
-            _ if depth.abs() <= tolerance => Seen::Surface { first: t, t },
-            Seen::Nothing | Seen::Hidden if depth > 0.0 && depth <= DEPTH_MAX_MM + tolerance => {
-                Seen::Below { t, depth }
-            }
+            _ if depth.abs() <= tolerance => Seen::Surface { first: glimpse.of_surface, t: glimpse.of_surface },
+            Seen::Below { t: last, .. } if t <= last => cell.seen,
+            _ if depth > 0.0 && depth <= DEPTH_MAX_MM + tolerance => Seen::Below { t, depth },
             Seen::Nothing if depth < 0.0 => Seen::Hidden,
             other => other,
         };
@@ -96,15 +95,15 @@ pub(super) struct Evidence {
     /// How many cells in a row lack the part, of those beside it that a growing part reaches first, up to [`LACKING_MAX`];
     /// `None` where nobody can say.
     pub(super) lacking: Option<usize>,
-    /// Where the nearest of those lies, if it shows the part.
-    pub(super) beside: Option<f64>,
+    /// How many cells that show the part lie just beside it, behind it as a part grows.
+    pub(super) followers: usize,
     /// Variance of `t`, mm².
     pub(super) variance: f64,
     pub(super) column: usize,
 }
 
-/// What the cells say; hidden ones say nothing.
-pub(super) fn evidence(cells: &[Cell], lattice: &Lattice, chamfer: Option<Chamfer>) -> Vec<Evidence> {
+/// What the cells say; hidden ones say nothing. `sigma` is the noise of a point, mm.
+pub(super) fn evidence(cells: &[Cell], lattice: &Lattice, chamfer: Option<Chamfer>, sigma: f64) -> Vec<Evidence> {
     // The lead grows with the radius.
     let share = 1.0 - chamfer.map_or(0.0, |chamfer| chamfer.depth / lattice.radius());
     let firsts = firsts(cells, lattice);
@@ -115,44 +114,83 @@ pub(super) fn evidence(cells: &[Cell], lattice: &Lattice, chamfer: Option<Chamfe
             Seen::Surface { t, .. } | Seen::Below { t, .. } if shows(index)? => Some(t),
             _ => None,
         };
+        let before = |index: usize| lattice.columns().get(index)?.before;
         for (index, ((cell, column), first)) in plane.iter().zip(lattice.columns()).zip(&firsts).enumerate() {
             let Some(present) = cell.seen.is_part(chamfer) else { continue };
-            // What is missing is missing from the first of its points on.
-            let t = reach(index).unwrap_or(cell.ahead + share * first.mean);
-            let before = |index: usize| lattice.columns().get(index)?.before;
+            // What is missing is missing from the first of its points on: just behind the last one of the column before it.
+            let behind = column.before.and_then(reach).zip(first.behind);
+            let (from, lead) = behind.unwrap_or((cell.ahead, first.ahead));
+            let missing = (from + share * lead.mean, lead.variance);
+            let noise = sigma * sigma * column.of_noise(cell.seen, lattice);
+            let (t, variance) = reach(index).map_or(missing, |t| (t, noise));
             let known = column.before.and_then(shows).is_some();
             let run = std::iter::successors(column.before, |index| before(*index));
             let lacking = known.then(|| run.take_while(|index| shows(*index) == Some(false)).take(LACKING_MAX).count());
-            let beside = column.before.and_then(reach);
-            evidence.push(Evidence { t, present, lacking, beside, variance: first.variance, column: index });
+            let beside = [index.checked_sub(1), Some(index + 1)].into_iter().flatten();
+            let follows = |other: &usize| before(*other) == Some(index) && shows(*other) == Some(true);
+            let followers = if present { beside.filter(follows).count() } else { 0 };
+            evidence.push(Evidence { t, present, lacking, followers, variance, column: index });
         }
     }
     evidence
 }
 
-/// How far ahead of its plane the first point of a column lies.
+impl Column {
+    /// The variance along the axis of a point's place by the variance of its noise, which does not move the surface in its
+    /// direction across, but what lies below.
+    fn of_noise(&self, seen: Seen, lattice: &Lattice) -> f64 {
+        let across = if matches!(seen, Seen::Below { .. }) { self.lead / lattice.radius() } else { 0.0 };
+        self.slope * self.slope + across * across
+    }
+}
+
+/// Mean and variance of what differs from plane to plane.
 #[derive(Debug, Clone, Copy)]
-struct First {
+struct Spread {
     mean: f64,
     variance: f64,
 }
 
+impl Spread {
+    /// `None` without values.
+    fn of(values: impl Iterator<Item = f64>) -> Option<Self> {
+        let add = |[count, sum, squares]: [f64; 3], value: f64| [count + 1.0, sum + value, squares + value * value];
+        let [count, sum, squares] = values.fold([0.0; 3], add);
+        let mean = sum / count;
+        (count > 0.0).then(|| Self { mean, variance: (squares / count - mean * mean).max(0.0) })
+    }
+}
+
+/// Where the first point of a column lies.
+#[derive(Debug, Clone, Copy)]
+struct First {
+    /// Ahead of its plane.
+    ahead: Spread,
+    /// Behind the last point of the column before it.
+    behind: Option<Spread>,
+}
+
 /// Of each column, over the planes that show the surface in it.
 fn firsts(cells: &[Cell], lattice: &Lattice) -> Vec<First> {
-    let mut sums = vec![[0.0; 3]; lattice.len()];
-    for plane in cells.chunks(lattice.len().max(1)) {
-        for ([count, sum, squares], cell) in sums.iter_mut().zip(plane) {
-            if let Seen::Surface { first, .. } = cell.seen {
-                let lead = first - cell.ahead;
-                (*count, *sum, *squares) = (*count + 1.0, *sum + lead, *squares + lead * lead);
-            }
+    let of_column = |index: usize| cells.iter().skip(index).step_by(lattice.len().max(1));
+    let first = |(index, column): (usize, &Column)| {
+        let leads = of_column(index).filter_map(|cell| Some(cell.surface()?[0] - cell.ahead));
+        let ahead = Spread::of(leads).unwrap_or(Spread { mean: column.lead, variance: 0.0 });
+        let step = |(cell, before): (&Cell, &Cell)| Some(cell.surface()?[0] - before.surface()?[1]);
+        let steps = |before: usize| Spread::of(of_column(index).zip(of_column(before)).filter_map(step));
+        First { ahead, behind: column.before.and_then(steps) }
+    };
+    lattice.columns().iter().enumerate().map(first).collect()
+}
+
+impl Cell {
+    /// The first and the last point on the surface.
+    const fn surface(&self) -> Option<[f64; 2]> {
+        match self.seen {
+            Seen::Surface { first, t } => Some([first, t]),
+            _ => None,
         }
     }
-    let first = |([count, sum, squares], column): ([f64; 3], &Column)| {
-        let mean = if count > 0.0 { sum / count } else { column.lead };
-        First { mean, variance: (squares / f64::max(count, 1.0) - mean * mean).max(0.0) }
-    };
-    sums.into_iter().zip(lattice.columns()).map(first).collect()
 }
 
 impl Seen {

@@ -18,6 +18,8 @@ pub(super) struct Column {
     angle: f64,
     /// How far ahead of its plane it lies, mm.
     pub(super) lead: f64,
+    /// By how much that grows per millimetre about the axis.
+    pub(super) slope: f64,
     /// The column beside it that a growing part reaches first.
     pub(super) before: Option<usize>,
 }
@@ -37,7 +39,7 @@ impl Lattice {
         let bounds = (1..columns_count).filter_map(between).collect();
         let column = |index: usize| {
             let angle = at(index as f64 + 0.5)?;
-            Some(Column { angle, lead: view.lead(angle), before: None })
+            Some(Column { angle, lead: view.lead(angle), slope: view.slope(angle), before: None })
         };
         let mut columns: Vec<Column> = (0..columns_count).filter_map(column).collect();
         let leads: Vec<f64> = columns.iter().map(|column| column.lead).collect();
@@ -75,9 +77,9 @@ impl Lattice {
         leads.fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], lead| [least.min(lead), most.max(lead)])
     }
 
-    /// The directions of some of its columns.
-    pub(super) fn angles(&self, columns: &[usize]) -> impl Iterator<Item = f64> {
-        columns.iter().filter_map(|index| Some(self.columns.get(*index)?.angle))
+    /// The direction of each of its columns.
+    pub(super) fn angles(&self) -> impl Iterator<Item = f64> {
+        self.columns.iter().map(|column| column.angle)
     }
 
     /// Mean step from a column to the next along the axis, mm.

@@ -8,14 +8,16 @@
 //!
 //! ```text
 //! planes --64 points each--> cells --reach--> about where --every point, at most 256 planes--> cells
-//!                                  --reach--> up to the first gap --offset--> t and its uncertainty --pose--> EndFace
+//!                --reach--> up to the first gap --offset--> likelihood of t --marginal, over poses--> t --view--> EndFace
 //! ```
 
 mod cells;
 mod lattice;
+mod marginal;
 mod offset;
 mod posterior;
 mod reach;
+mod sway;
 mod view;
 
 use super::{End, EndFace, EndFaces, Estimate, Outcome, Pose, Settings, TypeB, Warning};
@@ -23,6 +25,7 @@ use crate::scan::Scan;
 use cells::{Cell, Chamfer, Evidence};
 use lattice::Lattice;
 use offset::{Grid, Offset};
+use sway::Sway;
 use view::{Glimpse, Plane, View};
 
 /// Read of a plane to find about where the part ends, and the columns that these points are put in.
@@ -51,8 +54,8 @@ pub(super) fn complete(scan: &Scan, settings: &Settings, estimate: &mut Estimate
     let sigma = estimate.residuals.map_or(0.0, |residuals| residuals.sigma);
     let tolerance = settings.epsilon_mm.max(SURFACE_SIGMAS * sigma);
     let [near, far] = [End::Near, End::Far].map(|end| {
-        let found = asked.asks_for(end).then(|| find(scan, pose, end, tolerance));
-        let found = found.map(|found| found?.face(pose, &settings.type_b));
+        let found = asked.asks_for(end).then(|| find(scan, pose, end, [sigma, tolerance]));
+        let found = found.map(|found| found?.face(&settings.type_b));
         if found.is_some_and(|face| face.is_none()) {
             estimate.conditioning.warnings.push(Warning::EndFaceNotSeen { end });
         }
@@ -62,7 +65,7 @@ pub(super) fn complete(scan: &Scan, settings: &Settings, estimate: &mut Estimate
 }
 
 /// `None` where the scan does not show the end.
-fn find(scan: &Scan, pose: &Pose, end: End, tolerance: f64) -> Option<Found> {
+fn find(scan: &Scan, pose: &Pose, end: End, [sigma, tolerance]: [f64; 2]) -> Option<Found> {
     let view = View::new(pose, end);
     let planes = view.planes_outward(scan);
     let coarse = view::thin(&planes, COARSE_PLANES_MAX);
@@ -72,8 +75,8 @@ fn find(scan: &Scan, pose: &Pose, end: End, tolerance: f64) -> Option<Found> {
     let angles = glimpses.iter().filter(on_surface).map(|glimpse| glimpse.angle).collect();
     let lattice = Lattice::of(angles, COARSE_COLUMNS, &view)?;
     let seen = cells::cells(&glimpses, &coarse, &lattice, tolerance);
-    let about = reach::reach(&cells::evidence(&seen, &lattice, None), 0.0, coarse_spacing)?;
-    let stage = Stage { scan, view: &view, about, coarse_spacing, span: lattice.span(), tolerance };
+    let about = reach::reach(&cells::evidence(&seen, &lattice, None, 0.0), 0.0, coarse_spacing)?;
+    let stage = Stage { scan, pose, view: &view, about, coarse_spacing, span: lattice.span(), sigma, tolerance };
     stage.refine(&planes)
 }
 
@@ -81,7 +84,6 @@ fn find(scan: &Scan, pose: &Pose, end: End, tolerance: f64) -> Option<Found> {
 struct Found {
     view: View,
     offset: Offset,
-    lattice: Lattice,
     /// How much was looked at before the end, mm.
     looked_at: f64,
 }
@@ -89,23 +91,25 @@ struct Found {
 impl Found {
     /// `None` where the pose leaves more open than was looked at: an axis that is off lets the surface leave its tolerance,
     /// and that is no end.
-    fn face(&self, pose: &Pose, type_b: &TypeB) -> Option<EndFace> {
+    fn face(&self, type_b: &TypeB) -> Option<EndFace> {
         let centre = self.view.point(&self.offset);
-        let of_scan = self.view.variance(pose, &self.offset, &self.lattice);
         let standard = |variance: f64| self.view.half_of_expanded(&self.offset, variance);
-        let x_standard = standard(of_scan + type_b.along_x(centre));
-        (2.0 * standard(of_scan) <= self.looked_at).then_some(EndFace { centre, x_standard })
+        let x_standard = standard(type_b.along_x(centre));
+        (2.0 * standard(0.0) <= self.looked_at).then_some(EndFace { centre, x_standard })
     }
 }
 
 /// What is known before every point about the end is read.
 struct Stage<'a> {
     scan: &'a Scan,
+    pose: &'a Pose,
     view: &'a View,
     about: reach::Reach,
     coarse_spacing: f64,
     /// Least and most that the columns lie ahead of their plane.
     span: [f64; 2],
+    /// Noise of a point, mm.
+    sigma: f64,
     tolerance: f64,
 }
 
@@ -129,8 +133,10 @@ impl Stage<'_> {
         let [least, most] = COLUMNS;
         let lattice = Lattice::of(angles, columns.clamp(least, most), view)?;
         let cells = cells::cells(&glimpses, &planes, &lattice, self.tolerance);
-        let offset = Search { cells: &cells, lattice: &lattice, range: [from, to], spacing }.end()?;
-        Some(Found { view: *view, offset, lattice, looked_at: length(BEFORE) })
+        let sway = view.sway(self.pose, &lattice, self.about.last)?;
+        let (sigma, range) = (self.sigma, [from, to]);
+        let offset = Search { cells: &cells, lattice: &lattice, sway: &sway, sigma, range, spacing }.end()?;
+        Some(Found { view: *view, offset, looked_at: length(BEFORE) })
     }
 }
 
@@ -138,6 +144,9 @@ impl Stage<'_> {
 struct Search<'a> {
     cells: &'a [Cell],
     lattice: &'a Lattice,
+    sway: &'a Sway,
+    /// Noise of a point, mm.
+    sigma: f64,
     range: [f64; 2],
     spacing: f64,
 }
@@ -156,11 +165,11 @@ impl Search<'_> {
 
     fn of(&self, chamfer: Option<Chamfer>) -> Option<Offset> {
         let [from, to] = self.range;
-        let mut evidence: Vec<Evidence> = cells::evidence(self.cells, self.lattice, chamfer);
+        let mut evidence: Vec<Evidence> = cells::evidence(self.cells, self.lattice, chamfer, self.sigma);
         let next = reach::reach(&evidence, from, self.spacing)?.next;
         let to = to.min(next);
         evidence.retain(|evidence| evidence.t >= from && evidence.t <= to);
         let (step, columns_count) = (self.lattice.mean_step(), self.lattice.len());
-        offset::find(&evidence, to, Grid { spacing: self.spacing, step, columns_count })
+        offset::find(&evidence, to, Grid { spacing: self.spacing, step, columns_count }, self.sway)
     }
 }

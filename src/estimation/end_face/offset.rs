@@ -8,7 +8,9 @@
 //! share one t it is even over the spacing, however many the columns.
 
 use super::cells::{Evidence, LACKING_MAX};
-use super::posterior::{Piece, Posterior};
+use super::marginal::{self, Step, sums};
+use super::posterior::Posterior;
+use super::sway::Sway;
 
 /// Where the plane is.
 #[derive(Debug, Clone, PartialEq)]
@@ -17,10 +19,8 @@ pub(super) struct Offset {
     pub(super) at: Posterior,
     /// The last place before the likeliest plane, mm.
     pub(super) last: f64,
-    /// The columns that decided it.
-    pub(super) columns: Vec<usize>,
-    /// Variance by what is not known of the places of the points that decided it, mm².
-    pub(super) of_places: f64,
+    /// Variance of a normal error beside it, mm².
+    pub(super) normal: f64,
 }
 
 /// How the evidence is spread.
@@ -36,9 +36,10 @@ pub(super) struct Grid {
 /// Beyond the part: a cell shows something after one that does not, and after one that does.
 const STRAY: [f64; 2] = [1e-3, 0.3];
 /// Before the end: how often a cell is taken to lack its point until that is counted, after none, one, two, and three cells
-/// or more that lack theirs; and how many cells that is worth.
+/// or more that lack theirs; and how many cells that is worth, near the end and farther before it.
 const LACK: [f64; 1 + LACKING_MAX] = [0.01, 0.9, 0.9, 0.9];
 const LACK_WORTH: f64 = 10.0;
+const FAR_WORTH: f64 = 1.0;
 /// At most: a point must stay likelier on the part than beyond it, also where a chamfer has taken most of the surface.
 const LACK_MOST: [f64; 1 + LACKING_MAX] = [0.5, 0.99, 0.99, 0.99];
 /// Cells are counted this far before the plane, [mm, spacings]: an edge is the more ragged the nearer to its end.
@@ -47,19 +48,31 @@ const COUNTED: [f64; 2] = [0.5, 0.5];
 const LOG_LIKELIHOOD_MIN: f64 = 8.0;
 const COLUMNS_SHARE_MIN: f64 = 0.1;
 
-/// Cells this near to the plane decided it: half of what is open, √3 standard deviations where it is even, or steps from a
-/// column to the next.
-const NEAR_STANDARDS: f64 = 1.8;
+/// Cells within so many steps from column to column, or so often half of the half-width that holds the plane, are about it;
+/// and the share of the sway's variance there that is not told, at most this share of that half squared.
 const NEAR_STEPS: f64 = 2.0;
+const NEAR_HALVES: f64 = 4.0;
+const SWAY_UNTOLD: f64 = 0.15;
+const UNTOLD_MOST: f64 = 0.25;
 
 /// Chances that a cell before the plane lacks its point, after so many beside it that lack theirs.
 #[derive(Debug, Clone, Copy)]
 struct Lack([f64; 1 + LACKING_MAX]);
 
 impl Lack {
-    /// Counted in cells, what was assumed being worth a few.
-    fn counted<'a>(cells: impl Iterator<Item = &'a Evidence>) -> Self {
-        let mut counts = LACK.map(|assumed| (assumed * LACK_WORTH, LACK_WORTH));
+    /// Of the cells before a plane at `last`.
+    fn before(last: f64, counted: f64, evidence: &[Evidence]) -> Self {
+        let within = |from: f64, to: f64| evidence.iter().filter(move |cell| cell.t > from && cell.t <= to);
+        let near = last - counted;
+        // How often a second cell lacks its point is seen where there is no edge: noise and the raster empty single ones.
+        let [_, second, ..] = Self(LACK).counted(within(f64::NEG_INFINITY, near), FAR_WORTH).0;
+        let [first, _, third, more] = LACK;
+        Self([first, second, third, more]).counted(within(near, last), LACK_WORTH)
+    }
+
+    /// Counted in cells, what is assumed being worth so many.
+    fn counted<'a>(self, cells: impl Iterator<Item = &'a Evidence>, worth: f64) -> Self {
+        let mut counts = self.0.map(|assumed| (assumed * worth, worth));
         for cell in cells {
             let of_kind = cell.lacking.and_then(|lacking| counts.get_mut(lacking));
             let Some((lacking, all)) = of_kind else { continue };
@@ -70,8 +83,8 @@ impl Lack {
         Self(counts.map(|(lacking, all)| (lacking / all).min(most.next().unwrap_or_default())))
     }
 
-    /// By how much the logarithm of the likelihood grows as the plane passes the cell beside this one, and this one.
-    fn gains(&self, cell: &Evidence) -> [f64; 2] {
+    /// By how much the logarithm of the likelihood grows as the plane passes a cell.
+    fn gain(&self, cell: &Evidence) -> f64 {
         let [stray, stray_again] = STRAY;
         let after = |lacking: usize| self.0.get(lacking).copied().unwrap_or_default();
         let lack = match cell.lacking {
@@ -80,79 +93,59 @@ impl Lack {
             None => after(0) / (1.0 + after(0) - after(1)),
         };
         let of = |present: f64| if cell.present { present.ln() } else { (1.0 - present).ln() };
-        let passed = if cell.beside.is_some() { of(stray) - of(stray_again) } else { 0.0 };
-        [passed, of(1.0 - lack) - of(stray)]
+        // Those that follow on it are strays after one until it lies before the plane.
+        of(1.0 - lack) - of(stray) + cell.followers as f64 * (stray / stray_again).ln()
     }
 }
 
-/// Where the likelihood of a plane changes.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Step {
-    t: f64,
-    gain: f64,
-}
-
 /// The plane, from evidence up to `to`; `None` where no end is seen.
-pub(super) fn find(evidence: &[Evidence], to: f64, grid: Grid) -> Option<Offset> {
+pub(super) fn find(evidence: &[Evidence], to: f64, grid: Grid, sway: &Sway) -> Option<Offset> {
     let [mm, spacings] = COUNTED;
     let counted = f64::max(mm, spacings * grid.spacing);
     let mut lack = Lack(LACK);
     for _ in 0..2 {
-        let last = best(&likelihood(evidence, lack))?.t;
-        lack = Lack::counted(evidence.iter().filter(|cell| cell.t <= last && cell.t > last - counted));
+        let last = best(&steps(evidence, lack))?.t;
+        lack = Lack::before(last, counted, evidence);
     }
-    let sums = likelihood(evidence, lack);
-    let Step { t: last, gain: most } = best(&sums)?;
-    let falls = most >= LOG_LIKELIHOOD_MIN && most - sums.last()?.gain >= LOG_LIKELIHOOD_MIN;
+    let steps = steps(evidence, lack);
+    let Step { t: last, gain: most, .. } = best(&steps)?;
+    let falls = most >= LOG_LIKELIHOOD_MIN && most - sums(&steps).last()?.gain >= LOG_LIKELIHOOD_MIN;
     let mut ended: Vec<usize> = evidence.iter().filter(|c| c.t > last && !c.present).map(|c| c.column).collect();
     ended.sort_unstable();
     ended.dedup();
     if !falls || (ended.len() as f64) < COLUMNS_SHARE_MIN * grid.columns_count as f64 {
         return None;
     }
-    let at = posterior(&sums, most, to)?;
-    // The cells at either side of what is left open, and those of every other profile that meets the edge.
-    let steps = NEAR_STEPS * grid.step;
-    let near = |cell: &&Evidence| (cell.t - at.mean()).abs() <= steps.max(NEAR_STANDARDS * at.deviation());
-    let columns: Vec<usize> = evidence.iter().filter(near).map(|cell| cell.column).collect();
-    let count = columns.len().max(1) as f64;
-    let crossings = (count / (2.0 * NEAR_STEPS)).max(1.0);
-    let of_places = evidence.iter().filter(near).map(|cell| cell.variance).sum::<f64>() / count / crossings;
-    Some(Offset { at, last, columns, of_places })
+    let at = marginal::posterior(&steps, sway, to)?;
+    let normal = sway.alike() + untold(evidence, &at, grid, sway);
+    Some(Offset { at, last, normal })
 }
 
-/// The logarithm of the likelihood of a plane just beyond each place where it changes, but for a constant.
+/// Variance by the sway that the cells about the plane do not tell, although the posterior takes it that they do: where the
+/// raster meets the edge alike in several columns, they all show one interval, and no sway narrows it.
+fn untold(evidence: &[Evidence], at: &Posterior, grid: Grid, sway: &Sway) -> f64 {
+    let half = at.half_of_expanded(0.0);
+    let open = f64::max(NEAR_STEPS * grid.step, NEAR_HALVES * half);
+    let near = evidence.iter().filter(|cell| (cell.t - at.mean()).abs() <= open);
+    let variances = near.map(|cell| sway.variance_of(cell.column));
+    let (sum, count) = variances.fold((0.0, 0.0), |(sum, count), variance| (sum + variance, count + 1.0));
+    (SWAY_UNTOLD * sum / f64::max(count, 1.0)).min(UNTOLD_MOST * half * half)
+}
+
+/// Where the likelihood of a plane changes, in order of t.
 ///
 /// A cell beyond the plane that shows something after one that does is no surprise, unless that one lies before the plane.
-fn likelihood(evidence: &[Evidence], lack: Lack) -> Vec<Step> {
-    let steps = |cell: &Evidence| {
-        let [passed, gain] = lack.gains(cell);
-        let beside = cell.beside.map(|t| Step { t: t.min(cell.t), gain: passed });
-        [beside, Some(Step { t: cell.t, gain })].into_iter().flatten()
-    };
-    let mut steps: Vec<Step> = evidence.iter().flat_map(steps).collect();
+fn steps(evidence: &[Evidence], lack: Lack) -> Vec<Step> {
+    let step =
+        |cell: &Evidence| Step { t: cell.t, gain: lack.gain(cell), column: cell.column, variance: cell.variance };
+    let mut steps: Vec<Step> = evidence.iter().map(step).collect();
     steps.sort_by(|a, b| a.t.total_cmp(&b.t));
-    let mut sum = 0.0;
-    for step in &mut steps {
-        sum += step.gain;
-        step.gain = sum;
-    }
     steps
 }
 
 /// Where the likelihood is largest.
-fn best(sums: &[Step]) -> Option<Step> {
-    sums.iter().copied().max_by(|a, b| a.gain.total_cmp(&b.gain))
-}
-
-/// Constant from each step to the next and from the last one up to `to`.
-fn posterior(sums: &[Step], most: f64, to: f64) -> Option<Posterior> {
-    let ends = sums.iter().skip(1).map(|step| step.t).chain([to]);
-    let pieces = sums.iter().zip(ends).map(|(step, end)| {
-        let end = end.max(step.t);
-        Piece { from: step.t, to: end, weight: (step.gain - most).exp() * (end - step.t) }
-    });
-    Posterior::of(pieces.collect())
+fn best(steps: &[Step]) -> Option<Step> {
+    sums(steps).max_by(|a, b| a.gain.total_cmp(&b.gain))
 }
 
 #[cfg(test)]
@@ -170,7 +163,7 @@ mod tests {
                 t,
                 present: t <= end,
                 lacking,
-                beside: lacking.filter(|l| *l == 0).map(|_| t - step),
+                followers: usize::from(column + 1 < COLUMNS && t + step <= end),
                 variance: 0.0,
                 column,
             }
@@ -179,20 +172,22 @@ mod tests {
     }
 
     fn found(step: f64, end: f64) -> Option<Offset> {
-        find(&cells(step, end), 12.0, Grid { spacing: 1.0, step, columns_count: COLUMNS })
+        let sway = Sway::of(&vec![nalgebra::Vector4::zeros(); COLUMNS], nalgebra::Matrix4::zeros()).expect("a sway");
+        find(&cells(step, end), 12.0, Grid { spacing: 1.0, step, columns_count: COLUMNS }, &sway)
     }
 
     #[test]
     fn where_all_columns_end_alike_the_plane_is_anywhere_in_the_spacing() {
         let offset = found(0.0, 5.7).expect("an end");
         assert!((offset.at.mean() - 5.5).abs() < 1e-3, "{offset:?}");
-        assert!((offset.at.deviation() - 1.0 / 12f64.sqrt()).abs() < 1e-3, "{offset:?}");
+        // 95.45 % of it.
+        assert!((offset.at.half_of_expanded(0.0) - 0.9545 / 4.0).abs() < 1e-3, "{offset:?}");
     }
 
     #[test]
     fn where_columns_end_in_turn_the_plane_is_known_to_a_step() {
         let offset = found(0.005, 5.333).expect("an end");
-        assert!((offset.at.mean() - 5.333).abs() < 0.03 && offset.at.deviation() < 0.05, "{offset:?}");
+        assert!((offset.at.mean() - 5.333).abs() < 0.03 && offset.at.half_of_expanded(0.0) < 0.05, "{offset:?}");
     }
 
     #[test]

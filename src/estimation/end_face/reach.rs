@@ -50,7 +50,7 @@ mod tests {
                 t: index as f64 + 0.5,
                 present: shown == '#',
                 lacking: None,
-                beside: None,
+                followers: 0,
                 variance: 0.0,
                 column: 0,
             };

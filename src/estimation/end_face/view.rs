@@ -6,9 +6,12 @@
 
 use super::lattice::Lattice;
 use super::offset::Offset;
+use super::sway::Sway;
 use crate::estimation::{End, Pose};
 use crate::geometry::AxisLine;
 use crate::scan::Scan;
+use nalgebra::{Matrix5, Vector4};
+use std::f64::consts::FRAC_PI_2;
 use std::ops::Range;
 
 /// A profile's plane; one that holds no point has an empty range.
@@ -27,6 +30,8 @@ pub(super) struct Glimpse {
     pub(super) plane: usize,
     /// Outward along the axis, mm.
     pub(super) t: f64,
+    /// The same of the surface in its direction, which its noise across the surface does not touch.
+    pub(super) of_surface: f64,
     /// About the axis, from +Z towards +Y, radians.
     pub(super) angle: f64,
     /// Above the surface, mm.
@@ -88,14 +93,20 @@ impl View {
         let (u, w) = (y - axis_y, z - axis_z);
         let along = (p * u + q * w) / self.n;
         let distance = (u * u + w * w - along * along).max(0.0).sqrt();
-        let t = plane.ahead + self.side * along;
-        Glimpse { plane: index, t, angle: u.atan2(w), height: distance - self.radius }
+        let [t, of_surface] =
+            [along, along * self.radius / distance.max(f64::MIN_POSITIVE)].map(|along| plane.ahead + self.side * along);
+        Glimpse { plane: index, t, of_surface, angle: u.atan2(w), height: distance - self.radius }
     }
 
     /// How far ahead of its plane, along the axis, the surface lies in a direction about the axis.
     pub(super) fn lead(&self, angle: f64) -> f64 {
         let [u, w] = self.place(angle);
         self.side * (self.axis.p * u + self.axis.q * w) / self.n
+    }
+
+    /// By how much that grows per millimetre about the axis.
+    pub(super) fn slope(&self, angle: f64) -> f64 {
+        self.lead(angle + FRAC_PI_2) / self.radius
     }
 
     /// The radius of the cylinder, mm.
@@ -118,42 +129,38 @@ impl View {
         [x, y, z]
     }
 
-    /// The variance of the point's x but for what the offset leaves open.
-    ///
-    /// What the pose adds is taken at that of the deciding columns where it adds most: where several decide, an axis that
-    /// is off lets the one win that ends last.
-    pub(super) fn variance(&self, pose: &Pose, offset: &Offset, lattice: &Lattice) -> f64 {
-        let [x, ..] = self.point(offset);
-        let of_pose = lattice.angles(&offset.columns).map(|angle| self.of_pose(pose, x, angle)).fold(0.0, f64::max);
-        offset.of_places / (self.n * self.n) + of_pose
+    /// How the columns move with the pose about a place along the axis.
+    pub(super) fn sway(&self, pose: &Pose, lattice: &Lattice, t: f64) -> Option<Sway> {
+        let covariance = Matrix5::from(pose.uncertainty.covariance).fixed_view::<4, 4>(0, 0).into_owned();
+        let x = self.x_ref + self.side * t / self.n;
+        let derivatives: Vec<_> = lattice.angles().map(|angle| self.side * self.n * self.by_pose(x, angle)).collect();
+        Sway::of(&derivatives, covariance)
     }
 
-    /// Half of the half-width along x that holds 95.45 %, with this variance beside what the offset leaves open.
+    /// Half of the half-width along x that holds 95.45 %, with this variance of x beside what the offset leaves open.
     pub(super) fn half_of_expanded(&self, offset: &Offset, variance: f64) -> f64 {
-        offset.at.half_of_expanded(self.n * variance.sqrt()) / self.n
+        let normal = offset.normal + self.n * self.n * variance;
+        offset.at.half_of_expanded(normal.sqrt()) / self.n
     }
 
-    /// The variance of the point's x by that of the pose where the edge is seen in one direction about the axis.
+    /// The point's x by (deflection, pitch, y_ref, z_ref) where the edge is seen in one direction about the axis.
     ///
     /// The edge E is what stays where it is when the axis is taken to be another: the point's x = x_E + (p·u + q·w)/n²,
     /// u = y_E − y_ref − p·dx, w = z_E − z_ref − q·dx, has the derivatives (u − p·dx)/n² − 2p(p·u + q·w)/n⁴ by p, −p/n² by
     /// y_ref, and likewise by q and z_ref.
-    fn of_pose(&self, pose: &Pose, x: f64, angle: f64) -> f64 {
+    fn by_pose(&self, x: f64, angle: f64) -> Vector4<f64> {
         let AxisLine { p, q, .. } = self.axis;
         let n2 = self.n * self.n;
         let [u, w] = self.place(angle);
         let along = p * u + q * w;
         let dx = x - along / n2 - self.x_ref;
         // The slopes' derivatives by the angles are 1 + p² and 1 + q².
-        let by = [
+        Vector4::new(
             ((u - p * dx) / n2 - 2.0 * p * along / (n2 * n2)) * (1.0 + p * p),
             ((w - q * dx) / n2 - 2.0 * q * along / (n2 * n2)) * (1.0 + q * q),
             -p / n2,
             -q / n2,
-            0.0,
-        ];
-        let rows = pose.uncertainty.covariance.iter().zip(by);
-        rows.map(|(row, j)| j * row.iter().zip(by).map(|(c, k)| c * k).sum::<f64>()).sum()
+        )
     }
 }
 

@@ -1,0 +1,208 @@
+//! The plane over all poses that the uncertainty leaves open: an edge that several columns show fits some of them better than
+//! others. Must not know cells, profiles or poses.
+//!
+//! Nodes of an even grid over the two motions of [`Sway`] are weighed by their normal density and by the likelihood of the
+//! planes with the columns where they are at that node; the grid draws in about those that weigh. The posterior of the plane
+//! is that of all nodes together.
+
+use super::posterior::{Piece, Posterior};
+use super::sway::{MOTIONS, Motion, Sway};
+use std::f64::consts::FRAC_1_SQRT_2;
+
+/// Planes e¹⁶ less likely than another count for nothing.
+const LOG_MOST: f64 = 16.0;
+/// Nodes along each motion, in so many standard deviations to either side, and how often the grid draws in.
+const NODES: usize = 7;
+const REACH: f64 = 3.0;
+const PASSES: usize = 3;
+/// A step whose place is not known well is taken in parts at these many of its standard deviations, each of which goes
+/// half-way to the next; a step less than [`WHOLE_MOST`] is taken whole.
+const PARTS: [f64; 8] = [-2.45, -1.75, -1.05, -0.35, 0.35, 1.05, 1.75, 2.45];
+const HALF_PART: f64 = 0.35;
+const WHOLE_MOST: f64 = 0.5;
+
+/// Where the likelihood of a plane changes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Step {
+    pub(super) t: f64,
+    /// By how much its logarithm grows as the plane passes.
+    pub(super) gain: f64,
+    pub(super) column: usize,
+    /// Variance of `t`, independent of that of any other step, mm².
+    pub(super) variance: f64,
+}
+
+impl Step {
+    /// The step as a plane meets it that may lie to either side of its place: up to z standard deviations the likelihood has
+    /// grown by ln(1 + (e^gain − 1)·Φ(z)).
+    fn parts(self) -> impl Iterator<Item = Self> {
+        let Self { t, gain, variance, .. } = self;
+        let grown = move |z: f64| (gain.exp_m1() * 0.5 * libm::erfc(-z * FRAC_1_SQRT_2)).ln_1p();
+        let whole = variance <= 0.0 || gain.abs() <= WHOLE_MOST;
+        let part = move |(index, z): (usize, f64)| {
+            let from = if index == 0 { 0.0 } else { grown(z - HALF_PART) };
+            let to = if index + 1 == PARTS.len() { gain } else { grown(z + HALF_PART) };
+            Self { t: t + z * variance.sqrt(), gain: to - from, ..self }
+        };
+        let parts = PARTS.into_iter().enumerate().map(part).filter(move |_| !whole);
+        parts.chain(whole.then_some(self))
+    }
+}
+
+/// Just beyond each step, in their order, the logarithm of the likelihood but for a constant.
+pub(super) fn sums(steps: &[Step]) -> impl Iterator<Item = Step> {
+    steps.iter().scan(0.0, |sum, step| {
+        *sum += step.gain;
+        Some(Step { gain: *sum, ..*step })
+    })
+}
+
+/// Where the plane is, up to `to`, from steps in order of t.
+pub(super) fn posterior(steps: &[Step], sway: &Sway, to: f64) -> Option<Posterior> {
+    let local = Local::of(steps, sway, to)?;
+    let mut nodes = Nodes { centre: [0.0; MOTIONS], reach: [REACH; MOTIONS] };
+    for _ in 1..PASSES {
+        nodes = nodes.drawn_in(&local);
+    }
+    let planes: Vec<Plane> = nodes.all().flat_map(|at| local.planes(at)).collect();
+    let most = most(&planes);
+    let likely = planes.iter().filter(|plane| plane.log > most - LOG_MOST);
+    Posterior::of(likely.map(|p| Piece { from: p.from, to: p.to, weight: p.weight(most) }).collect())
+}
+
+/// A plane anywhere from here to there.
+#[derive(Debug, Clone, Copy)]
+struct Plane {
+    from: f64,
+    to: f64,
+    /// Logarithm of its density but for a constant.
+    log: f64,
+}
+
+impl Plane {
+    fn weight(&self, most: f64) -> f64 {
+        (self.log - most).exp() * (self.to - self.from)
+    }
+}
+
+fn most(planes: &[Plane]) -> f64 {
+    planes.iter().map(|plane| plane.log).fold(f64::NEG_INFINITY, f64::max)
+}
+
+/// The steps that a motion can bring to where the plane may be.
+struct Local<'a> {
+    steps: Vec<Step>,
+    sway: &'a Sway,
+    to: f64,
+}
+
+impl<'a> Local<'a> {
+    fn of(steps: &[Step], sway: &'a Sway, to: f64) -> Option<Self> {
+        let most = sums(steps).map(|step| step.gain).fold(f64::NEG_INFINITY, f64::max);
+        let likely = || sums(steps).filter(|step| step.gain > most - LOG_MOST).map(|step| step.t);
+        let (first, last) = (likely().next()?, likely().last()?);
+        let end = steps.iter().find(|step| step.t > last).map_or(to, |step| step.t);
+        let variance = steps.iter().map(|step| step.variance).fold(0.0, f64::max);
+        let margin = 2.0 * REACH * (sway.most() + variance.sqrt());
+        let within = |step: &&Step| step.t >= first - margin && step.t <= end + margin;
+        Some(Self { steps: steps.iter().filter(within).flat_map(|step| step.parts()).collect(), sway, to })
+    }
+
+    /// The planes with the columns where they are at a node.
+    fn planes(&self, at: Motion) -> Vec<Plane> {
+        let moved = |step: &Step| Step { t: step.t + self.sway.of_column(step.column, at), ..*step };
+        let mut steps: Vec<Step> = self.steps.iter().map(moved).collect();
+        steps.sort_by(|a, b| a.t.total_cmp(&b.t));
+        let density = -0.5 * at.iter().map(|motion| motion * motion).sum::<f64>();
+        let ends = steps.iter().skip(1).map(|step| step.t).chain([self.to]);
+        let plane = |(step, to): (Step, f64)| Plane { from: step.t, to, log: density + step.gain };
+        sums(&steps).zip(ends).map(plane).filter(|plane| plane.to > plane.from).collect()
+    }
+}
+
+/// A grid over the motions.
+#[derive(Debug, Clone, Copy)]
+struct Nodes {
+    centre: Motion,
+    reach: Motion,
+}
+
+impl Nodes {
+    fn all(self) -> impl Iterator<Item = Motion> {
+        let place = |index: usize| 2.0 * index as f64 / (NODES - 1) as f64 - 1.0;
+        let Self { centre: [first, second], reach: [of_first, of_second] } = self;
+        let node = move |i: usize, j: usize| [first + of_first * place(i), second + of_second * place(j)];
+        (0..NODES).flat_map(move |i| (0..NODES).map(move |j| node(i, j)))
+    }
+
+    /// About the nodes that weigh, as far as they do.
+    fn drawn_in(self, local: &Local<'_>) -> Self {
+        let evidence = |at: Motion| {
+            let planes = local.planes(at);
+            let most = most(&planes);
+            (at, most + planes.iter().map(|plane| plane.weight(most)).sum::<f64>().ln())
+        };
+        let nodes: Vec<(Motion, f64)> = self.all().map(evidence).collect();
+        let most = nodes.iter().map(|(_, log)| *log).fold(f64::NEG_INFINITY, f64::max);
+        let mean = |of: &dyn Fn(Motion) -> Motion| {
+            let weighed = nodes.iter().map(|(at, log)| ((log - most).exp(), of(*at)));
+            let [all, first, second] =
+                weighed.fold([0.0; 3], |[all, a, b], (weight, [x, y])| [all + weight, a + weight * x, b + weight * y]);
+            [first / all, second / all]
+        };
+        let [first, second] = mean(&|at| at);
+        let [of_first, of_second] = mean(&|[x, y]| [(x - first).powi(2), (y - second).powi(2)]);
+        // What lies between two nodes is not told apart.
+        let reach = |variance: f64, reach: f64| {
+            let step = 2.0 * reach / (NODES - 1) as f64;
+            (REACH * (variance + step * step / 12.0).sqrt()).min(reach)
+        };
+        let [reach_first, reach_second] = self.reach;
+        Self { centre: [first, second], reach: [reach(of_first, reach_first), reach(of_second, reach_second)] }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Matrix4, Vector4};
+
+    /// Two columns that a motion of standard deviation `sway` moves against each other.
+    fn pair(sway: f64) -> Sway {
+        let by = Vector4::new(sway, 0.0, 0.0, 0.0);
+        Sway::of(&[by, -by], Matrix4::identity()).expect("a sway")
+    }
+
+    fn step(t: f64, gain: f64, column: usize, variance: f64) -> Step {
+        Step { t, gain, column, variance }
+    }
+
+    #[test]
+    fn a_plane_lies_anywhere_between_a_cell_that_shows_the_part_and_one_that_lacks_it() {
+        let steps = [step(1.0, 9.0, 0, 0.0), step(3.0, -9.0, 1, 0.0)];
+        let found = posterior(&steps, &pair(0.0), 4.0).expect("a posterior");
+        assert!((found.mean() - 2.0).abs() < 1e-3, "{found:?}");
+        assert!((found.half_of_expanded(0.0) - 0.4772).abs() < 2e-3, "{found:?}");
+    }
+
+    /// Column 0 has the plane within (0.0, 0.2), column 1 within (0.4, 0.6). A motion of 0.2 of either brings them together;
+    /// without one, lacks being cheap, the plane would be where the last cell shows the part.
+    #[test]
+    fn columns_at_odds_that_the_pose_explains_meet_in_the_middle() {
+        let steps = [step(0.0, 9.0, 0, 0.0), step(0.2, -5.0, 0, 0.0), step(0.4, 9.0, 1, 0.0), step(0.6, -9.0, 1, 0.0)];
+        let rigid = posterior(&steps, &pair(0.0), 1.0).expect("a posterior");
+        assert!((rigid.mean() - 0.5).abs() < 0.01, "{rigid:?}");
+        let found = posterior(&steps, &pair(0.2), 1.0).expect("a posterior");
+        assert!((found.mean() - 0.3).abs() < 0.02, "{found:?}");
+        // The intersection is at most 0.2 wide.
+        assert!(found.half_of_expanded(0.0) < 0.08, "{found:?}");
+    }
+
+    /// ∫ (1 − Φ((x − 3)/0.2)) dx from 1 = 2, as with a sharp end at 3; ∫ (x − 1)·(1 − Φ) dx = (2² + 0.2²)/2.
+    #[test]
+    fn a_cell_whose_place_is_not_known_well_ends_the_plane_softly() {
+        let steps = [step(1.0, 20.0, 0, 0.0), step(3.0, -20.0, 1, 0.04)];
+        let found = posterior(&steps, &pair(0.0), 5.0).expect("a posterior");
+        assert!((found.mean() - (1.0 + 2.02 / 2.0)).abs() < 5e-3, "{found:?}");
+    }
+}
