@@ -11,10 +11,11 @@ use std::f64::consts::FRAC_1_SQRT_2;
 
 /// Planes e¹⁶ less likely than another count for nothing.
 const LOG_MOST: f64 = 16.0;
-/// Nodes along each motion, in so many standard deviations to either side, and how often the grid draws in.
+/// Nodes along each motion, in so many standard deviations to either side, and how many grids there are: where the pose is
+/// known badly, the first is too coarse for a sharp edge.
 const NODES: usize = 7;
 const REACH: f64 = 3.0;
-const PASSES: usize = 3;
+const GRIDS: usize = 3;
 /// A step whose place is not known well is taken in parts at these many of its standard deviations, each of which goes
 /// half-way to the next; a step less than [`WHOLE_MOST`] is taken whole.
 const PARTS: [f64; 8] = [-2.45, -1.75, -1.05, -0.35, 0.35, 1.05, 1.75, 2.45];
@@ -61,7 +62,7 @@ pub(super) fn sums(steps: &[Step]) -> impl Iterator<Item = Step> {
 pub(super) fn posterior(steps: &[Step], sway: &Sway, to: f64) -> Option<Posterior> {
     let local = Local::of(steps, sway, to)?;
     let mut nodes = Nodes { centre: [0.0; MOTIONS], reach: [REACH; MOTIONS] };
-    for _ in 1..PASSES {
+    for _ in 1..GRIDS {
         nodes = nodes.drawn_in(&local);
     }
     let planes: Vec<Plane> = nodes.all().flat_map(|at| local.planes(at)).collect();
@@ -97,26 +98,52 @@ struct Local<'a> {
 }
 
 impl<'a> Local<'a> {
+    /// From steps in order of t.
     fn of(steps: &[Step], sway: &'a Sway, to: f64) -> Option<Self> {
-        let most = sums(steps).map(|step| step.gain).fold(f64::NEG_INFINITY, f64::max);
-        let likely = || sums(steps).filter(|step| step.gain > most - LOG_MOST).map(|step| step.t);
-        let (first, last) = (likely().next()?, likely().last()?);
-        let end = steps.iter().find(|step| step.t > last).map_or(to, |step| step.t);
+        let moved = 2.0 * REACH * sway.most();
         let variance = steps.iter().map(|step| step.variance).fold(0.0, f64::max);
-        let margin = 2.0 * REACH * (sway.most() + variance.sqrt());
-        let within = |step: &&Step| step.t >= first - margin && step.t <= end + margin;
-        Some(Self { steps: steps.iter().filter(within).flat_map(|step| step.parts()).collect(), sway, to })
+        let whole = Window::of(steps, 2.0 * REACH * variance.sqrt() + moved, to)?;
+        let mut parts: Vec<Step> = whole.of_them(steps).flat_map(|step| step.parts()).collect();
+        parts.sort_by(|a, b| a.t.total_cmp(&b.t));
+        let window = Window::of(&parts, moved, whole.to)?;
+        Some(Self { steps: window.of_them(&parts).copied().collect(), sway, to: window.to })
     }
 
     /// The planes with the columns where they are at a node.
     fn planes(&self, at: Motion) -> Vec<Plane> {
-        let moved = |step: &Step| Step { t: step.t + self.sway.of_column(step.column, at), ..*step };
-        let mut steps: Vec<Step> = self.steps.iter().map(moved).collect();
-        steps.sort_by(|a, b| a.t.total_cmp(&b.t));
-        let density = -0.5 * at.iter().map(|motion| motion * motion).sum::<f64>();
-        let ends = steps.iter().skip(1).map(|step| step.t).chain([self.to]);
-        let plane = |(step, to): (Step, f64)| Plane { from: step.t, to, log: density + step.gain };
-        sums(&steps).zip(ends).map(plane).filter(|plane| plane.to > plane.from).collect()
+        let moved = |step: &Step| [step.t + self.sway.of_column(step.column, at), step.gain];
+        let mut steps: Vec<[f64; 2]> = self.steps.iter().map(moved).collect();
+        steps.sort_unstable_by(|[a, _], [b, _]| a.total_cmp(b));
+        let ends = steps.iter().skip(1).map(|[t, _]| *t).chain([self.to]);
+        let mut log = -0.5 * at.iter().map(|motion| motion * motion).sum::<f64>();
+        let plane = |([from, gain], to): (&[f64; 2], f64)| {
+            log += gain;
+            Plane { from: *from, to, log }
+        };
+        steps.iter().zip(ends).map(plane).filter(|plane| plane.to > plane.from).collect()
+    }
+}
+
+/// Where the plane may be.
+#[derive(Debug, Clone, Copy)]
+struct Window {
+    from: f64,
+    to: f64,
+}
+
+impl Window {
+    /// Up to `to`, a margin about where steps in order of t leave the plane likely; `None` without any.
+    fn of(steps: &[Step], margin: f64, to: f64) -> Option<Self> {
+        let most = sums(steps).map(|step| step.gain).fold(f64::NEG_INFINITY, f64::max);
+        let likely = || sums(steps).filter(|step| step.gain > most - LOG_MOST).map(|step| step.t);
+        let (first, last) = (likely().next()?, likely().last()?);
+        let end = steps.iter().find(|step| step.t > last).map_or(to, |step| step.t);
+        Some(Self { from: first - margin, to: to.min(end + margin) })
+    }
+
+    fn of_them<'a>(&self, steps: &'a [Step]) -> impl Iterator<Item = &'a Step> {
+        let Self { from, to } = *self;
+        steps.iter().filter(move |step| step.t >= from && step.t <= to)
     }
 }
 

@@ -5,14 +5,15 @@ use std::f64::consts::{FRAC_1_SQRT_2, PI, SQRT_2};
 
 /// What two standard uncertainties hold of a normal distribution: erf √2.
 const HELD: f64 = 0.954_499_736_103_642;
-/// Pieces below this share of the whole are left out: together they hold less than a millionth.
-const SHARE_MIN: f64 = 1e-8;
+/// Pieces below this share of the whole are left out: together, some thousands, they hold less than a millionth.
+const SHARE_MIN: f64 = 1e-10;
 /// Beyond so many standard deviations a normal distribution has ended, to double precision.
 const NORMAL_ENDS: f64 = 8.0;
 /// What is normal about the place is at least this, mm; it keeps the quotients finite.
 const NORMAL_MIN_MM: f64 = 1e-9;
-/// Halvings of the interval in which the half-width is looked for.
-const HALVINGS: usize = 30;
+/// Steps in which the half-width is looked for at most, and how far off the share may be that it holds.
+const STEPS_MAX: usize = 60;
+const HELD_OFF_MAX: f64 = 1e-9;
 /// No distribution has more than 1/k² beyond k standard deviations (Chebyshev); a 22nd is outside of the interval.
 const DEVIATIONS_MAX: f64 = 5.0;
 
@@ -36,14 +37,16 @@ pub(super) struct Posterior {
 impl Posterior {
     /// `None` without weight.
     pub(super) fn of(mut pieces: Vec<Piece>) -> Option<Self> {
-        let total: f64 = pieces.iter().map(|piece| piece.weight).sum();
+        let total = |pieces: &[Piece]| pieces.iter().map(|piece| piece.weight).sum::<f64>();
+        let least = SHARE_MIN * total(&pieces);
+        pieces.retain(|piece| piece.weight > least);
+        let total = total(&pieces);
         if !(total > 0.0 && total.is_finite()) {
             return None;
         }
-        pieces.retain_mut(|piece| {
+        for piece in &mut pieces {
             piece.weight /= total;
-            piece.weight > SHARE_MIN
-        });
+        }
         let middle = |piece: &Piece| 0.5 * (piece.from + piece.to);
         let mean: f64 = pieces.iter().map(|piece| piece.weight * middle(piece)).sum();
         let square = |piece: &Piece| (middle(piece) - mean).powi(2) + (piece.to - piece.from).powi(2) / 12.0;
@@ -60,33 +63,55 @@ impl Posterior {
     /// standard deviation is added, mm.
     pub(super) fn half_of_expanded(&self, normal: f64) -> f64 {
         let normal = normal.max(NORMAL_MIN_MM);
-        let mut bounds = [0.0, DEVIATIONS_MAX * self.deviation.hypot(normal)];
-        for _ in 0..HALVINGS {
-            let [low, high] = bounds;
-            let middle = 0.5 * (low + high);
-            bounds = if self.held(middle, normal) < HELD { [middle, high] } else { [low, middle] };
+        let deviation = self.deviation.hypot(normal);
+        let [mut low, mut high] = [0.0, DEVIATIONS_MAX * deviation];
+        let mut half_width = 2.0 * deviation;
+        // Newton's method, kept between what holds too little and what holds too much.
+        for _ in 0..STEPS_MAX {
+            let [held, growth] = self.held(half_width, normal);
+            if (HELD - held).abs() < HELD_OFF_MAX {
+                break;
+            }
+            *(if held < HELD { &mut low } else { &mut high }) = half_width;
+            let next = half_width + (HELD - held) / growth;
+            half_width = if next > low && next < high { next } else { 0.5 * (low + high) };
         }
-        0.5 * bounds.iter().sum::<f64>() / 2.0
+        0.5 * half_width
     }
 
-    /// The share within a half-width of the mean.
-    fn held(&self, half_width: f64, normal: f64) -> f64 {
-        let below = |x: f64, piece: &Piece| {
-            let [from, to] = [piece.from, piece.to].map(|end| mean_excess((x - end) / normal));
-            (from - to) * normal / (piece.to - piece.from)
-        };
+    /// The share within a half-width of the mean, and by how much it grows with that.
+    fn held(&self, half_width: f64, normal: f64) -> [f64; 2] {
         let [low, high] = [self.mean - half_width, self.mean + half_width];
-        self.pieces.iter().map(|piece| piece.weight * (below(high, piece) - below(low, piece))).sum()
+        let share = |piece: &Piece| {
+            let below = |x: f64| {
+                let [from, to] = [piece.from, piece.to].map(|end| Excess::at((x - end) / normal));
+                [(from.mean - to.mean) * normal, from.chance - to.chance]
+            };
+            let ([below_high, at_high], [below_low, at_low]) = (below(high), below(low));
+            let density = piece.weight / (piece.to - piece.from);
+            [density * (below_high - below_low), density * (at_high + at_low)]
+        };
+        self.pieces.iter().map(share).fold([0.0; 2], |[held, growth], [share, by]| [held + share, growth + by])
     }
 }
 
-/// ∫ Φ up to z = z·Φ(z) + φ(z).
-fn mean_excess(z: f64) -> f64 {
-    if z.abs() > NORMAL_ENDS {
-        return z.max(0.0);
+/// By how much a number exceeds one of the unit normal distribution.
+struct Excess {
+    /// ∫ Φ up to z = z·Φ(z) + φ(z).
+    mean: f64,
+    /// Φ(z), that it does.
+    chance: f64,
+}
+
+impl Excess {
+    fn at(z: f64) -> Self {
+        if z.abs() > NORMAL_ENDS {
+            return Self { mean: z.max(0.0), chance: if z > 0.0 { 1.0 } else { 0.0 } };
+        }
+        let density = (-0.5 * z * z).exp() * FRAC_1_SQRT_2 / PI.sqrt();
+        let chance = 0.5 * libm::erfc(-z / SQRT_2);
+        Self { mean: z * chance + density, chance }
     }
-    let density = (-0.5 * z * z).exp() * FRAC_1_SQRT_2 / PI.sqrt();
-    z * 0.5 * libm::erfc(-z / SQRT_2) + density
 }
 
 #[cfg(test)]
@@ -123,6 +148,15 @@ mod tests {
         let posterior = Posterior::of(pieces).expect("a posterior");
         assert!(posterior.half_of_expanded(0.0) < 0.4, "{posterior:?}");
         assert!(posterior.deviation > 1.0, "{posterior:?}");
+    }
+
+    /// Far from the origin a mean over shares that do not add up to one would be off by micrometres.
+    #[test]
+    fn what_is_left_out_moves_nothing() {
+        let small = (0..1000).map(|index| Piece { from: 900.0, to: 901.0 + f64::from(index), weight: 0.9e-10 });
+        let pieces = std::iter::once(Piece { from: 900.0, to: 901.0, weight: 1.0 }).chain(small).collect();
+        let posterior = Posterior::of(pieces).expect("a posterior");
+        assert!((posterior.mean() - 900.5).abs() < 1e-12, "{posterior:?}");
     }
 
     #[test]
