@@ -121,7 +121,7 @@ pub(super) fn evidence(cells: &[Cell], lattice: &Lattice, chamfer: Option<Chamfe
             let behind = column.before.and_then(reach).zip(first.behind);
             let (from, lead) = behind.unwrap_or((cell.ahead, first.ahead));
             let missing = (from + share * lead.mean, lead.variance);
-            let noise = sigma * sigma * column.of_noise(cell.seen, lattice);
+            let noise = sigma * sigma * column.of_noise(cell.seen);
             let (t, variance) = reach(index).map_or(missing, |t| (t, noise));
             let known = column.before.and_then(shows).is_some();
             let run = std::iter::successors(column.before, |index| before(*index));
@@ -138,9 +138,10 @@ pub(super) fn evidence(cells: &[Cell], lattice: &Lattice, chamfer: Option<Chamfe
 impl Column {
     /// The variance along the axis of a point's place by the variance of its noise, which does not move the surface in its
     /// direction across, but what lies below.
-    fn of_noise(&self, seen: Seen, lattice: &Lattice) -> f64 {
-        let across = if matches!(seen, Seen::Below { .. }) { self.lead / lattice.radius() } else { 0.0 };
-        self.slope * self.slope + across * across
+    fn of_noise(&self, seen: Seen) -> f64 {
+        let [about, away] = self.slope;
+        let across = if matches!(seen, Seen::Below { .. }) { away } else { 0.0 };
+        about * about + across * across
     }
 }
 

@@ -18,8 +18,8 @@ pub(super) struct Column {
     angle: f64,
     /// How far ahead of its plane it lies, mm.
     pub(super) lead: f64,
-    /// By how much that grows per millimetre about the axis.
-    pub(super) slope: f64,
+    /// By how much that grows per millimetre about the axis, and away from it.
+    pub(super) slope: [f64; 2],
     /// The column beside it that a growing part reaches first.
     pub(super) before: Option<usize>,
 }
@@ -39,7 +39,8 @@ impl Lattice {
         let bounds = (1..columns_count).filter_map(between).collect();
         let column = |index: usize| {
             let angle = at(index as f64 + 0.5)?;
-            Some(Column { angle, lead: view.lead(angle), slope: view.slope(angle), before: None })
+            let lead = view.lead(angle);
+            Some(Column { angle, lead, slope: [view.slope(angle), lead / view.radius()], before: None })
         };
         let mut columns: Vec<Column> = (0..columns_count).filter_map(column).collect();
         let leads: Vec<f64> = columns.iter().map(|column| column.lead).collect();

@@ -54,7 +54,7 @@ pub(super) fn complete(scan: &Scan, settings: &Settings, estimate: &mut Estimate
     let sigma = estimate.residuals.map_or(0.0, |residuals| residuals.sigma);
     let tolerance = settings.epsilon_mm.max(SURFACE_SIGMAS * sigma);
     let [near, far] = [End::Near, End::Far].map(|end| {
-        let found = asked.asks_for(end).then(|| find(scan, pose, end, [sigma, tolerance]));
+        let found = asked.asks_for(end).then(|| find(scan, pose, end, sigma, tolerance));
         let found = found.map(|found| found?.face(&settings.type_b));
         if found.is_some_and(|face| face.is_none()) {
             estimate.conditioning.warnings.push(Warning::EndFaceNotSeen { end });
@@ -65,7 +65,7 @@ pub(super) fn complete(scan: &Scan, settings: &Settings, estimate: &mut Estimate
 }
 
 /// `None` where the scan does not show the end.
-fn find(scan: &Scan, pose: &Pose, end: End, [sigma, tolerance]: [f64; 2]) -> Option<Found> {
+fn find(scan: &Scan, pose: &Pose, end: End, sigma: f64, tolerance: f64) -> Option<Found> {
     let view = View::new(pose, end);
     let planes = view.planes_outward(scan);
     let coarse = view::thin(&planes, COARSE_PLANES_MAX);
@@ -133,7 +133,7 @@ impl Stage<'_> {
         let [least, most] = COLUMNS;
         let lattice = Lattice::of(angles, columns.clamp(least, most), view)?;
         let cells = cells::cells(&glimpses, &planes, &lattice, self.tolerance);
-        let sway = view.sway(self.pose, &lattice, self.about.last)?;
+        let sway = view.sway(self.pose, lattice.angles(), self.about.last)?;
         let (sigma, range) = (self.sigma, [from, to]);
         let offset = Search { cells: &cells, lattice: &lattice, sway: &sway, sigma, range, spacing }.end()?;
         Some(Found { view: *view, offset, looked_at: length(BEFORE) })

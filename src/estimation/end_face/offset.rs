@@ -3,9 +3,10 @@
 //!
 //! Up to the plane a cell shows the part but for drop-outs, beyond it nothing but for strays. Drop-outs and strays come in
 //! runs, so each cell is weighed given those beside it: a Markov chain along the profile, whose rates are those of the
-//! cells just before the plane. In order of t the logarithm of the likelihood of a plane is a running sum; with nothing
-//! known before about the offset it is the posterior, constant between one cell and the next. Where all cells of a profile
-//! share one t it is even over the spacing, however many the columns.
+//! cells just before the plane, but for how often a second cell lacks its point, which those farther before tell. In order
+//! of t the logarithm of the likelihood of a plane is a running sum, constant between one cell and the next; where all cells
+//! of a profile share one t it is even over the spacing, however many the columns. With nothing known before about the
+//! offset, and all poses that the uncertainty leaves open, it becomes the posterior.
 
 use super::cells::{Evidence, LACKING_MAX};
 use super::marginal::{self, Step, sums};

@@ -4,7 +4,6 @@
 //! With dx = x − x_ref, u and w from the axis in the plane of the profile and n² = 1 + p² + q² a point lies at
 //! t = ±(n·dx + (p·u + q·w)/n), outward; ρ² = u² + w² − (p·u + q·w)²/n² is its squared distance from the axis.
 
-use super::lattice::Lattice;
 use super::offset::Offset;
 use super::sway::Sway;
 use crate::estimation::{End, Pose};
@@ -129,11 +128,11 @@ impl View {
         [x, y, z]
     }
 
-    /// How the columns move with the pose about a place along the axis.
-    pub(super) fn sway(&self, pose: &Pose, lattice: &Lattice, t: f64) -> Option<Sway> {
+    /// How columns in these directions move with the pose about a place along the axis.
+    pub(super) fn sway(&self, pose: &Pose, angles: impl Iterator<Item = f64>, t: f64) -> Option<Sway> {
         let covariance = Matrix5::from(pose.uncertainty.covariance).fixed_view::<4, 4>(0, 0).into_owned();
         let x = self.x_ref + self.side * t / self.n;
-        let derivatives: Vec<_> = lattice.angles().map(|angle| self.side * self.n * self.by_pose(x, angle)).collect();
+        let derivatives: Vec<_> = angles.map(|angle| self.side * self.n * self.by_pose(x, angle)).collect();
         Sway::of(&derivatives, covariance)
     }
 
