@@ -1,6 +1,6 @@
 //! What a user waits for: reading a scan in each format, and estimating with each method, beside the time of adding up
-//! the same coordinates once on one thread. Prints a table; `cargo bench` runs it, `cargo bench --bench scan_to_pose -- cylinder` only
-//! the rows whose name holds the word.
+//! the same coordinates once on one thread. Prints a table; `cargo bench` runs it, `cargo bench --bench scan_to_pose --
+//! cylinder` only the rows whose name holds the word.
 //!
 //! Everything is timed in turns in one run and quoted as the median ratio to the sum of the same round, since machines are
 //! shared and noisy.
@@ -9,12 +9,12 @@
 
 mod yardstick;
 
-use coaxis::estimation::{Method, Progress, Settings, estimate};
+use coaxis::estimation::{EndFaceRule, Method, Progress, Settings, estimate};
 use coaxis::scan::Scan;
 use coaxis::scan::decode::{Format, Limits, Request, decode};
 use coaxis::scan::encode::encode;
 use coaxis::scan::slice::{SliceRequest, slice};
-use coaxis::scan::synthetic::{Part, make};
+use coaxis::scan::synthetic::{Edge, Edges, Part, make};
 use std::error::Error;
 use std::hint::black_box;
 use yardstick::{POINTS_COUNT, PROFILES_COUNT, large_scan, median, narrowed, sum, timed};
@@ -58,11 +58,17 @@ fn main() -> Result<(), Box<dyn Error>> {
         report(&name, 0, &single, ROUNDS_COUNT, || estimate(&single, &settings, &Progress::default()).profiles.len());
     }
     // What does not grow with the scan shows on a short one.
-    let short = narrowed(&make(&Part { spike_ratio: 0.005, ..Part::with_interference(1) })?.0)?;
-    let settings = Settings { method: Method::Cylinder, ..Settings::default() };
-    report("estimate cylinder, 400 x 640", 0, &short, SHORT_ROUNDS_COUNT, || {
-        estimate(&short, &settings, &Progress::default()).profiles.len()
-    });
+    let short = Part { spike_ratio: 0.005, ..Part::with_interference(1) };
+    let edge = |x_mm| Some(Edge { x_mm, chamfer_mm: 0.0, ragged_ratio: 0.0, ragged_mm: 0.0, beyond: None });
+    let ending = Part { edges: Edges { near: edge(41.0), far: edge(759.7) }, ..short };
+    for (part, end_face, name) in [
+        (short, EndFaceRule::None, "estimate cylinder, 400 x 640"),
+        (ending, EndFaceRule::Both, "estimate cylinder and both ends"),
+    ] {
+        let scan = narrowed(&make(&part)?.0)?;
+        let settings = Settings { method: Method::Cylinder, end_face, ..Settings::default() };
+        report(name, 0, &scan, SHORT_ROUNDS_COUNT, || estimate(&scan, &settings, &Progress::default()).profiles.len());
+    }
     Ok(())
 }
 

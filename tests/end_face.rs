@@ -278,3 +278,15 @@ fn only_what_is_asked_for_is_measured() {
         }
     }
 }
+
+#[test]
+fn the_number_of_threads_does_not_show() {
+    let (scan, _) = make(&PLAIN.part(1)).expect("a part");
+    let on = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        pool.install(|| estimate(&scan, &PLAIN.settings(), &Progress::default()))
+    };
+    let one = on(1);
+    assert!(faces(&one).iter().all(Option::is_some));
+    assert_eq!(one, on(2));
+}

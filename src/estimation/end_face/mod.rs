@@ -53,15 +53,12 @@ pub(super) fn complete(scan: &Scan, settings: &Settings, estimate: &mut Estimate
     let Outcome::Accepted(pose) = &mut estimate.outcome else { return };
     let sigma = estimate.residuals.map_or(0.0, |residuals| residuals.sigma);
     let tolerance = settings.epsilon_mm.max(SURFACE_SIGMAS * sigma);
-    let [near, far] = [End::Near, End::Far].map(|end| {
-        let found = asked.asks_for(end).then(|| find(scan, pose, end, sigma, tolerance));
-        let found = found.map(|found| found?.face(&settings.type_b));
-        if found.is_some_and(|face| face.is_none()) {
-            estimate.conditioning.warnings.push(Warning::EndFaceNotSeen { end });
-        }
-        found.flatten()
-    });
-    pose.end_faces = EndFaces { asked, near, far };
+    let seen = |end| find(scan, pose, end, sigma, tolerance).and_then(|found| found.face(&settings.type_b));
+    let face = |end| asked.asks_for(end).then(|| seen(end));
+    let (near, far) = rayon::join(|| face(End::Near), || face(End::Far));
+    let unseen = [(End::Near, near), (End::Far, far)].into_iter().filter(|(_, face)| matches!(face, Some(None)));
+    estimate.conditioning.warnings.extend(unseen.map(|(end, _)| Warning::EndFaceNotSeen { end }));
+    pose.end_faces = EndFaces { asked, near: near.flatten(), far: far.flatten() };
 }
 
 /// `None` where the scan does not show the end.
