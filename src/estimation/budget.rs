@@ -48,6 +48,11 @@ impl Uncertainty {
         let component = |line: &Line| Component { source: line.source.to_owned(), standard: line.standard() };
         Self { covariance: covariance.into(), budget: lines.iter().map(component).collect() }
     }
+
+    /// The covariance of what is left when these of its lines are left out.
+    pub(super) fn without(&self, lines: &[Line]) -> Matrix5<f64> {
+        Matrix5::from(self.covariance) - lines.iter().map(|line| line.covariance).sum::<Matrix5<f64>>()
+    }
 }
 
 #[cfg(test)]
@@ -59,11 +64,14 @@ mod tests {
         let axis = AxisLine { p: 0.5, q: 0.0, y0: 0.0, z0: 0.0 };
         let scatter = Line { source: "repeatability", covariance: Matrix5::from_diagonal_element(9e-6) };
         let shift = Line::of_shift("nominal_radius", &Vector5::new(0.005, 0.0, 0.0, 0.004, 0.0), &axis);
-        let Uncertainty { covariance, budget } = Uncertainty::of(&[scatter, shift]);
+        let scatter_alone = scatter.covariance;
+        let uncertainty = Uncertainty::of(&[scatter, shift]);
+        let Uncertainty { covariance, budget } = &uncertainty;
         // d atan(p)/dp = 1/(1 + p²) = 0.8, so 0.005 becomes 0.004; with 0.003 beside it 3-4-5 makes 0.005.
         assert!((budget[1].standard[0] - 0.004).abs() < 1e-12);
         assert!((covariance[0][0].sqrt() - 0.005).abs() < 1e-12);
         assert!((covariance[3][3].sqrt() - 0.005).abs() < 1e-12);
         assert!((covariance[0][3] - 0.004 * 0.004).abs() < 1e-12, "one number moves both");
+        assert!((uncertainty.without(&[shift]) - scatter_alone).norm() < 1e-18);
     }
 }

@@ -93,6 +93,11 @@ impl TypeB {
     pub(super) fn lines(&self, found: &Found, influences: &[Influence]) -> Vec<Line> {
         let straightness = (self.stage_straightness_mm > 0.0)
             .then(|| Line::of_slopes("stage_straightness", &self.straightness(influences), &found.axis));
+        straightness.into_iter().chain(self.of_whole_scan(found)).collect()
+    }
+
+    /// Those of them that move everything in the scan together with the axis.
+    pub(super) fn of_whole_scan(&self, found: &Found) -> Vec<Line> {
         let extrinsics = (self.extrinsics_rotation_deg > 0.0 || self.extrinsics_position_mm > 0.0)
             .then(|| Line::of_slopes("sensor_extrinsics", &self.extrinsics(found), &found.axis));
         let growth = self.temperature_sigma_k * self.expansion_per_k;
@@ -100,7 +105,7 @@ impl TypeB {
             let [y, z] = found.axis.at(found.x_ref);
             Line::of_shift("temperature", &(Vector5::new(0.0, 0.0, y, z, found.radius) * growth), &found.axis)
         });
-        [straightness, extrinsics, temperature].into_iter().flatten().collect()
+        [extrinsics, temperature].into_iter().flatten().collect()
     }
 
     /// Σ ρ(x, x′) u² E Eᵀ′ over pairs of profiles, y and z apart: the profiles are off by as much as the rail is there.

@@ -5,7 +5,7 @@ use super::lattice::{Column, Lattice};
 use super::view::{Glimpse, Plane};
 
 /// Deepest chamfer that is told from a hole or a support, mm.
-const DEPTH_MAX_MM: f64 = 3.2;
+pub(super) const DEPTH_MAX_MM: f64 = 3.2;
 /// Points below the surface that make a chamfer, and which of their depths tells that at its end.
 const CHAMFER_POINTS_MIN: usize = 5;
 const DEPTH_QUANTILE: f64 = 0.95;

@@ -20,10 +20,11 @@ mod reach;
 mod sway;
 mod view;
 
-use super::{End, EndFace, EndFaces, Estimate, Outcome, Pose, Settings, TypeB, Warning};
+use super::{End, EndFace, EndFaces, Estimate, Outcome, Pose, Settings, TypeB, Warning, type_b};
 use crate::scan::Scan;
 use cells::{Cell, Chamfer, Evidence};
 use lattice::Lattice;
+use nalgebra::Matrix5;
 use offset::{Grid, Offset};
 use sway::Sway;
 use view::{Glimpse, Plane, View};
@@ -44,8 +45,10 @@ const UNSETTLED: [f64; 2] = [4.0, 2.0];
 /// What is looked at beyond the end of the surface, and the longest chamfer.
 const BEYOND: [f64; 2] = [8.0, 4.0];
 const CHAMFER_LENGTH_MAX_MM: f64 = 6.0;
-/// A point counts as on the surface within this many sigma, and within ε.
+/// A point counts as on the surface within this many sigma or within ε, whichever is more; and the share of that which the
+/// pose may leave open, as a standard deviation.
 const SURFACE_SIGMAS: f64 = 5.0;
+const OPEN_MAX: f64 = 0.75;
 
 /// Adds the end faces that the settings ask for to an accepted estimate, and a warning for each that is not seen.
 pub(super) fn complete(scan: &Scan, settings: &Settings, estimate: &mut Estimate) {
@@ -53,7 +56,8 @@ pub(super) fn complete(scan: &Scan, settings: &Settings, estimate: &mut Estimate
     let Outcome::Accepted(pose) = &mut estimate.outcome else { return };
     let sigma = estimate.residuals.map_or(0.0, |residuals| residuals.sigma);
     let tolerance = settings.epsilon_mm.max(SURFACE_SIGMAS * sigma);
-    let seen = |end| find(scan, pose, end, sigma, tolerance).and_then(|found| found.face(&settings.type_b));
+    let known = Known { scan, pose, covariance: against_scan(pose, &settings.type_b), sigma, tolerance };
+    let seen = |end| known.find(end).and_then(|found| found.face(&settings.type_b));
     let face = |end| asked.asks_for(end).then(|| seen(end));
     let (near, far) = rayon::join(|| face(End::Near), || face(End::Far));
     let unseen = [(End::Near, near), (End::Far, far)].into_iter().filter(|(_, face)| matches!(face, Some(None)));
@@ -61,20 +65,40 @@ pub(super) fn complete(scan: &Scan, settings: &Settings, estimate: &mut Estimate
     pose.end_faces = EndFaces { asked, near: near.flatten(), far: far.flatten() };
 }
 
-/// `None` where the scan does not show the end.
-fn find(scan: &Scan, pose: &Pose, end: End, sigma: f64, tolerance: f64) -> Option<Found> {
-    let view = View::new(pose, end);
-    let planes = view.planes_outward(scan);
-    let coarse = view::thin(&planes, COARSE_PLANES_MAX);
-    let coarse_spacing = view.spacing(&coarse)?;
-    let glimpses = view.look(scan, &coarse, COARSE_POINTS_MAX);
-    let on_surface = |glimpse: &&Glimpse| glimpse.height.abs() <= tolerance;
-    let angles = glimpses.iter().filter(on_surface).map(|glimpse| glimpse.angle).collect();
-    let lattice = Lattice::of(angles, COARSE_COLUMNS, &view)?;
-    let seen = cells::cells(&glimpses, &coarse, &lattice, tolerance);
-    let about = reach::reach(&cells::evidence(&seen, &lattice, None, 0.0), 0.0, coarse_spacing)?;
-    let stage = Stage { scan, pose, view: &view, about, coarse_spacing, span: lattice.span(), sigma, tolerance };
-    stage.refine(&planes)
+/// The covariance of the pose against what the scan shows: what moves the whole scan moves the edge with the axis.
+fn against_scan(pose: &Pose, type_b: &TypeB) -> Matrix5<f64> {
+    let whole = type_b.of_whole_scan(&type_b::Found { axis: pose.axis, x_ref: pose.x_ref, radius: pose.radius });
+    pose.uncertainty.without(&whole)
+}
+
+/// What is known before an end is looked for.
+struct Known<'a> {
+    scan: &'a Scan,
+    pose: &'a Pose,
+    covariance: Matrix5<f64>,
+    /// Noise of a point, mm.
+    sigma: f64,
+    tolerance: f64,
+}
+
+impl Known<'_> {
+    /// `None` where the scan does not show the end.
+    fn find(&self, end: End) -> Option<Found> {
+        let view = View::new(self.pose, end);
+        let planes = view.planes_outward(self.scan);
+        let coarse = view::thin(&planes, COARSE_PLANES_MAX);
+        let coarse_spacing = view.spacing(&coarse)?;
+        let glimpses = view.look(self.scan, &coarse, COARSE_POINTS_MAX);
+        let on_surface = |glimpse: &&Glimpse| glimpse.height.abs() <= self.tolerance;
+        let angles = glimpses.iter().filter(on_surface).map(|glimpse| glimpse.angle).collect();
+        let lattice = Lattice::of(angles, COARSE_COLUMNS, &view)?;
+        let seen = cells::cells(&glimpses, &coarse, &lattice, self.tolerance);
+        let about = reach::reach(&cells::evidence(&seen, &lattice, None, 0.0), 0.0, coarse_spacing)?;
+        // On an axis that may be off by that much the surface leaves its tolerance, and that is no end.
+        let open = view.height_open(&self.covariance, lattice.angles(), about.last);
+        let stage = Stage { known: self, view: &view, about, coarse_spacing, span: lattice.span() };
+        (open <= OPEN_MAX * self.tolerance).then(|| stage.refine(&planes))?
+    }
 }
 
 /// An end as it was seen.
@@ -98,20 +122,17 @@ impl Found {
 
 /// What is known before every point about the end is read.
 struct Stage<'a> {
-    scan: &'a Scan,
-    pose: &'a Pose,
+    known: &'a Known<'a>,
     view: &'a View,
     about: reach::Reach,
     coarse_spacing: f64,
     /// Least and most that the columns lie ahead of their plane.
     span: [f64; 2],
-    /// Noise of a point, mm.
-    sigma: f64,
-    tolerance: f64,
 }
 
 impl Stage<'_> {
     fn refine(&self, planes: &[Plane]) -> Option<Found> {
+        let Known { scan, ref covariance, sigma, tolerance, .. } = *self.known;
         let (view, spacing) = (self.view, self.view.spacing(planes)?);
         let slack = 2.0 * (self.coarse_spacing - spacing).max(0.0);
         let length = |[mm, spacings]: [f64; 2]| f64::max(mm, spacings * spacing) + slack;
@@ -122,16 +143,16 @@ impl Stage<'_> {
             planes.iter().filter(|p| p.ahead + most >= from && p.ahead + least <= to).cloned().collect();
         let planes = view::thin(&within, FINE_PLANES_MAX);
         let spacing = view.spacing(&planes)?.max(spacing);
-        let glimpses = view.look(self.scan, &planes, usize::MAX);
+        let glimpses = view.look(scan, &planes, usize::MAX);
         let settled = self.about.last - length(UNSETTLED);
-        let on_part = |g: &&Glimpse| g.height.abs() <= self.tolerance && g.t >= from && g.t <= settled;
+        let on_part = |g: &&Glimpse| g.height.abs() <= tolerance && g.t >= from && g.t <= settled;
         let angles: Vec<f64> = glimpses.iter().filter(on_part).map(|glimpse| glimpse.angle).collect();
         let columns = (angles.len() as f64 * spacing / (settled - from) / POINTS_PER_COLUMN).round() as usize;
         let [least, most] = COLUMNS;
         let lattice = Lattice::of(angles, columns.clamp(least, most), view)?;
-        let cells = cells::cells(&glimpses, &planes, &lattice, self.tolerance);
-        let sway = view.sway(self.pose, lattice.angles(), self.about.last)?;
-        let (sigma, range) = (self.sigma, [from, to]);
+        let cells = cells::cells(&glimpses, &planes, &lattice, tolerance);
+        let sway = view.sway(covariance, lattice.angles(), self.about.last)?;
+        let range = [from, to];
         let offset = Search { cells: &cells, lattice: &lattice, sway: &sway, sigma, range, spacing }.end()?;
         Some(Found { view: *view, offset, looked_at: length(BEFORE) })
     }
@@ -152,12 +173,17 @@ impl Search<'_> {
     /// The end of the surface, or where a chamfer follows on it, the end of that.
     fn end(&self) -> Option<Offset> {
         let surface = self.of(None)?;
-        let mut chamfer = Chamfer { from: surface.last - self.spacing - 1.0, to: f64::INFINITY, depth: 0.0 };
-        chamfer.to = surface.last + CHAMFER_LENGTH_MAX_MM + self.spacing;
+        let (from, longest) = (surface.last - self.spacing - 1.0, surface.last + CHAMFER_LENGTH_MAX_MM);
+        let chamfer = Chamfer { from, to: longest + self.spacing, depth: 0.0 };
         let Some(depth) = chamfer.depth_of(self.cells) else { return Some(surface) };
         let with = self.of(Some(Chamfer { depth, ..chamfer }));
-        // What goes on below the surface for longer is no chamfer, and the part ends where its surface does.
-        with.filter(|with| with.at.mean() < chamfer.to - self.spacing).or(Some(surface))
+        match with.filter(|with| with.last < longest) {
+            // Its end lies deeper than what is told from a support.
+            Some(_) if depth > cells::DEPTH_MAX_MM => None,
+            // What goes on below the surface for longer is no chamfer, and the part ends where its surface does.
+            None => Some(surface),
+            with => with,
+        }
     }
 
     fn of(&self, chamfer: Option<Chamfer>) -> Option<Offset> {

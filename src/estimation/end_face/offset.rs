@@ -94,7 +94,7 @@ impl Lack {
             None => after(0) / (1.0 + after(0) - after(1)),
         };
         let of = |present: f64| if cell.present { present.ln() } else { (1.0 - present).ln() };
-        // Those that follow on it are strays after one until it lies before the plane.
+        // Beyond the plane, one that follows on a stray is no surprise, until that one lies before the plane.
         of(1.0 - lack) - of(stray) + cell.followers as f64 * (stray / stray_again).ln()
     }
 }
@@ -134,8 +134,6 @@ fn untold(evidence: &[Evidence], at: &Posterior, grid: Grid, sway: &Sway) -> f64
 }
 
 /// Where the likelihood of a plane changes, in order of t.
-///
-/// A cell beyond the plane that shows something after one that does is no surprise, unless that one lies before the plane.
 fn steps(evidence: &[Evidence], lack: Lack) -> Vec<Step> {
     let step =
         |cell: &Evidence| Step { t: cell.t, gain: lack.gain(cell), column: cell.column, variance: cell.variance };

@@ -6,8 +6,9 @@ use super::cells::Evidence;
 const SHARE_MIN: f64 = 0.1;
 /// A bin with less evidence says nothing.
 const EVIDENCE_MIN: usize = 4;
-/// Void bins that make a gap: one profile may be lost.
-const GAP_BINS: usize = 2;
+/// Void bins that may be a lost profile, and those that may be lost profiles or a gap; more of them are a gap.
+const LOST_BINS: usize = 1;
+const LOST_BINS_MAX: usize = 3;
 
 /// How far the part goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -18,7 +19,7 @@ pub(super) struct Reach {
     pub(super) next: f64,
 }
 
-/// `None` where nothing shows the part.
+/// `None` where nothing shows the part, or nobody can say whether profiles are lost or it ends and something else begins.
 pub(super) fn reach(evidence: &[Evidence], from: f64, bin: f64) -> Option<Reach> {
     let mut bins: Vec<(f64, bool)> =
         evidence.iter().filter(|e| e.t >= from).map(|e| (((e.t - from) / bin).floor(), e.present)).collect();
@@ -31,8 +32,8 @@ pub(super) fn reach(evidence: &[Evidence], from: f64, bin: f64) -> Option<Reach>
             void_count += 1;
             continue;
         }
-        if let Some(last) = last.filter(|_| void_count >= GAP_BINS) {
-            return Some(Reach { last, next: start });
+        if let Some(last) = last.filter(|_| void_count > LOST_BINS) {
+            return (void_count > LOST_BINS_MAX).then_some(Reach { last, next: start });
         }
         (last, void_count) = (Some(start + bin), 0);
     }
@@ -60,10 +61,12 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_profile_is_no_gap_and_two_are() {
+    fn a_lost_profile_is_no_gap_four_are_and_nobody_can_say_of_two_or_three() {
         let reach = |shown| reach(&planes(shown), 0.0, 1.0);
-        assert_eq!(reach("####.###...##"), Some(Reach { last: 8.0, next: 11.0 }));
-        assert_eq!(reach("####.###...."), Some(Reach { last: 8.0, next: f64::INFINITY }));
+        assert_eq!(reach("####.###....##"), Some(Reach { last: 8.0, next: 12.0 }));
+        assert_eq!(reach("####.###..."), Some(Reach { last: 8.0, next: f64::INFINITY }));
+        assert_eq!(reach("####.###..##"), None);
+        assert_eq!(reach("####.###...##"), None);
         assert_eq!(reach("....."), None);
     }
 }

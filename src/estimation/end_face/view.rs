@@ -9,7 +9,7 @@ use super::sway::Sway;
 use crate::estimation::{End, Pose};
 use crate::geometry::AxisLine;
 use crate::scan::Scan;
-use nalgebra::{Matrix5, Vector4};
+use nalgebra::{Matrix5, Vector4, Vector5};
 use std::f64::consts::FRAC_PI_2;
 use std::ops::Range;
 
@@ -123,17 +123,34 @@ impl View {
 
     /// The point where the axis meets the plane at an offset.
     pub(super) fn point(&self, offset: &Offset) -> [f64; 3] {
-        let x = self.x_ref + self.side * offset.at.mean() / self.n;
+        let x = self.x_at(offset.at.mean());
         let [y, z] = self.axis.at(x);
         [x, y, z]
     }
 
     /// How columns in these directions move with the pose about a place along the axis.
-    pub(super) fn sway(&self, pose: &Pose, angles: impl Iterator<Item = f64>, t: f64) -> Option<Sway> {
-        let covariance = Matrix5::from(pose.uncertainty.covariance).fixed_view::<4, 4>(0, 0).into_owned();
-        let x = self.x_ref + self.side * t / self.n;
+    pub(super) fn sway(&self, pose: &Matrix5<f64>, angles: impl Iterator<Item = f64>, t: f64) -> Option<Sway> {
+        let covariance = pose.fixed_view::<4, 4>(0, 0).into_owned();
+        let x = self.x_at(t);
         let derivatives: Vec<_> = angles.map(|angle| self.side * self.n * self.by_pose(x, angle)).collect();
         Sway::of(&derivatives, covariance)
+    }
+
+    /// The largest standard deviation by which the pose leaves open how high the surface is there.
+    pub(super) fn height_open(&self, pose: &Matrix5<f64>, angles: impl Iterator<Item = f64>, t: f64) -> f64 {
+        let AxisLine { p, q, .. } = self.axis;
+        let dx = self.x_at(t) - self.x_ref;
+        let variance = |angle: f64| {
+            let (sin, cos) = angle.sin_cos();
+            let by = Vector5::new(sin * dx * (1.0 + p * p), cos * dx * (1.0 + q * q), sin, cos, 1.0);
+            by.dot(&(pose * by))
+        };
+        angles.map(variance).fold(0.0, f64::max).sqrt()
+    }
+
+    /// Where the axis is at a place along it.
+    fn x_at(&self, t: f64) -> f64 {
+        self.x_ref + self.side * t / self.n
     }
 
     /// Half of the half-width along x that holds 95.45 %, with this variance of x beside what the offset leaves open.
