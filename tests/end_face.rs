@@ -5,7 +5,9 @@
 
 #![expect(clippy::panic, clippy::expect_used, clippy::print_stdout, reason = "a test may fail, and says what it saw")]
 
-use coaxis::estimation::{EndFace, EndFaceRule, Estimate, Method, Outcome, Progress, Settings, Warning, estimate};
+use coaxis::estimation::{
+    EndFace, EndFaceRule, Estimate, Method, Outcome, Progress, Settings, TypeB, Warning, estimate,
+};
 use coaxis::geometry::AxisLine;
 use coaxis::scan::synthetic::{Edge, Edges, Interference, Neighbour, Part, Truth, make};
 use rand::{RngExt, SeedableRng};
@@ -24,6 +26,8 @@ struct Scene {
     edge: Edge,
     drop_out_ratio: f64,
     interference: Interference,
+    /// What else is particular about the part.
+    also: fn(Part) -> Part,
     method: Method,
     rms_max_mm: f64,
 }
@@ -38,6 +42,7 @@ const PLAIN: Scene = Scene {
     edge: SHARP,
     drop_out_ratio: 0.0,
     interference: Interference::NONE,
+    also: |part| part,
     method: Method::Cylinder,
     rms_max_mm: 0.1,
 };
@@ -56,7 +61,7 @@ impl Scene {
         let mut edge =
             |x_mm: f64| Some(Edge { x_mm: x_mm + self.spacing_mm * chance.random_range(0.0..1.0), ..self.edge });
         let edges = Edges { near: edge(margin), far: edge(length - margin) };
-        Part {
+        (self.also)(Part {
             radius_mm: self.radius_mm,
             axis,
             length_mm: self.spacing_mm * (profiles_count - 1) as f64,
@@ -66,7 +71,7 @@ impl Scene {
             drop_out_ratio: self.drop_out_ratio,
             edges,
             ..Part::smooth(seed)
-        }
+        })
     }
 
     fn settings(&self) -> Settings {
@@ -169,6 +174,50 @@ fn a_clean_edge_is_known_far_better_than_the_spacing() {
 }
 
 #[test]
+fn noise_jitter_and_a_pose_that_is_known_badly_are_stated() {
+    title();
+    let chamfer = |chamfer_mm: f64| Edge { chamfer_mm, ..SHARP };
+    let noisy = |part: Part| Part { noise_sigma_mm: 0.2, ..part };
+    let shaken = |part: Part| Part { noise_correlation: 0.9, jitter_sigma_mm: 0.03, ..part };
+    let steep = Scene { tilt_deg: [3.0, -4.0], ..PLAIN };
+    for scene in [
+        Scene { name: "section_line, 90°", arc_deg: 90.0, method: Method::SectionLine, rms_max_mm: 0.3, ..PLAIN },
+        Scene { name: "jitter, correlated noise, pitch 0.5°", tilt_deg: [0.0, 0.5], also: shaken, ..PLAIN },
+        Scene { name: "noise 0.2, chamfer 1", edge: chamfer(1.0), also: noisy, ..PLAIN },
+        Scene { name: "noise 0.2, 3° and −4°", also: noisy, ..steep },
+        Scene { name: "R 8, 3° and −4°, chamfer 2", radius_mm: 8.0, edge: chamfer(2.0), ..steep },
+        Scene {
+            name: "R 1000, 8° and −5°, drop-outs 30 %",
+            radius_mm: 1000.0,
+            tilt_deg: [8.0, -5.0],
+            drop_out_ratio: 0.3,
+            ..PLAIN
+        },
+        Scene {
+            name: "80 points, pitch 0.5°",
+            tilt_deg: [0.0, 0.5],
+            also: |part| Part { points_count: 80, ..part },
+            ..PLAIN
+        },
+        Scene {
+            name: "from the side, uneven spacing",
+            also: |part| Part { view_deg: 90.0, spacing_spread: 1.0, ..part },
+            ..PLAIN
+        },
+        Scene {
+            name: "chamfer 2, no tilt, spacing 4.5",
+            tilt_deg: [0.0, 0.0],
+            spacing_mm: 4.5,
+            edge: chamfer(2.0),
+            rms_max_mm: 1.5,
+            ..PLAIN
+        },
+    ] {
+        holds(&scene);
+    }
+}
+
+#[test]
 fn chamfers_ragged_edges_and_drop_outs_cost_little() {
     title();
     let hurt = Edge { ragged_ratio: 0.3, ragged_mm: 2.0, ..SHARP };
@@ -217,7 +266,7 @@ fn what_lies_beyond_the_end_does_not_extend_the_part() {
     let beyond = |gap_mm: f64, height_mm: f64| Edge { beyond: Some(Neighbour { gap_mm, height_mm }), ..SHARP };
     let clamp = Interference { clamps: 0.3, clamp_arc: 0.6, clamp_height_mm: 25.0, ..Interference::NONE };
     for scene in [
-        Scene { name: "another part beyond 3 mm", edge: beyond(3.0, 0.0), ..PLAIN },
+        Scene { name: "another part beyond 6 mm", edge: beyond(6.0, 0.0), ..PLAIN },
         Scene {
             name: "another part beyond 3 mm, no tilt, spacing 0.5",
             tilt_deg: [0.0, 0.0],
@@ -256,6 +305,39 @@ fn a_scan_that_stops_before_the_part_does_shows_no_end() {
                 assert_eq!(warned_count, usize::from(face.is_none()), "{end}");
             }
         }
+    }
+}
+
+/// A chamfer of 4 mm goes deeper than what is told from a support.
+#[test]
+fn an_end_that_is_not_told_is_not_made_up() {
+    let deep = Scene { edge: Edge { chamfer_mm: 4.0, ..SHARP }, ..PLAIN };
+    let plain = Scene { method: Method::SectionLinePlain, ..PLAIN };
+    let badly = Scene { arc_deg: 70.0, tilt_deg: [3.0, -4.0], method: Method::SectionLine, ..PLAIN };
+    for scene in [deep, plain, badly] {
+        for seed in 0..6 {
+            let (estimate, _) = measure(&scene.part(seed), &scene.settings());
+            assert_eq!(faces(&estimate), [None, None]);
+            assert_eq!(estimate.conditioning.warnings.iter().filter(|w| w.code() == "end_face_not_seen").count(), 2);
+        }
+    }
+}
+
+/// What turns or moves the whole scan turns and moves the edge with the axis: it cannot make another place of it likely.
+#[test]
+fn calibration_widens_an_end_face_and_does_not_move_it() {
+    let (scan, _) = make(&PLAIN.part(1)).expect("a part");
+    let with = |type_b| estimate(&scan, &Settings { type_b, ..PLAIN.settings() }, &Progress::default());
+    let rotation_deg = 0.1;
+    let plain = faces(&with(TypeB::default()));
+    let turned = faces(&with(TypeB { extrinsics_rotation_deg: rotation_deg, ..TypeB::default() }));
+    for (plain, turned) in plain.into_iter().zip(turned) {
+        let (plain, turned) = (plain.expect("an end"), turned.expect("an end"));
+        assert!((plain.centre[0] - turned.centre[0]).abs() < 1e-5, "{plain:?} {turned:?}");
+        // x is turned by the distance from the rail's axis, which is |(y, z)|.
+        let expected = rotation_deg.to_radians() * plain.centre[1].hypot(plain.centre[2]);
+        let added = turned.x_standard - plain.x_standard;
+        assert!(added > 0.0 && added < expected + 1e-5, "{plain:?} {turned:?} {expected}");
     }
 }
 

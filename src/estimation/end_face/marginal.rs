@@ -6,16 +6,20 @@
 //! is that of all nodes together.
 
 use super::posterior::{Piece, Posterior};
-use super::sway::{MOTIONS, Motion, Sway};
+use super::sway::{Motion, SWEEPS_MAX, Sway};
+use nalgebra::{Matrix2, Vector2};
 use std::f64::consts::FRAC_1_SQRT_2;
 
 /// Planes e¹⁶ less likely than another count for nothing.
 const LOG_MOST: f64 = 16.0;
-/// Nodes along each motion, in so many standard deviations to either side, and how many grids there are: where the pose is
-/// known badly, the first is too coarse for a sharp edge.
+/// Nodes along each motion, in so many standard deviations to either side.
 const NODES: usize = 7;
 const REACH: f64 = 3.0;
-const GRIDS: usize = 3;
+/// How many grids there are, each drawn in about those of the nodes before it that weigh: where the pose is known badly, the
+/// first ones are too coarse for a sharp edge. So that they do not miss it, steps are softened by this share of the variance
+/// between nodes; all of it, taken for independent from step to step, would hide the edge.
+const GRIDS: usize = 6;
+const SOFTENED: f64 = 0.03;
 /// A step whose place is not known well is taken in parts at these many of its standard deviations, each of which goes
 /// half-way to the next; a step less than [`WHOLE_MOST`] is taken whole.
 const PARTS: [f64; 8] = [-2.45, -1.75, -1.05, -0.35, 0.35, 1.05, 1.75, 2.45];
@@ -61,14 +65,11 @@ pub(super) fn sums(steps: &[Step]) -> impl Iterator<Item = Step> {
 /// Where the plane is, up to `to`, from steps in order of t.
 pub(super) fn posterior(steps: &[Step], sway: &Sway, to: f64) -> Option<Posterior> {
     let local = Local::of(steps, sway, to)?;
-    let mut nodes = Nodes { centre: [0.0; MOTIONS], reach: [REACH; MOTIONS] };
-    for _ in 1..GRIDS {
-        nodes = nodes.drawn_in(&local);
-    }
-    let planes: Vec<Plane> = nodes.all().flat_map(|at| local.planes(at)).collect();
+    let nodes = Nodes::that_weigh(&local)?;
+    let soft = local.soft(nodes)?;
+    let planes = likely(nodes.all().flat_map(|at| likely(soft.planes(at))).collect());
     let most = most(&planes);
-    let likely = planes.iter().filter(|plane| plane.log > most - LOG_MOST);
-    Posterior::of(likely.map(|p| Piece { from: p.from, to: p.to, weight: p.weight(most) }).collect())
+    Posterior::of(planes.iter().map(|p| Piece { from: p.from, to: p.to, weight: p.weight(most) }).collect())
 }
 
 /// A plane anywhere from here to there.
@@ -86,11 +87,17 @@ impl Plane {
     }
 }
 
+fn likely(mut planes: Vec<Plane>) -> Vec<Plane> {
+    let least = most(&planes) - LOG_MOST;
+    planes.retain(|plane| plane.log > least);
+    planes
+}
+
 fn most(planes: &[Plane]) -> f64 {
     planes.iter().map(|plane| plane.log).fold(f64::NEG_INFINITY, f64::max)
 }
 
-/// The steps that a motion can bring to where the plane may be.
+/// The steps that a motion can bring to where the plane may be, in order of t.
 struct Local<'a> {
     steps: Vec<Step>,
     sway: &'a Sway,
@@ -100,13 +107,20 @@ struct Local<'a> {
 impl<'a> Local<'a> {
     /// From steps in order of t.
     fn of(steps: &[Step], sway: &'a Sway, to: f64) -> Option<Self> {
-        let moved = 2.0 * REACH * sway.most();
         let variance = steps.iter().map(|step| step.variance).fold(0.0, f64::max);
-        let whole = Window::of(steps, 2.0 * REACH * variance.sqrt() + moved, to)?;
-        let mut parts: Vec<Step> = whole.of_them(steps).flat_map(|step| step.parts()).collect();
+        let window = Window::of(steps, 2.0 * REACH * (sway.most() + variance.sqrt()), to)?;
+        Some(Self { steps: window.of_them(steps).copied().collect(), sway, to: window.to })
+    }
+
+    /// As a node meets them, which stands for all poses about it: those in between would move them by so much more.
+    fn soft(&self, nodes: Nodes) -> Option<Self> {
+        let between = nodes.between() * SOFTENED;
+        let meets =
+            |step: &Step| Step { variance: step.variance + self.sway.variance_by(step.column, &between), ..*step };
+        let mut parts: Vec<Step> = self.steps.iter().flat_map(|step| meets(step).parts()).collect();
         parts.sort_by(|a, b| a.t.total_cmp(&b.t));
-        let window = Window::of(&parts, moved, whole.to)?;
-        Some(Self { steps: window.of_them(&parts).copied().collect(), sway, to: window.to })
+        let window = Window::of(&parts, 2.0 * REACH * self.sway.most(), self.to)?;
+        Some(Self { steps: window.of_them(&parts).copied().collect(), sway: self.sway, to: window.to })
     }
 
     /// The planes with the columns where they are at a node.
@@ -115,7 +129,7 @@ impl<'a> Local<'a> {
         let mut steps: Vec<[f64; 2]> = self.steps.iter().map(moved).collect();
         steps.sort_unstable_by(|[a, _], [b, _]| a.total_cmp(b));
         let ends = steps.iter().skip(1).map(|[t, _]| *t).chain([self.to]);
-        let mut log = -0.5 * at.iter().map(|motion| motion * motion).sum::<f64>();
+        let mut log = -0.5 * at.norm_squared();
         let plane = |([from, gain], to): (&[f64; 2], f64)| {
             log += gain;
             Plane { from: *from, to, log }
@@ -151,19 +165,34 @@ impl Window {
 #[derive(Debug, Clone, Copy)]
 struct Nodes {
     centre: Motion,
-    reach: Motion,
+    /// How far it reaches along its two directions, one a column.
+    reach: Matrix2<f64>,
 }
 
 impl Nodes {
+    /// About the poses that weigh.
+    fn that_weigh(local: &Local<'_>) -> Option<Self> {
+        let mut nodes = Self { centre: Motion::zeros(), reach: Matrix2::from_diagonal_element(REACH) };
+        for _ in 1..GRIDS {
+            nodes = nodes.drawn_in(&local.soft(nodes)?)?;
+        }
+        Some(nodes)
+    }
+
+    /// Covariance of the motions that are nearer to a node than to another.
+    fn between(self) -> Matrix2<f64> {
+        let step = self.reach * (2.0 / (NODES - 1) as f64);
+        step * step.transpose() / 12.0
+    }
+
     fn all(self) -> impl Iterator<Item = Motion> {
         let place = |index: usize| 2.0 * index as f64 / (NODES - 1) as f64 - 1.0;
-        let Self { centre: [first, second], reach: [of_first, of_second] } = self;
-        let node = move |i: usize, j: usize| [first + of_first * place(i), second + of_second * place(j)];
+        let node = move |i: usize, j: usize| self.centre + self.reach * Motion::new(place(i), place(j));
         (0..NODES).flat_map(move |i| (0..NODES).map(move |j| node(i, j)))
     }
 
     /// About the nodes that weigh, as far as they do.
-    fn drawn_in(self, local: &Local<'_>) -> Self {
+    fn drawn_in(self, local: &Local<'_>) -> Option<Self> {
         let evidence = |at: Motion| {
             let planes = local.planes(at);
             let most = most(&planes);
@@ -171,21 +200,21 @@ impl Nodes {
         };
         let nodes: Vec<(Motion, f64)> = self.all().map(evidence).collect();
         let most = nodes.iter().map(|(_, log)| *log).fold(f64::NEG_INFINITY, f64::max);
-        let mean = |of: &dyn Fn(Motion) -> Motion| {
-            let weighed = nodes.iter().map(|(at, log)| ((log - most).exp(), of(*at)));
-            let [all, first, second] =
-                weighed.fold([0.0; 3], |[all, a, b], (weight, [x, y])| [all + weight, a + weight * x, b + weight * y]);
-            [first / all, second / all]
+        let weighed = || nodes.iter().map(|(at, log)| (*at, (log - most).exp()));
+        let all: f64 = weighed().map(|(_, weight)| weight).sum();
+        let centre = weighed().map(|(at, weight)| at * weight).sum::<Motion>() / all;
+        let square = |(at, weight): (Motion, f64)| (at - centre) * (at - centre).transpose() * weight;
+        let covariance = weighed().map(square).sum::<Matrix2<f64>>() / all;
+        let eigen = covariance.try_symmetric_eigen(f64::EPSILON, SWEEPS_MAX)?;
+        let between = self.between();
+        let reach = |direction: Vector2<f64>, variance: f64| {
+            // What lies between nodes is not told apart.
+            let least = direction.dot(&(between * direction));
+            direction * (REACH * variance.max(least).min(1.0).sqrt())
         };
-        let [first, second] = mean(&|at| at);
-        let [of_first, of_second] = mean(&|[x, y]| [(x - first).powi(2), (y - second).powi(2)]);
-        // What lies between two nodes is not told apart.
-        let reach = |variance: f64, reach: f64| {
-            let step = 2.0 * reach / (NODES - 1) as f64;
-            (REACH * (variance + step * step / 12.0).sqrt()).min(reach)
-        };
-        let [reach_first, reach_second] = self.reach;
-        Self { centre: [first, second], reach: [reach(of_first, reach_first), reach(of_second, reach_second)] }
+        let [first, second] = [0, 1].map(|index| eigen.eigenvectors.column(index).into_owned());
+        let [of_first, of_second] = <[f64; 2]>::from(eigen.eigenvalues);
+        Some(Self { centre, reach: Matrix2::from_columns(&[reach(first, of_first), reach(second, of_second)]) })
     }
 }
 

@@ -4,14 +4,13 @@
 //! next to no more than three motions (all alike, as the sine, and as the cosine of the angle), and of these the two in
 //! which columns move most against each other are told apart: an edge that several columns show says which of them it was.
 
-use nalgebra::{Matrix4, Vector4};
+use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 
-/// Motions that are told apart, and how far along each of them the pose is, in its standard deviations.
-pub(super) const MOTIONS: usize = 2;
-pub(super) type Motion = [f64; MOTIONS];
+/// How far along either motion the pose is, in its standard deviations.
+pub(super) type Motion = Vector2<f64>;
 
-/// The decomposition converges within a few sweeps.
-const SWEEPS_MAX: usize = 100;
+/// Decompositions converge within a few sweeps.
+pub(super) const SWEEPS_MAX: usize = 100;
 
 /// Motions of the columns, independent of each other.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,18 +37,23 @@ impl Sway {
         motions.sort_by(|(a, _), (b, _)| b.total_cmp(a));
         let [(_, first), (_, second), rest @ ..] = motions.as_slice() else { return None };
         let alike = rest.iter().map(|(_, motion)| by.iter().map(|by| by.dot(motion).powi(2)).sum::<f64>()).sum::<f64>();
-        let columns = by.iter().map(|by| [by.dot(first), by.dot(second)]).collect();
+        let columns = by.iter().map(|by| Motion::new(by.dot(first), by.dot(second))).collect();
         Some(Self { columns, alike: alike / count })
     }
 
     /// How far the pose moves a column, mm.
-    pub(super) fn of_column(&self, column: usize, [first, second]: Motion) -> f64 {
-        self.columns.get(column).map_or(0.0, |[by_first, by_second]| by_first * first + by_second * second)
+    pub(super) fn of_column(&self, column: usize, at: Motion) -> f64 {
+        self.columns.get(column).map_or(0.0, |by| by.dot(&at))
+    }
+
+    /// The variance of a column by this covariance of the motions, mm².
+    pub(super) fn variance_by(&self, column: usize, covariance: &Matrix2<f64>) -> f64 {
+        self.columns.get(column).map_or(0.0, |by| by.dot(&(covariance * by)))
     }
 
     /// The variance of a column by both motions, mm².
     pub(super) fn variance_of(&self, column: usize) -> f64 {
-        self.columns.get(column).map_or(0.0, |[first, second]| first * first + second * second)
+        self.variance_by(column, &Matrix2::identity())
     }
 
     /// The largest standard deviation of a column by both motions, mm.
