@@ -10,6 +10,7 @@ use coaxis::estimation::{
 };
 use coaxis::geometry::AxisLine;
 use coaxis::scan::synthetic::{Edge, Edges, Interference, Neighbour, Part, Truth, make};
+use coaxis::scan::{Columns, Scan, Station};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -28,6 +29,8 @@ struct Scene {
     interference: Interference,
     /// What else is particular about the part.
     also: fn(Part) -> Part,
+    /// Whether each profile has another one 0.01 mm behind it, as of a second head.
+    in_pairs: bool,
     method: Method,
     rms_max_mm: f64,
 }
@@ -43,6 +46,7 @@ const PLAIN: Scene = Scene {
     drop_out_ratio: 0.0,
     interference: Interference::NONE,
     also: |part| part,
+    in_pairs: false,
     method: Method::Cylinder,
     rms_max_mm: 0.1,
 };
@@ -74,6 +78,13 @@ impl Scene {
         })
     }
 
+    fn scan(&self, seed: u64) -> (Scan, Truth) {
+        let part = self.part(seed);
+        let (scan, truth) = make(&part).expect("a part");
+        let second = Part { x_start_mm: part.x_start_mm + 0.01, seed: !seed, ..part };
+        (if self.in_pairs { interleaved(&scan, &make(&second).expect("a part").0) } else { scan }, truth)
+    }
+
     fn settings(&self) -> Settings {
         Settings { method: self.method, end_face: EndFaceRule::Both, arc_min_deg: 15.0, ..Settings::default() }
     }
@@ -88,6 +99,32 @@ impl Scene {
         let left = (self.spacing_mm - self.radius_mm * (most - least)).max(0.0);
         (left.powi(3) / (12.0 * self.spacing_mm)).sqrt()
     }
+}
+
+/// Points else lie evenly about the axis, so that under pure pitch both flanks meet the edge alike.
+fn raster_anywhere(part: Part) -> Part {
+    let share = ChaCha8Rng::seed_from_u64(part.seed ^ 0xa57e).random_range(0.0..1.0);
+    Part { view_deg: share * part.arc_deg / part.points_count as f64, ..part }
+}
+
+/// The profiles of both, in order of x.
+fn interleaved(first: &Scan, second: &Scan) -> Scan {
+    let (mut y, mut z, mut stations) = (Vec::new(), Vec::new(), Vec::new());
+    let mut profiles: Vec<_> = [first, second]
+        .into_iter()
+        .flat_map(|scan| scan.stations().iter().map(move |station| (station, scan)))
+        .collect();
+    profiles.sort_by(|(a, _), (b, _)| a.x.total_cmp(&b.x));
+    for (station, scan) in profiles {
+        let start = y.len();
+        for [point_y, point_z] in (station.start..station.end).filter_map(|point| scan.columns().get(point)) {
+            y.push(point_y);
+            z.push(point_z);
+        }
+        stations.push(Station { x: station.x, start, end: y.len() });
+    }
+    let scan = Scan::new(stations, Columns::F64 { y, z }, "in pairs".to_owned()).expect("a scan");
+    scan.with_blanks([first.blanks(), second.blanks()].concat())
 }
 
 fn measure(part: &Part, settings: &Settings) -> (Estimate, Truth) {
@@ -113,7 +150,8 @@ fn holds(scene: &Scene) {
     let (mut squares, mut stated, mut bias, mut worst) = (0.0, 0.0, 0.0, 0.0_f64);
     let (mut found_count, mut held_count) = (0_u32, 0_u32);
     for seed in 0..seeds_count {
-        let (estimate, truth) = measure(&scene.part(seed), &scene.settings());
+        let (scan, truth) = scene.scan(seed);
+        let estimate = estimate(&scan, &scene.settings(), &Progress::default());
         let truths = [truth.near_end_face_mm, truth.far_end_face_mm];
         for ((face, truth), outward) in faces(&estimate).into_iter().zip(truths).zip([-1.0, 1.0]) {
             let (Some(face), Some(truth)) = (face, truth) else { continue };
@@ -160,6 +198,12 @@ fn a_clean_edge_is_known_far_better_than_the_spacing() {
     for scene in [
         Scene { name: "R 200, 140°, deflection 0.5°", ..PLAIN },
         Scene { name: "R 200, 140°, pitch 0.5°", tilt_deg: [0.0, 0.5], ..PLAIN },
+        Scene {
+            name: "R 200, 140°, pitch 0.5°, raster anywhere",
+            tilt_deg: [0.0, 0.5],
+            also: raster_anywhere,
+            ..PLAIN
+        },
         Scene { name: "R 200, 140°, pitch −0.5°", tilt_deg: [0.0, -0.5], ..PLAIN },
         Scene { name: "R 200, 70°, deflection 0.5°", arc_deg: 70.0, ..PLAIN },
         Scene { name: "R 200, 70°, pitch 0.5°", arc_deg: 70.0, tilt_deg: [0.0, 0.5], ..PLAIN },
@@ -202,6 +246,13 @@ fn noise_jitter_and_a_pose_that_is_known_badly_are_stated() {
             also: |part| Part { points_count: 80, ..part },
             ..PLAIN
         },
+        Scene {
+            name: "80 points, pitch 0.5°, raster anywhere",
+            tilt_deg: [0.0, 0.5],
+            also: |part| raster_anywhere(Part { points_count: 80, ..part }),
+            ..PLAIN
+        },
+        Scene { name: "profiles in pairs", in_pairs: true, ..PLAIN },
         Scene {
             name: "from the side, uneven spacing",
             also: |part| Part { view_deg: 90.0, spacing_spread: 1.0, ..part },

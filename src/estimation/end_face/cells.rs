@@ -5,10 +5,12 @@ use super::lattice::{Column, Lattice};
 use super::view::{Glimpse, Plane};
 
 /// Deepest chamfer that is told from a hole or a support, mm.
-pub(super) const DEPTH_MAX_MM: f64 = 3.2;
-/// Points below the surface that make a chamfer, and which of their depths tells that at its end.
+const DEPTH_MAX_MM: f64 = 3.2;
+/// Points below the surface that make a chamfer, the share of them that tells its depth, and how steep it may be: 60° are
+/// usual.
 const CHAMFER_POINTS_MIN: usize = 5;
-const DEPTH_QUANTILE: f64 = 0.95;
+const DEEPEST_SHARE: f64 = 0.1;
+const SLOPE_MAX: f64 = 2.0;
 
 /// Cells in a row that are told apart.
 pub(super) const LACKING_MAX: usize = 3;
@@ -62,29 +64,60 @@ pub(super) fn cells(glimpses: &[Glimpse], planes: &[Plane], lattice: &Lattice, t
     cells
 }
 
-/// Where points below the surface are part of it.
+/// Where points below the surface are part of it: a slant, through the deepest of its points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Chamfer {
-    pub(super) from: f64,
-    pub(super) to: f64,
-    /// How deep it is at its end, mm: what is missing there is missing from a smaller radius.
-    pub(super) depth: f64,
+    from: f64,
+    to: f64,
+    /// A place on it, mm.
+    at: f64,
+    /// How deep it is there, mm.
+    depth: f64,
+    /// By how much it is deeper per millimetre outward.
+    slope: f64,
 }
 
 impl Chamfer {
-    /// How deep the cells say it is; `None` where there is no chamfer.
-    pub(super) fn depth_of(&self, cells: &[Cell]) -> Option<f64> {
-        let depth = |cell: &Cell| match cell.seen {
-            Seen::Below { t, depth } if t > self.from && t <= self.to => Some(depth),
+    /// From the points below the surface between two places; `None` where there is no chamfer.
+    pub(super) fn seen(cells: &[Cell], from: f64, to: f64) -> Option<Self> {
+        let below = |cell: &Cell| match cell.seen {
+            Seen::Below { t, depth } if t > from && t <= to => Some([t, depth]),
             _ => None,
         };
-        let mut depths: Vec<f64> = cells.iter().filter_map(depth).collect();
-        depths.sort_by(f64::total_cmp);
-        let at = (DEPTH_QUANTILE * depths.len() as f64) as usize;
-        let (least, depth) = (depths.first()?, depths.get(at)?);
-        // Up to its end the depths are spread evenly.
-        (depths.len() >= CHAMFER_POINTS_MIN).then(|| least + (depth - least) / DEPTH_QUANTILE)
+        let mut points: Vec<[f64; 2]> = cells.iter().filter_map(below).collect();
+        points.sort_by(|[_, a], [_, b]| b.total_cmp(a));
+        let deepest = points.get(..(DEEPEST_SHARE * points.len() as f64).ceil() as usize)?;
+        let [at, depth] = mean(deepest);
+        let slope = slope(&points).clamp(0.0, SLOPE_MAX);
+        (points.len() >= CHAMFER_POINTS_MIN).then_some(Self { from, to, at, depth, slope })
     }
+
+    /// Whether it is as deep as anything is told from a support, and may go on: evenly spread depths have the mean of their
+    /// deepest share half of that before its end.
+    pub(super) fn is_deep(&self) -> bool {
+        self.depth > (1.0 - 0.5 * DEEPEST_SHARE) * DEPTH_MAX_MM
+    }
+
+    /// How far a point on it lies along the axis that on the surface would lie `lead` beyond `from`: leads grow with the
+    /// distance from the axis, so that t = from + lead·(1 − d/R), and the depth d = depth + slope·(t − at).
+    fn place(&self, from: f64, lead: f64, radius: f64) -> f64 {
+        let share = lead / radius;
+        (from + lead - share * (self.depth - self.slope * self.at)) / (1.0 + share * self.slope)
+    }
+}
+
+/// Of places with their depths.
+fn mean(points: &[[f64; 2]]) -> [f64; 2] {
+    let sum = points.iter().fold([0.0; 2], |[ts, depths], [t, depth]| [ts + t, depths + depth]);
+    sum.map(|sum| sum / points.len() as f64)
+}
+
+/// By how much the depth grows with the place, by least squares; none where all are at one place.
+fn slope(points: &[[f64; 2]]) -> f64 {
+    let [mean_t, mean_depth] = mean(points);
+    let products = points.iter().map(|[t, depth]| [(t - mean_t) * (depth - mean_depth), (t - mean_t).powi(2)]);
+    let [both, square] = products.fold([0.0; 2], |[both, square], [b, s]| [both + b, square + s]);
+    if square > 0.0 { both / square } else { 0.0 }
 }
 
 /// That the part is there, or is not, at a place along the axis.
@@ -100,12 +133,14 @@ pub(super) struct Evidence {
     /// Variance of `t`, mm².
     pub(super) variance: f64,
     pub(super) column: usize,
+    /// Which flank of the part its column is on.
+    pub(super) rising: bool,
 }
 
 /// What the cells say; hidden ones say nothing. `sigma` is the noise of a point, mm.
 pub(super) fn evidence(cells: &[Cell], lattice: &Lattice, chamfer: Option<Chamfer>, sigma: f64) -> Vec<Evidence> {
-    // The lead grows with the radius.
-    let share = 1.0 - chamfer.map_or(0.0, |chamfer| chamfer.depth / lattice.radius());
+    let place =
+        |from: f64, lead: f64| chamfer.map_or(from + lead, |chamfer| chamfer.place(from, lead, lattice.radius()));
     let firsts = firsts(cells, lattice);
     let mut evidence = Vec::with_capacity(cells.len());
     for plane in cells.chunks(lattice.len().max(1)) {
@@ -120,7 +155,7 @@ pub(super) fn evidence(cells: &[Cell], lattice: &Lattice, chamfer: Option<Chamfe
             // What is missing is missing from the first of its points on: just behind the last one of the column before it.
             let behind = column.before.and_then(reach).zip(first.behind);
             let (from, lead) = behind.unwrap_or((cell.ahead, first.ahead));
-            let missing = (from + share * lead.mean, lead.variance);
+            let missing = (place(from, lead.mean), lead.variance);
             let noise = sigma * sigma * column.of_noise(cell.seen);
             let (t, variance) = reach(index).map_or(missing, |t| (t, noise));
             let known = column.before.and_then(shows).is_some();
@@ -129,7 +164,7 @@ pub(super) fn evidence(cells: &[Cell], lattice: &Lattice, chamfer: Option<Chamfe
             let beside = [index.checked_sub(1), Some(index + 1)].into_iter().flatten();
             let follows = |other: &usize| before(*other) == Some(index) && shows(*other) == Some(true);
             let followers = if present { beside.filter(follows).count() } else { 0 };
-            evidence.push(Evidence { t, present, lacking, followers, variance, column: index });
+            evidence.push(Evidence { t, present, lacking, followers, variance, column: index, rising: column.rising });
         }
     }
     evidence
@@ -203,5 +238,33 @@ impl Seen {
             Self::Nothing => Some(false),
             Self::Hidden => None,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn below(t: f64, depth: f64) -> Cell {
+        Cell { ahead: 0.0, seen: Seen::Below { t, depth } }
+    }
+
+    /// 45°, from the surface at 10.
+    #[test]
+    fn a_chamfer_is_a_slant_and_what_it_lacks_lies_on_it() {
+        let cells: Vec<Cell> = (1..=20).map(|index| 0.1 * f64::from(index)).map(|d| below(10.0 + d, d)).collect();
+        let chamfer = Chamfer::seen(&cells, 9.0, 17.0).expect("a chamfer");
+        let (radius, lead) = (8.0, 0.8);
+        let t = chamfer.place(11.5, lead, radius);
+        let depth = t - 10.0;
+        assert!((t - (11.5 + lead * (1.0 - depth / radius))).abs() < 1e-9, "{t}");
+        assert!(!chamfer.is_deep());
+    }
+
+    #[test]
+    fn few_points_are_no_chamfer_and_one_that_reaches_3_2_mm_may_go_on() {
+        assert_eq!(Chamfer::seen(&[below(10.0, 0.5); 4], 9.0, 17.0), None);
+        let to_the_most: Vec<Cell> = (1..=100).map(|i| below(10.0, 0.033 * f64::from(i))).collect();
+        assert!(Chamfer::seen(&to_the_most, 9.0, 17.0).is_some_and(|chamfer| chamfer.is_deep()));
     }
 }

@@ -22,6 +22,8 @@ pub(super) struct Column {
     pub(super) slope: [f64; 2],
     /// The column beside it that a growing part reaches first.
     pub(super) before: Option<usize>,
+    /// Whether columns lie farther ahead as the angle grows: where that turns, the part has two flanks.
+    pub(super) rising: bool,
 }
 
 impl Lattice {
@@ -40,7 +42,7 @@ impl Lattice {
         let column = |index: usize| {
             let angle = at(index as f64 + 0.5)?;
             let lead = view.lead(angle);
-            Some(Column { angle, lead, slope: [view.slope(angle), lead / view.radius()], before: None })
+            Some(Column { angle, lead, slope: [view.slope(angle), lead / view.radius()], before: None, rising: true })
         };
         let mut columns: Vec<Column> = (0..columns_count).filter_map(column).collect();
         let leads: Vec<f64> = columns.iter().map(|column| column.lead).collect();
@@ -48,6 +50,7 @@ impl Lattice {
             let beside = [index.checked_sub(1), Some(index + 1)].into_iter().flatten();
             let earlier = |other: &usize| leads.get(*other).is_some_and(|lead| (*lead, *other) < (column.lead, index));
             column.before = beside.into_iter().find(earlier);
+            column.rising = column.before.map_or(index + 1 < leads.len(), |before| before < index);
         }
         Some(Self { bounds, columns, radius: view.radius() })
     }

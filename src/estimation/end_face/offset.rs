@@ -22,6 +22,8 @@ pub(super) struct Offset {
     pub(super) last: f64,
     /// Variance of a normal error beside it, mm².
     pub(super) normal: f64,
+    /// What is added to half of the half-width of its interval, mm.
+    pub(super) untold: f64,
 }
 
 /// How the evidence is spread.
@@ -50,11 +52,10 @@ const LOG_LIKELIHOOD_MIN: f64 = 8.0;
 const COLUMNS_SHARE_MIN: f64 = 0.1;
 
 /// Cells within so many steps from column to column, or so often half of the half-width that holds the plane, are about it;
-/// and the share of the sway's variance there that is not told, at most this share of that half squared.
+/// and the share of the sway between flanks that is added for the chance that they tell nothing of it.
 const NEAR_STEPS: f64 = 2.0;
 const NEAR_HALVES: f64 = 4.0;
-const SWAY_UNTOLD: f64 = 0.15;
-const UNTOLD_MOST: f64 = 0.25;
+const SWAY_UNTOLD: f64 = 0.2;
 
 /// Chances that a cell before the plane lacks its point, after so many beside it that lack theirs.
 #[derive(Debug, Clone, Copy)]
@@ -118,19 +119,24 @@ pub(super) fn find(evidence: &[Evidence], to: f64, grid: Grid, sway: &Sway) -> O
         return None;
     }
     let at = marginal::posterior(&steps, sway, to)?;
-    let normal = sway.alike() + untold(evidence, &at, grid, sway);
-    Some(Offset { at, last, normal })
+    let untold = untold(evidence, &at, grid, sway);
+    Some(Offset { at, last, normal: sway.alike(), untold })
 }
 
-/// Variance by the sway that the cells about the plane do not tell, although the posterior takes it that they do: where the
-/// raster meets the edge alike in several columns, they all show one interval, and no sway narrows it.
+/// What to add to half of the half-width, mm. Two flanks of the part that meet the plane in phases of their own tell how far
+/// the pose has moved them against each other. Where the raster meets it alike on both, they show one interval, which the
+/// posterior takes for the intersection of two: each of its ends then falls short by up to that sway, and by no more than the
+/// interval is wide.
 fn untold(evidence: &[Evidence], at: &Posterior, grid: Grid, sway: &Sway) -> f64 {
     let half = at.half_of_expanded(0.0);
     let open = f64::max(NEAR_STEPS * grid.step, NEAR_HALVES * half);
-    let near = evidence.iter().filter(|cell| (cell.t - at.mean()).abs() <= open);
-    let variances = near.map(|cell| sway.variance_of(cell.column));
-    let (sum, count) = variances.fold((0.0, 0.0), |(sum, count), variance| (sum + variance, count + 1.0));
-    (SWAY_UNTOLD * sum / f64::max(count, 1.0)).min(UNTOLD_MOST * half * half)
+    let near = |cell: &&Evidence| (cell.t - at.mean()).abs() <= open;
+    let flank = |rising: bool| {
+        let cells = evidence.iter().filter(near).filter(|cell| cell.rising == rising);
+        sway.mean(cells.map(|cell| cell.column))
+    };
+    let against = flank(true).zip(flank(false)).map_or(0.0, |(a, b)| 0.5 * (a - b).norm());
+    if against > 0.0 { SWAY_UNTOLD * against * half / (against + half) } else { 0.0 }
 }
 
 /// Where the likelihood of a plane changes, in order of t.
@@ -165,6 +171,7 @@ mod tests {
                 followers: usize::from(column + 1 < COLUMNS && t + step <= end),
                 variance: 0.0,
                 column,
+                rising: true,
             }
         };
         (0..10).flat_map(|plane| (0..COLUMNS).map(move |column| cell(plane, column))).collect()

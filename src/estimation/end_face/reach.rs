@@ -54,6 +54,7 @@ mod tests {
                 followers: 0,
                 variance: 0.0,
                 column: 0,
+                rising: true,
             };
             std::iter::repeat_n(cell, 5)
         };

@@ -46,6 +46,13 @@ impl Sway {
         self.columns.get(column).map_or(0.0, |by| by.dot(&at))
     }
 
+    /// How far columns move with a standard deviation of either motion, on average, mm; `None` without columns.
+    pub(super) fn mean(&self, columns: impl Iterator<Item = usize>) -> Option<Motion> {
+        let moved = columns.filter_map(|column| self.columns.get(column));
+        let (sum, count) = moved.fold((Motion::zeros(), 0.0), |(sum, count), by| (sum + by, count + 1.0));
+        (count > 0.0).then(|| sum / count)
+    }
+
     /// The variance of a column by this covariance of the motions, mm².
     pub(super) fn variance_by(&self, column: usize, covariance: &Matrix2<f64>) -> f64 {
         self.columns.get(column).map_or(0.0, |by| by.dot(&(covariance * by)))

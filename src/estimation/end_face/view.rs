@@ -6,12 +6,16 @@
 
 use super::offset::Offset;
 use super::sway::Sway;
+use crate::estimation::conclude::median;
 use crate::estimation::{End, Pose};
 use crate::geometry::AxisLine;
 use crate::scan::Scan;
 use nalgebra::{Matrix5, Vector4, Vector5};
 use std::f64::consts::FRAC_PI_2;
 use std::ops::Range;
+
+/// Steps from plane to plane whose mean is taken.
+const STEPS: usize = 4;
 
 /// A profile's plane; one that holds no point has an empty range.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,12 +71,6 @@ impl View {
         let mut planes: Vec<Plane> = full.chain(blank).filter(|plane| plane.ahead >= 0.0).collect();
         planes.sort_by(|a, b| a.ahead.total_cmp(&b.ahead));
         planes
-    }
-
-    /// Median distance of neighbouring planes along the axis, mm; `None` below two planes.
-    pub(super) fn spacing(&self, planes: &[Plane]) -> Option<f64> {
-        let steps = planes.windows(2).filter_map(|pair| Some(pair.last()?.ahead - pair.first()?.ahead));
-        crate::estimation::conclude::median(steps.filter(|step| *step > 0.0))
     }
 
     /// The points of the planes, at most as many of each, at a regular stride.
@@ -156,7 +154,7 @@ impl View {
     /// Half of the half-width along x that holds 95.45 %, with this variance of x beside what the offset leaves open.
     pub(super) fn half_of_expanded(&self, offset: &Offset, variance: f64) -> f64 {
         let normal = offset.normal + self.n * self.n * variance;
-        offset.at.half_of_expanded(normal.sqrt()) / self.n
+        (offset.at.half_of_expanded(normal.sqrt()) + offset.untold) / self.n
     }
 
     /// The point's x by (deflection, pitch, y_ref, z_ref) where the edge is seen in one direction about the axis.
@@ -178,6 +176,14 @@ impl View {
             -q / n2,
         )
     }
+}
+
+/// Usual distance of neighbouring planes along the axis, mm: the median of the mean over a few steps, since planes may come
+/// in pairs; `None` below two planes.
+pub(super) fn spacing(planes: &[Plane]) -> Option<f64> {
+    let steps_count = STEPS.min(planes.len().checked_sub(1)?);
+    let run = |planes: &[Plane]| Some((planes.last()?.ahead - planes.first()?.ahead) / steps_count as f64);
+    median(planes.windows(1 + steps_count).filter_map(run)).filter(|spacing| *spacing > 0.0)
 }
 
 /// At most `most` of the planes, at a regular stride.
