@@ -102,9 +102,9 @@ impl Scene {
 }
 
 /// Points else lie evenly about the axis, so that under pure pitch both flanks meet the edge alike.
-fn raster_anywhere(part: Part) -> Part {
+fn raster_anywhere(part: &Part) -> Part {
     let share = ChaCha8Rng::seed_from_u64(part.seed ^ 0xa57e).random_range(0.0..1.0);
-    Part { view_deg: share * part.arc_deg / part.points_count as f64, ..part }
+    Part { view_deg: share * part.arc_deg / part.points_count as f64, ..part.clone() }
 }
 
 /// The profiles of both, in order of x.
@@ -201,7 +201,7 @@ fn a_clean_edge_is_known_far_better_than_the_spacing() {
         Scene {
             name: "R 200, 140°, pitch 0.5°, raster anywhere",
             tilt_deg: [0.0, 0.5],
-            also: raster_anywhere,
+            also: |part| raster_anywhere(&part),
             ..PLAIN
         },
         Scene { name: "R 200, 140°, pitch −0.5°", tilt_deg: [0.0, -0.5], ..PLAIN },
@@ -249,7 +249,7 @@ fn noise_jitter_and_a_pose_that_is_known_badly_are_stated() {
         Scene {
             name: "80 points, pitch 0.5°, raster anywhere",
             tilt_deg: [0.0, 0.5],
-            also: |part| raster_anywhere(Part { points_count: 80, ..part }),
+            also: |part| raster_anywhere(&Part { points_count: 80, ..part }),
             ..PLAIN
         },
         Scene { name: "profiles in pairs", in_pairs: true, ..PLAIN },
