@@ -54,6 +54,18 @@ fn scans_that_share_a_stem_keep_their_own_output() {
 }
 
 #[test]
+fn profiles_beyond_the_end_of_a_made_part_are_kept_where_the_format_can() {
+    let scan = folder("blanks").join("s.csv").display().to_string();
+    let beyond =
+        ["--profiles", "20", "--points", "50", "--length-mm", "190", "--near-end-mm", "31", "--far-end-mm", "160"];
+    let level = ["--deflection-deg", "0", "--pitch-deg", "0"];
+    assert!(output(&[&["simulate", "scan", &scan][..], &beyond, &level].concat()).status.success());
+    let text = fs::read_to_string(&scan).expect("a scan");
+    // At 0, 10, 20, 30 mm and at 170, 180, 190.
+    assert_eq!(text.lines().filter(|line| line.ends_with(",,")).count(), 7);
+}
+
+#[test]
 fn scans_of_one_name_are_refused_where_output_would_be_overwritten() {
     let folder = folder("names");
     let scans = ["a/s.ply", "b/s.ply"].map(|name| made(&folder.join(name)));

@@ -362,6 +362,40 @@ fn a_scan_that_stops_before_the_part_does_shows_no_end() {
     }
 }
 
+/// A chamfer that the scan does not show to its end: nothing beyond it is in the file, or profiles are too far apart for it.
+#[test]
+fn an_end_on_a_chamfer_is_told_where_the_scan_shows_it_and_nowhere_else() {
+    let chamfered = |chamfer_mm: f64, spacing_mm: f64, tilt_deg: f64| Scene {
+        edge: Edge { chamfer_mm, ..SHARP },
+        spacing_mm,
+        tilt_deg: [tilt_deg, 0.0],
+        ..PLAIN
+    };
+    let mut told_count = 0;
+    for (scene, blanks_kept) in [
+        (chamfered(2.0, 1.0, 0.0), false),
+        (chamfered(2.0, 1.0, 0.05), false),
+        (chamfered(2.0, 1.0, 0.0), true),
+        (chamfered(6.0, 2.0, 0.0), true),
+        (chamfered(8.0, 3.0, 0.0), true),
+        (Scene { radius_mm: 20.0, ..chamfered(8.0, 3.0, 0.2) }, true),
+    ] {
+        for seed in 0..12 {
+            let (scan, truth) = scene.scan(seed);
+            let scan = if blanks_kept { scan } else { scan.with_blanks(Vec::new()) };
+            let estimate = estimate(&scan, &scene.settings(), &Progress::default());
+            for (face, truth) in faces(&estimate).into_iter().zip([truth.near_end_face_mm, truth.far_end_face_mm]) {
+                let (Some(face), Some(truth)) = (face, truth) else { continue };
+                let error = face.centre[0] - truth[0];
+                assert!(error.abs() <= 3.0 * face.x_standard, "{:?} {error} {face:?}", scene.edge);
+                told_count += 1;
+            }
+        }
+    }
+    // All that are shown, at least.
+    assert!(told_count >= 24, "{told_count} told");
+}
+
 /// A chamfer of 4 mm goes deeper than what is told from a support.
 #[test]
 fn an_end_that_is_not_told_is_not_made_up() {

@@ -1,17 +1,13 @@
 //! The cylinder about its end as cells: columns about the axis times planes. A cell shows the surface, something below it,
 //! something above that hides it, or nothing. Must not know where the part ends.
 
+use super::chamfer::Chamfer;
 use super::lattice::{Column, Lattice};
 use super::view::{Glimpse, Plane};
 
-/// Deepest chamfer that is told from a hole or a support, mm.
+/// Deepest chamfer that is told from a hole or a support, and deepest place that is looked at, mm.
 const DEPTH_MAX_MM: f64 = 3.2;
-/// Points below the surface that make a chamfer, the share of them that tells its depth, and how steep it may be: 60° are
-/// usual.
-const CHAMFER_POINTS_MIN: usize = 5;
-const DEEPEST_SHARE: f64 = 0.1;
-const SLOPE_MAX: f64 = 2.0;
-
+const DEEP_MAX_MM: f64 = 12.0;
 /// Cells in a row that are told apart.
 pub(super) const LACKING_MAX: usize = 3;
 
@@ -26,6 +22,10 @@ pub(super) enum Seen {
         t: f64,
         depth: f64,
     },
+    /// Something farther below than a chamfer may be.
+    Deep {
+        depth: f64,
+    },
     /// The surface, from `first` up to t.
     Surface {
         first: f64,
@@ -37,8 +37,8 @@ pub(super) enum Seen {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Cell {
     /// Where the axis is in its plane, mm.
-    ahead: f64,
-    seen: Seen,
+    pub(super) ahead: f64,
+    pub(super) seen: Seen,
 }
 
 /// The cells, plane after plane, in each the columns in their order.
@@ -57,67 +57,12 @@ pub(super) fn cells(glimpses: &[Glimpse], planes: &[Plane], lattice: &Lattice, t
             _ if depth.abs() <= tolerance => Seen::Surface { first: glimpse.of_surface, t: glimpse.of_surface },
             Seen::Below { t: last, .. } if t <= last => cell.seen,
             _ if depth > 0.0 && depth <= DEPTH_MAX_MM + tolerance => Seen::Below { t, depth },
-            Seen::Nothing if depth < 0.0 => Seen::Hidden,
+            Seen::Nothing | Seen::Deep { .. } if depth < 0.0 => Seen::Hidden,
+            Seen::Nothing if depth <= DEEP_MAX_MM => Seen::Deep { depth },
             other => other,
         };
     }
     cells
-}
-
-/// Where points below the surface are part of it: a slant, through the deepest of its points.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Chamfer {
-    from: f64,
-    to: f64,
-    /// A place on it, mm.
-    at: f64,
-    /// How deep it is there, mm.
-    depth: f64,
-    /// By how much it is deeper per millimetre outward.
-    slope: f64,
-}
-
-impl Chamfer {
-    /// From the points below the surface between two places; `None` where there is no chamfer.
-    pub(super) fn seen(cells: &[Cell], from: f64, to: f64) -> Option<Self> {
-        let below = |cell: &Cell| match cell.seen {
-            Seen::Below { t, depth } if t > from && t <= to => Some([t, depth]),
-            _ => None,
-        };
-        let mut points: Vec<[f64; 2]> = cells.iter().filter_map(below).collect();
-        points.sort_by(|[_, a], [_, b]| b.total_cmp(a));
-        let deepest = points.get(..(DEEPEST_SHARE * points.len() as f64).ceil() as usize)?;
-        let [at, depth] = mean(deepest);
-        let slope = slope(&points).clamp(0.0, SLOPE_MAX);
-        (points.len() >= CHAMFER_POINTS_MIN).then_some(Self { from, to, at, depth, slope })
-    }
-
-    /// Whether it is as deep as anything is told from a support, and may go on: evenly spread depths have the mean of their
-    /// deepest share half of that before its end.
-    pub(super) fn is_deep(&self) -> bool {
-        self.depth > (1.0 - 0.5 * DEEPEST_SHARE) * DEPTH_MAX_MM
-    }
-
-    /// How far a point on it lies along the axis that on the surface would lie `lead` beyond `from`: leads grow with the
-    /// distance from the axis, so that t = from + lead·(1 − d/R), and the depth d = depth + slope·(t − at).
-    fn place(&self, from: f64, lead: f64, radius: f64) -> f64 {
-        let share = lead / radius;
-        (from + lead - share * (self.depth - self.slope * self.at)) / (1.0 + share * self.slope)
-    }
-}
-
-/// Of places with their depths.
-fn mean(points: &[[f64; 2]]) -> [f64; 2] {
-    let sum = points.iter().fold([0.0; 2], |[ts, depths], [t, depth]| [ts + t, depths + depth]);
-    sum.map(|sum| sum / points.len() as f64)
-}
-
-/// By how much the depth grows with the place, by least squares; none where all are at one place.
-fn slope(points: &[[f64; 2]]) -> f64 {
-    let [mean_t, mean_depth] = mean(points);
-    let products = points.iter().map(|[t, depth]| [(t - mean_t) * (depth - mean_depth), (t - mean_t).powi(2)]);
-    let [both, square] = products.fold([0.0; 2], |[both, square], [b, s]| [both + b, square + s]);
-    if square > 0.0 { both / square } else { 0.0 }
 }
 
 /// That the part is there, or is not, at a place along the axis.
@@ -145,10 +90,7 @@ pub(super) fn evidence(cells: &[Cell], lattice: &Lattice, chamfer: Option<Chamfe
     let mut evidence = Vec::with_capacity(cells.len());
     for plane in cells.chunks(lattice.len().max(1)) {
         let shows = |index: usize| plane.get(index)?.seen.is_part(chamfer);
-        let reach = |index: usize| match plane.get(index)?.seen {
-            Seen::Surface { t, .. } | Seen::Below { t, .. } if shows(index)? => Some(t),
-            _ => None,
-        };
+        let reach = |index: usize| plane.get(index)?.seen.t().filter(|_| shows(index) == Some(true));
         let before = |index: usize| lattice.columns().get(index)?.before;
         for (index, ((cell, column), first)) in plane.iter().zip(lattice.columns()).zip(&firsts).enumerate() {
             let Some(present) = cell.seen.is_part(chamfer) else { continue };
@@ -230,41 +172,29 @@ impl Cell {
 }
 
 impl Seen {
-    /// Whether this is the part; `None` where nobody can say.
-    fn is_part(self, chamfer: Option<Chamfer>) -> Option<bool> {
+    /// How far the surface or what is a little below it is seen.
+    pub(super) const fn t(self) -> Option<f64> {
         match self {
-            Self::Surface { .. } => Some(true),
-            Self::Below { t, .. } => Some(chamfer.is_some_and(|chamfer| t > chamfer.from && t <= chamfer.to)),
-            Self::Nothing => Some(false),
-            Self::Hidden => None,
+            Self::Surface { t, .. } | Self::Below { t, .. } => Some(t),
+            _ => None,
         }
     }
-}
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn below(t: f64, depth: f64) -> Cell {
-        Cell { ahead: 0.0, seen: Seen::Below { t, depth } }
+    /// How far something below the surface is below it.
+    pub(super) const fn depth(self) -> Option<f64> {
+        match self {
+            Self::Below { depth, .. } | Self::Deep { depth } => Some(depth),
+            _ => None,
+        }
     }
 
-    /// 45°, from the surface at 10.
-    #[test]
-    fn a_chamfer_is_a_slant_and_what_it_lacks_lies_on_it() {
-        let cells: Vec<Cell> = (1..=20).map(|index| 0.1 * f64::from(index)).map(|d| below(10.0 + d, d)).collect();
-        let chamfer = Chamfer::seen(&cells, 9.0, 17.0).expect("a chamfer");
-        let (radius, lead) = (8.0, 0.8);
-        let t = chamfer.place(11.5, lead, radius);
-        let depth = t - 10.0;
-        assert!((t - (11.5 + lead * (1.0 - depth / radius))).abs() < 1e-9, "{t}");
-        assert!(!chamfer.is_deep());
-    }
-
-    #[test]
-    fn few_points_are_no_chamfer_and_one_that_reaches_3_2_mm_may_go_on() {
-        assert_eq!(Chamfer::seen(&[below(10.0, 0.5); 4], 9.0, 17.0), None);
-        let to_the_most: Vec<Cell> = (1..=100).map(|i| below(10.0, 0.033 * f64::from(i))).collect();
-        assert!(Chamfer::seen(&to_the_most, 9.0, 17.0).is_some_and(|chamfer| chamfer.is_deep()));
+    /// Whether this is the part; `None` where nobody can say.
+    pub(super) fn is_part(self, chamfer: Option<Chamfer>) -> Option<bool> {
+        match self {
+            Self::Surface { .. } => Some(true),
+            Self::Below { t, .. } => Some(chamfer.is_some_and(|chamfer| chamfer.holds(t))),
+            Self::Deep { .. } | Self::Nothing => Some(false),
+            Self::Hidden => None,
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! The end plane from every point about where the part ends. Must not know how that place was found.
 
-use super::cells::{self, Cell, Chamfer, Evidence};
+use super::cells::{self, Cell, Evidence};
+use super::chamfer::{self, Chamfer};
 use super::lattice::Lattice;
 use super::offset::{self, Grid, Offset};
 use super::reach::{self, Reach};
@@ -59,7 +60,8 @@ impl Stage<'_> {
         let lattice = self.lattice(&glimpses, region, spacing)?;
         let cells = cells::cells(&glimpses, &planes, &lattice, self.tolerance);
         let sway = self.view.sway(self.covariance, lattice.angles(), self.about.last)?;
-        let search = Search { cells: &cells, lattice: &lattice, sway: &sway, sigma: self.sigma, region, spacing };
+        let Self { sigma, tolerance, .. } = *self;
+        let search = Search { cells: &cells, lattice: &lattice, sway: &sway, sigma, tolerance, region, spacing };
         Some((search.end()?, region.settled - region.from))
     }
 
@@ -92,6 +94,8 @@ struct Search<'a> {
     sway: &'a Sway,
     /// Noise of a point, mm.
     sigma: f64,
+    /// How far from the surface a point on it may lie, mm.
+    tolerance: f64,
     region: Region,
     spacing: f64,
 }
@@ -101,16 +105,18 @@ impl Search<'_> {
     fn end(&self) -> Option<Offset> {
         let surface = self.of(None)?;
         let (from, longest) = (surface.last - self.spacing - 1.0, surface.last + CHAMFER_LENGTH_MAX_MM);
-        let seen = Chamfer::seen(self.cells, from, longest + self.spacing);
-        let Some(chamfer) = seen else { return Some(surface) };
-        let with = self.of(Some(chamfer));
-        match with.filter(|with| with.last < longest) {
-            // Nobody can say where that ends.
-            Some(_) if chamfer.is_deep() => None,
-            // What goes on below the surface for longer is no chamfer, and the part ends where its surface does.
-            None => Some(surface),
-            with => with,
-        }
+        let Some(chamfer) = Chamfer::seen(self.cells, from, longest + self.spacing) else {
+            return self.told(surface, None);
+        };
+        // Where no end is seen of it the scan may stop before it does.
+        let with = self.of(Some(chamfer))?;
+        // What goes on below the surface for longer is no chamfer, and the part ends where its surface does.
+        if with.last < longest { self.told(with, Some(chamfer)) } else { self.told(surface, None) }
+    }
+
+    fn told(&self, offset: Offset, chamfer: Option<Chamfer>) -> Option<Offset> {
+        let goes_on = chamfer::goes_on(self.cells, self.lattice.len(), chamfer, offset.last, self.tolerance);
+        (!goes_on).then_some(offset)
     }
 
     fn of(&self, chamfer: Option<Chamfer>) -> Option<Offset> {

@@ -12,6 +12,7 @@
 //! ```
 
 mod cells;
+mod chamfer;
 mod fine;
 mod lattice;
 mod marginal;

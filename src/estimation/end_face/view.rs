@@ -14,8 +14,9 @@ use nalgebra::{Matrix5, Vector4, Vector5};
 use std::f64::consts::FRAC_PI_2;
 use std::ops::Range;
 
-/// Steps from plane to plane whose mean is taken.
+/// Steps from plane to plane whose mean is taken; and nearer than this share of what they are on average, the stage stood.
 const STEPS: usize = 4;
+const STANDING_SHARE: f64 = 0.01;
 
 /// A profile's plane; one that holds no point has an empty range.
 #[derive(Debug, Clone, PartialEq)]
@@ -181,9 +182,13 @@ impl View {
 /// Usual distance of neighbouring planes along the axis, mm: the median of the mean over a few steps, since planes may come
 /// in pairs; `None` below two planes.
 pub(super) fn spacing(planes: &[Plane]) -> Option<f64> {
-    let steps_count = STEPS.min(planes.len().checked_sub(1)?);
-    let run = |planes: &[Plane]| Some((planes.last()?.ahead - planes.first()?.ahead) / steps_count as f64);
-    median(planes.windows(1 + steps_count).filter_map(run)).filter(|spacing| *spacing > 0.0)
+    let range = planes.last()?.ahead - planes.first()?.ahead;
+    let apart = STANDING_SHARE * range / planes.len() as f64;
+    let mut places: Vec<f64> = planes.iter().map(|plane| plane.ahead).collect();
+    places.dedup_by(|next, place| *next - *place < apart);
+    let steps_count = STEPS.min(places.len().checked_sub(1)?);
+    let run = |places: &[f64]| Some((places.last()? - places.first()?) / steps_count as f64);
+    median(places.windows(1 + steps_count).filter_map(run)).filter(|spacing| *spacing > 0.0)
 }
 
 /// At most `most` of the planes, at a regular stride.

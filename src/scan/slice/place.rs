@@ -50,7 +50,7 @@ fn each_point(cloud: &Cloud) -> impl Iterator<Item = (&Stripe, [f64; 2])> {
     })
 }
 
-/// A cloud of the given points, of the labels and missing points of `like`. Planes without points are left out: a turn does
+/// A cloud of the given points, of the labels and missing points of `like`. Planes without points are left out: a turn may
 /// not leave them at one x.
 fn collect(like: &Cloud, points: impl Iterator<Item = (f64, [f64; 3])>) -> Cloud {
     let (mut stripes, mut ys, mut zs): (Vec<Stripe>, Vec<f64>, Vec<f64>) = Default::default();
@@ -78,7 +78,13 @@ pub(super) fn move_into(cloud: &Cloud, frame: &Frame, coordinate_max_mm: f64) ->
             return Err(SliceError::CoordinateOutOfRange { index, value, limit: coordinate_max_mm });
         }
     }
-    Ok(collect(cloud, each_point(cloud).map(|(stripe, point)| (stripe.label, moved(stripe.x, point).into()))))
+    let points = each_point(cloud).map(|(stripe, point)| (stripe.label, moved(stripe.x, point).into()));
+    let mut placed = collect(cloud, points);
+    // Where the file's x lies along the rail, planes stay planes of one x, those without points, too.
+    if rotation.m12 == 0.0 && rotation.m13 == 0.0 {
+        placed.blanks = cloud.blanks.iter().map(|x| rotation.m11 * (x - origin.x)).collect();
+    }
+    Ok(placed)
 }
 
 /// What of the cloud lies in a region.

@@ -161,6 +161,19 @@ fn a_frame_moves_the_points_before_they_are_cut() {
     assert_eq!((scan.columns().get(0), scan.columns().get(1)), (Some([33.0, 10.0]), Some([23.0, 9.0])));
 }
 
+/// The rail along the cloud's −x leaves planes planes; along its y they have no x of their own.
+#[test]
+fn planes_without_points_stay_where_the_frame_leaves_them_at_one_x() {
+    let blanks = |x_axis: [f64; 3]| {
+        let frame = Frame { origin_mm: [1.0, 0.0, 0.0], x_axis, z_axis: [0.0, 0.0, 1.0] };
+        let request = SliceRequest { rule: Some(ProfileRule::XValue), frame: Some(frame), region: None };
+        let points = Cloud { blanks: vec![12.0, 13.0], ..cloud(Labels::None, &[(0.0, 10.0, 20.0), (0.0, 11.0, 30.0)]) };
+        slice(points, &request, &Limits::default()).expect("slices").blanks().to_vec()
+    };
+    assert_eq!(blanks([-2.0, 0.0, 0.0]), [-12.0, -11.0]);
+    assert!(blanks([0.0, 1.0, 0.0]).is_empty());
+}
+
 #[test]
 fn a_frame_must_not_carry_the_points_beyond_the_limit_of_coordinates() {
     let frame = |origin| Frame { origin_mm: [origin, 0.0, 0.0], x_axis: [1e200, 0.0, 0.0], z_axis: [0.0, 0.0, 1.0] };

@@ -10,6 +10,7 @@ use crate::scan::{Columns, Scan, ScanError, Station};
 /// [`ScanError`] where a part cannot be made, or does not lie behind the one before it.
 pub fn make_several(parts: &[Part]) -> Result<(Scan, Vec<Truth>), ScanError> {
     let (mut y, mut z, mut stations, mut truths) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let mut blanks = Vec::new();
     for part in parts {
         let (scan, truth) = make(part)?;
         let before = y.len();
@@ -22,7 +23,9 @@ pub fn make_several(parts: &[Part]) -> Result<(Scan, Vec<Truth>), ScanError> {
         scan.columns().load(scan.points(), &mut part_y, &mut part_z);
         y.append(&mut part_y);
         z.append(&mut part_z);
+        blanks.extend_from_slice(scan.blanks());
         truths.push(truth);
     }
-    Ok((Scan::new(stations, Columns::F64 { y, z }, "synthetic".to_owned())?, truths))
+    let scan = Scan::new(stations, Columns::F64 { y, z }, "synthetic".to_owned())?;
+    Ok((scan.with_blanks(blanks), truths))
 }
