@@ -3,14 +3,13 @@
 
 use super::cells::{Cell, Seen};
 
-/// Points below the surface that make a chamfer, the share of them that tells its depth, and how steep it may be: 60° are
-/// usual.
-const CHAMFER_POINTS_MIN: usize = 5;
+/// Points below the surface that make a chamfer, or a slant that goes on; the share of them that tells its depth, and how steep
+/// it may be: 60° are usual.
+const POINTS_MIN: usize = 5;
 const DEEPEST_SHARE: f64 = 0.1;
 const SLOPE_MAX: f64 = 2.0;
 
-/// What goes on below is seen in so many columns and in this share of them; and below this slope it is flat.
-const SLANT_POINTS_MIN: usize = 5;
+/// What goes on below is seen in this share of the columns; and below this slope it is flat.
 const SLANT_SHARE_MIN: f64 = 0.1;
 const FLAT_MAX: f64 = 0.1;
 
@@ -39,11 +38,11 @@ impl Chamfer {
         let deepest = points.get(..(DEEPEST_SHARE * points.len() as f64).ceil() as usize)?;
         let [at, depth] = mean(deepest);
         let slope = slope(&points).clamp(0.0, SLOPE_MAX);
-        (points.len() >= CHAMFER_POINTS_MIN).then_some(Self { from, to, at, depth, slope })
+        (points.len() >= POINTS_MIN).then_some(Self { from, to, at, depth, slope })
     }
 
     /// Whether it reaches to a place along the axis.
-    pub(super) fn holds(&self, t: f64) -> bool {
+    fn holds(&self, t: f64) -> bool {
         t > self.from && t <= self.to
     }
 
@@ -52,6 +51,16 @@ impl Chamfer {
     pub(super) fn place(&self, from: f64, lead: f64, radius: f64) -> f64 {
         let share = lead / radius;
         (from + lead - share * (self.depth - self.slope * self.at)) / (1.0 + share * self.slope)
+    }
+}
+
+/// Whether a cell shows the part; `None` where nobody can say.
+pub(super) fn is_part(seen: Seen, chamfer: Option<Chamfer>) -> Option<bool> {
+    match seen {
+        Seen::Surface { .. } => Some(true),
+        Seen::Below { t, .. } => Some(chamfer.is_some_and(|chamfer| chamfer.holds(t))),
+        Seen::Deep { .. } | Seen::Nothing => Some(false),
+        Seen::Hidden => None,
     }
 }
 
@@ -86,7 +95,7 @@ pub(super) fn goes_on(
     let grown = slants.iter().filter_map(|next| next.grows);
     let [grown, steps, count] = grown.fold([0.0; 3], |[sum, steps, n], [by, step]| [sum + by, steps + step, n + 1.0]);
     let ends = 2.0 * count < slants.len() as f64;
-    slants.len() >= SLANT_POINTS_MIN.max((SLANT_SHARE_MIN * columns_count as f64) as usize)
+    slants.len() >= POINTS_MIN.max((SLANT_SHARE_MIN * columns_count as f64) as usize)
         && (ends || grown > FLAT_MAX * steps)
 }
 
@@ -103,7 +112,7 @@ impl Next {
     /// `None` where the column shows nothing below there.
     fn beyond(of_column: &[&Cell], chamfer: Option<Chamfer>, last: f64) -> Option<Self> {
         let is_last =
-            |cell: &&Cell| cell.seen.is_part(chamfer) == Some(true) && cell.seen.t().is_some_and(|t| t <= last);
+            |cell: &&Cell| is_part(cell.seen, chamfer) == Some(true) && cell.seen.t().is_some_and(|t| t <= last);
         let at = of_column.iter().rposition(is_last)?;
         let [part, next] = [at, at + 1].map(|index| of_column.get(index));
         let (part, next) = part.zip(next)?;

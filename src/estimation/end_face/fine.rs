@@ -1,7 +1,8 @@
 //! The end plane from every point about where the part ends. Must not know how that place was found.
 
-use super::cells::{self, Cell, Evidence};
+use super::cells::{self, Cell};
 use super::chamfer::{self, Chamfer};
+use super::evidence::{self, Evidence};
 use super::lattice::Lattice;
 use super::offset::{self, Grid, Offset};
 use super::reach::{self, Reach};
@@ -121,7 +122,7 @@ impl Search<'_> {
 
     fn of(&self, chamfer: Option<Chamfer>) -> Option<Offset> {
         let Region { from, to, .. } = self.region;
-        let mut evidence: Vec<Evidence> = cells::evidence(self.cells, self.lattice, chamfer, self.sigma);
+        let mut evidence: Vec<Evidence> = evidence::evidence(self.cells, self.lattice, chamfer, self.sigma);
         let next = reach::reach(&evidence, from, self.spacing)?.next;
         let to = to.min(next);
         evidence.retain(|evidence| evidence.t >= from && evidence.t <= to);

@@ -13,6 +13,7 @@
 
 mod cells;
 mod chamfer;
+mod evidence;
 mod fine;
 mod lattice;
 mod marginal;
@@ -87,7 +88,7 @@ impl Known<'_> {
         let angles = glimpses.iter().filter(on_surface).map(|glimpse| glimpse.angle).collect();
         let lattice = Lattice::of(angles, COARSE_COLUMNS, &view)?;
         let seen = cells::cells(&glimpses, &coarse, &lattice, tolerance);
-        let about = reach::reach(&cells::evidence(&seen, &lattice, None, 0.0), 0.0, coarse_spacing)?;
+        let about = reach::reach(&evidence::evidence(&seen, &lattice, None, 0.0), 0.0, coarse_spacing)?;
         // On an axis that may be off by that much the surface leaves its tolerance, and that is no end.
         let open = view.height_open(&self.covariance, lattice.angles(), about.last);
         if open > OPEN_MAX * tolerance {

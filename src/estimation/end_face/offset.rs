@@ -8,7 +8,7 @@
 //! of a profile share one t it is even over the spacing, however many the columns. With nothing known before about the
 //! offset, and all poses that the uncertainty leaves open, it becomes the posterior.
 
-use super::cells::{Evidence, LACKING_MAX};
+use super::evidence::{Evidence, LACKING_MAX};
 use super::marginal::{self, Step, sums};
 use super::posterior::Posterior;
 use super::sway::Sway;
@@ -125,7 +125,7 @@ pub(super) fn find(evidence: &[Evidence], to: f64, grid: Grid, sway: &Sway) -> O
 
 /// What to add to half of the half-width, mm. Two flanks of the part that meet the plane in phases of their own tell how far
 /// the pose has moved them against each other. Where the raster meets it alike on both, they show one interval, which the
-/// posterior takes for the intersection of two: each of its ends then falls short by up to that sway, and by no more than the
+/// posterior takes for the intersection of two: each of its ends then falls short by about that sway, and by no more than the
 /// interval is wide.
 fn untold(evidence: &[Evidence], at: &Posterior, grid: Grid, sway: &Sway) -> f64 {
     let half = at.half_of_expanded(0.0);

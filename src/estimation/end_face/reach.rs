@@ -1,6 +1,6 @@
 //! How far the part goes on without a gap. What lies beyond a gap is something else. Must not know cells or columns.
 
-use super::cells::Evidence;
+use super::evidence::Evidence;
 
 /// A bin in which less than this share shows the part is void.
 const SHARE_MIN: f64 = 0.1;
