@@ -29,8 +29,12 @@ use std::io::{self, Write};
 /// Writes a scan.
 ///
 /// # Errors
-/// Those of `out`.
+/// Those of `out`; of kind `InvalidInput` where the format has one x for all points of a profile and the scan has not.
 pub fn encode(scan: &Scan, format: Format, out: &mut dyn Write) -> io::Result<()> {
+    if matches!(format, Format::GocatorCsv | Format::Json) && !scan.is_planar() {
+        let reason = "this format has one x for all points of a profile, and the points of this scan have an x of their own: write csv, ply, pcd, npy or npz";
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, reason));
+    }
     match format {
         Format::Csv => text::write_csv(scan, out),
         Format::GocatorCsv => text::write_gocator_csv(scan, out),
@@ -42,11 +46,6 @@ pub fn encode(scan: &Scan, format: Format, out: &mut dyn Write) -> io::Result<()
     }
 }
 
-/// y and z of a profile's points.
-fn points<'a>(scan: &'a Scan, station: &Station) -> impl Iterator<Item = [f64; 2]> + use<'a> {
-    (station.start..station.end).filter_map(|index| scan.columns().get(index))
-}
-
 /// The most points of a profile.
 fn longest(scan: &Scan) -> usize {
     scan.stations().iter().map(|station| station.end - station.start).max().unwrap_or(0)
@@ -55,7 +54,11 @@ fn longest(scan: &Scan) -> usize {
 /// Whether single precision holds every coordinate.
 fn is_single(scan: &Scan) -> bool {
     let exact = |x: f64| f64::from(x as f32) == x;
-    matches!(scan.columns(), Columns::F32 { .. }) && scan.stations().iter().all(|station| exact(station.x))
+    let are_exact = |station: &Station| match scan.own_x(station) {
+        Some(own_x) => own_x.iter().all(|x| exact(*x)),
+        None => exact(station.x),
+    };
+    matches!(scan.columns(), Columns::F32 { .. }) && scan.stations().iter().all(are_exact)
 }
 
 #[cfg(test)]

@@ -6,7 +6,8 @@
 //!                  (frame, region)  synthetic
 //! ```
 //!
-//! A [`Cloud`] is what a file holds; a [`Scan`] is what an estimator takes: every profile in its own plane x = const.
+//! A [`Cloud`] is what a file holds; a [`Scan`] is what an estimator takes: points, each with its own x, y and z, and the
+//! profiles that they belong to.
 
 mod cloud;
 mod columns;
@@ -27,7 +28,7 @@ use std::sync::Arc;
 /// Where one profile's points lie in the columns of its [`Scan`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Station {
-    /// The profile's plane, mm; the mean over its points where they differ.
+    /// The x of the profile, mm; the median over its points where they differ.
     pub x: f64,
     /// First point.
     pub start: usize,
@@ -35,12 +36,15 @@ pub struct Station {
     pub end: usize,
 }
 
-/// Profiles in station order: x never decreases, every coordinate is finite, no profile is empty. Its points may be shared
-/// with the scan that it was cut from.
+/// Points grouped into profiles. The x of the profiles never decreases, every coordinate is finite, no profile is empty. Where
+/// the points of a profile do not share their x, every point has an x of its own. The points may be shared with the scan that
+/// this one was cut from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scan {
     stations: Vec<Station>,
     columns: Arc<Columns>,
+    /// The x of every point, mm, in the order of the columns; `None` where every profile lies in one plane.
+    own_x: Option<Arc<Vec<f64>>>,
     rule: String,
     blanks: Vec<f64>,
 }
@@ -87,8 +91,26 @@ impl Scan {
         }
         match columns.first_not_finite() {
             Some(index) => Err(ScanError::NotFinite { index }),
-            None => Ok(Self { stations, columns: Arc::new(columns), rule, blanks: Vec::new() }),
+            None => Ok(Self { stations, columns: Arc::new(columns), own_x: None, rule, blanks: Vec::new() }),
         }
+    }
+
+    /// The same with an x for every point, in the order of the columns, mm.
+    ///
+    /// # Errors
+    /// [`ScanError::NotFinite`] names the first x that is not finite or that is missing.
+    pub fn with_own_x(self, own_x: Vec<f64>) -> Result<Self, ScanError> {
+        let index = own_x.iter().position(|x| !x.is_finite()).unwrap_or(own_x.len().min(self.columns.len()));
+        if index != self.columns.len() || own_x.len() != index {
+            return Err(ScanError::NotFinite { index });
+        }
+        Ok(Self { own_x: Some(Arc::new(own_x)), ..self })
+    }
+
+    /// Whether every profile lies in one plane x = const.
+    #[must_use]
+    pub fn is_planar(&self) -> bool {
+        self.own_x.is_none()
     }
 
     /// The same with the planes of profiles that were taken and hold no point, mm. They say where there is no part.
@@ -117,7 +139,7 @@ impl Scan {
     #[must_use]
     pub fn part(&self, stations: Range<usize>) -> Option<Self> {
         let stations = self.stations.get(stations).filter(|stations| !stations.is_empty())?.to_vec();
-        Some(Self { stations, columns: Arc::clone(&self.columns), rule: self.rule.clone(), blanks: Vec::new() })
+        Some(Self { stations, blanks: Vec::new(), ..self.clone() })
     }
 
     /// Where its points lie in the columns.
@@ -131,6 +153,31 @@ impl Scan {
     #[must_use]
     pub fn columns(&self) -> &Columns {
         &self.columns
+    }
+
+    /// The point at a position of the columns, which belongs to this profile, mm.
+    #[must_use]
+    pub fn point(&self, station: &Station, index: usize) -> Option<[f64; 3]> {
+        let [y, z] = self.columns.get(index)?;
+        Some([self.x_of(station, index), y, z])
+    }
+
+    /// The x of the point at a position of the columns, which belongs to this profile, mm.
+    #[must_use]
+    pub fn x_of(&self, station: &Station, index: usize) -> f64 {
+        self.own_x.as_ref().and_then(|own_x| own_x.get(index)).copied().unwrap_or(station.x)
+    }
+
+    /// The points of a profile, mm.
+    pub fn points_of<'a>(&'a self, station: &Station) -> impl Iterator<Item = [f64; 3]> + use<'a> {
+        let station = *station;
+        (station.start..station.end).filter_map(move |index| self.point(&station, index))
+    }
+
+    /// The x of the points of a profile where they differ; `None` where the profile lies in one plane.
+    #[must_use]
+    pub fn own_x(&self, station: &Station) -> Option<&[f64]> {
+        self.own_x.as_ref()?.get(station.start..station.end)
     }
 
     /// How the profiles were told apart.

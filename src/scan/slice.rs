@@ -129,7 +129,7 @@ impl SliceError {
     }
 }
 
-/// Cuts a cloud into profiles. A profile's plane is the mean x of its points; its points keep the file's order.
+/// Cuts a cloud into profiles. Every point keeps its own x; the points of a profile keep the file's order.
 ///
 /// # Errors
 /// [`SliceError`] where the request does not fit the cloud, or the result is beyond `limits`.

@@ -59,7 +59,7 @@ fn pulls(
     let mut strips = vec![Vector5::zeros(); stations_count.div_ceil(surface.every) * CELLS];
     let cut_off = robust::cut_off_squared(solution.sigma);
     for point in surface.near.iter().filter(|point| point.d * point.d < cut_off) {
-        let response = solution.cylinder.slice(surface.plane(point)).response(point.y, point.z);
+        let response = solution.cylinder.slice(point.x).response(point.y, point.z);
         let (a, b, t) = (response.a, response.b, response.t);
         let pull = robust::weight(response.d * response.d, cut_off) * response.d;
         if let Some(strip) = strips.get_mut(point.index / surface.every * CELLS + grid.sector(point.angle)) {

@@ -44,15 +44,14 @@ pub(super) fn beneath(sample: &Sample, cylinder: &Cylinder, sigma: f64) -> Optio
     // Parts of different radii, one after the other, share no profile.
     let both_count = lower.iter().filter(|profile| shows(profile, [-reach, reach])).count();
     let coverage = lower.len() as f64 / profiles.len() as f64;
-    let enough = count as f64 >= SUPPORT_MIN * sample.y.len() as f64 && coverage >= COVERAGE_MIN;
+    let enough = count as f64 >= SUPPORT_MIN * sample.len() as f64 && coverage >= COVERAGE_MIN;
     (enough && 2 * both_count >= lower.len()).then_some(Beneath { depth: first + 0.5 * thickness, coverage })
 }
 
 /// How far the sampled points of a profile lie below the fit, mm.
 fn depths(sample: &Sample, station: &Station, cylinder: &Cylinder) -> Vec<f64> {
     let slice = cylinder.slice(station.x);
-    let (y, z) = sample.points(station);
-    y.iter().zip(z).map(|(y, z)| -slice.distance(*y, *z)).collect()
+    sample.points(station).map(|[x, y, z]| -slice.at(x).distance(y, z)).collect()
 }
 
 #[cfg(test)]
@@ -63,15 +62,14 @@ mod tests {
 
     /// Ten profiles of twenty points, each as far below the cylinder as said.
     fn sample(depth: impl Fn(usize, usize) -> f64) -> Sample {
-        let mut sample = Sample { stations: Vec::new(), y: Vec::new(), z: Vec::new() };
+        let mut sample = Sample::default();
         for profile in 0..10 {
-            for point in 0..20 {
+            let place = |point: usize| {
                 let (sin, cos) = (0.1 * point as f64 - 1.0).sin_cos();
                 let reach = 10.0 - depth(profile, point);
-                sample.y.push(reach * sin);
-                sample.z.push(reach * cos);
-            }
-            sample.stations.push(Station { x: profile as f64, start: 20 * profile, end: 20 * profile + 20 });
+                [profile as f64, reach * sin, reach * cos]
+            };
+            sample.push(profile as f64, (0..20).map(place));
         }
         sample
     }

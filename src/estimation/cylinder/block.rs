@@ -5,7 +5,7 @@
 //! one. What runs on every point is a method that is always inlined, never a closure: the compiler may leave a closure out of
 //! line, and then it does not use the instructions that were chosen.
 
-use super::projection::Projection;
+use super::projection::{Oblique, Projection};
 use pulp::Simd;
 
 pub(super) const LANES: usize = 8;
@@ -22,7 +22,17 @@ pub(super) struct Block {
     rows_count: usize,
 }
 
-/// Some points of a block: direction from the axis, distance from the surface and offset along the axis.
+/// Where the points of a block are along x.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Place<'a> {
+    /// All in one plane x = const.
+    Plane(&'a Projection),
+    /// Each at an x of its own.
+    Own(&'a Oblique, &'a [f64]),
+}
+
+/// Some points of a block: direction from the axis, distance from the surface and offset along the axis. The offset counts from
+/// where the axis meets the plane of the profile, or from the reference point where each point has an x of its own.
 #[derive(Clone, Copy)]
 pub(super) struct Points<V> {
     pub(super) cos: V,
@@ -46,7 +56,32 @@ impl Block {
 
     /// Takes in the points (y, z), at most as many as a block holds.
     #[inline(always)]
-    pub(super) fn fill<T: Copy + Into<f64>>(&mut self, projection: &Projection, y: &[T], z: &[T]) {
+    pub(super) fn fill<T: Copy + Into<f64>>(&mut self, place: Place<'_>, y: &[T], z: &[T]) {
+        match place {
+            Place::Plane(projection) => self.fill_plane(projection, y, z),
+            Place::Own(oblique, x) => self.fill_own(oblique, x, y, z),
+        }
+    }
+
+    #[inline(always)]
+    fn fill_own<T: Copy + Into<f64>>(&mut self, oblique: &Oblique, x: &[f64], y: &[T], z: &[T]) {
+        let count = x.len().min(y.len()).min(z.len());
+        let directions = self.cos.iter_mut().zip(&mut self.sin);
+        let offsets = self.distance.iter_mut().zip(&mut self.axial);
+        for (((cos, sin), (d, axial)), (&x, (&y, &z))) in directions.zip(offsets).zip(x.iter().zip(y.iter().zip(z))) {
+            let [across, up, along] = oblique.place([x, y.into(), z.into()]);
+            let rho2 = across * across + up * up;
+            let rho = if rho2 > f64::MIN_POSITIVE { rho2 } else { f64::MIN_POSITIVE }.sqrt();
+            let per_rho = 1.0 / rho;
+            (*cos, *sin, *d) = (across * per_rho, up * per_rho, rho - oblique.radius);
+            *axial = along;
+        }
+        self.distance.iter_mut().skip(count).for_each(|d| *d = FAR);
+        self.rows_count = count.div_ceil(LANES);
+    }
+
+    #[inline(always)]
+    fn fill_plane<T: Copy + Into<f64>>(&mut self, projection: &Projection, y: &[T], z: &[T]) {
         let count = y.len().min(z.len());
         let directions = self.cos.iter_mut().zip(&mut self.sin);
         let offsets = self.distance.iter_mut().zip(&mut self.axial);

@@ -7,7 +7,6 @@
 use super::consensus::{self, Bounds};
 use super::model::Cylinder;
 use super::narrow;
-use super::pieces;
 use super::sample::Sample;
 use super::settle::{Settled, settle, total};
 use super::step::{self, Hold};
@@ -60,16 +59,10 @@ const SHOWN_SHARE: f64 = 0.08;
 pub(super) const COVERAGE_MIN: f64 = 0.75;
 /// Coverages that differ by more than this decide.
 const COVERAGE_LEAD: f64 = 0.08;
-/// where they are more than one profile.
-const PROFILES_LEAD: f64 = 1.5;
-/// What holds so many times the points must be missing on twice as many.
-const SUPPORT_LEAD: f64 = 3.0;
 /// Radii that differ by more standard uncertainties are told apart.
 const RADIUS_SIGMAS: f64 = 3.0;
 /// Beyond the radii that are looked for by this factor lies a plane.
 const PLANE: f64 = 1.5;
-/// A shorter arc, radians (75°), with points of a plane at its ends still looks like an arc.
-const ARC_BESIDE_PLANE: f64 = 1.31;
 /// Less of a scan than this on a surface is chance.
 const SUPPORT_MIN: f64 = 0.1;
 /// What is left of a sample after a surface was taken out is worth another search above this share.
@@ -80,8 +73,8 @@ const ROUGHER: f64 = 3.0;
 /// The surfaces of a sample, the best supported first.
 pub(super) fn candidates(sample: &Sample, bounds: &Bounds, noise: Noise, hold: Hold) -> Vec<Candidate> {
     let mut found: Vec<Settled> = Vec::new();
-    let mut rest = sample.without(|_, _, _| false);
-    while found.len() < SURFACES_MAX && rest.y.len() as f64 >= REST_MIN * sample.y.len() as f64 {
+    let mut rest = sample.clone();
+    while found.len() < SURFACES_MAX && rest.len() as f64 >= REST_MIN * sample.len() as f64 {
         let Some(settled) = best(&rest, bounds, noise, hold) else { break };
         if found.first().is_some_and(|first| settled.sigma > ROUGHER * first.sigma) {
             break;
@@ -89,31 +82,17 @@ pub(super) fn candidates(sample: &Sample, bounds: &Bounds, noise: Noise, hold: H
         found.push(settled);
         // Generously, so that the rim of the noise is not taken for a surface of its own.
         let reach = 2.0 * robust::TUKEY_C * settled.sigma;
-        let before = rest.y.len();
-        rest = rest.without(|x, y, z| settled.cylinder.slice(x).distance(y, z).abs() < reach);
-        if rest.y.len() == before || rest.stations.len() < 2 {
+        let before = rest.len();
+        rest = rest.without(|[x, y, z]| settled.cylinder.slice(x).distance(y, z).abs() < reach);
+        if rest.len() == before || rest.stations.len() < 2 {
             break;
         }
     }
-    // A plane that is all there is becomes a refusal of its own later on; one beside a short arc may have bent it.
-    let is_part = |settled: &Settled| !is_plane(settled, sample, bounds) && seen(settled, sample) > ARC_BESIDE_PLANE;
-    if found.iter().any(is_part) {
+    // A plane that is all there is becomes a refusal of its own later on.
+    if found.iter().any(|settled| !is_plane(settled, sample, bounds)) {
         found.retain(|settled| !is_plane(settled, sample, bounds));
     }
     counted(&found, sample)
-}
-
-/// The arc that the sample's points on it span, radians. A few points beyond a wide gap do not lengthen it: there a floor
-/// crosses the circle that the arc's ends were bent into.
-fn seen(settled: &Settled, sample: &Sample) -> f64 {
-    let reach = robust::TUKEY_C * settled.sigma;
-    let angles = sample.stations.iter().flat_map(|station| {
-        let slice = settled.cylinder.slice(station.x);
-        let (y, z) = sample.points(station);
-        let near = y.iter().zip(z).filter(move |(y, z)| slice.distance(**y, **z).abs() < reach);
-        near.map(move |(y, z)| (y - slice.y).atan2(z - slice.z))
-    });
-    pieces::arc(angles)
 }
 
 /// A floor or a jaw's face is a plane: a cylinder of any large radius fits it, and none is the part.
@@ -184,20 +163,20 @@ fn counted(found: &[Settled], sample: &Sample) -> Vec<Candidate> {
     let mut on = vec![0_usize; found.len()];
     for station in &sample.stations {
         let slices: Vec<_> = found.iter().map(|settled| settled.cylinder.slice(station.x)).collect();
-        let (y, z) = sample.points(station);
+        let points_count = (station.end - station.start) as f64;
         on.fill(0);
-        for (&y, &z) in y.iter().zip(z) {
-            let distances = slices.iter().map(|slice| slice.distance(y, z).abs()).zip(found).enumerate();
+        for [x, y, z] in sample.points(station) {
+            let distances = slices.iter().map(|slice| slice.at(x).distance(y, z).abs()).zip(found).enumerate();
             let near = distances.filter(|(_, (d, settled))| *d < robust::TUKEY_C * settled.sigma);
             let nearest = near.min_by(|(_, (a, _)), (_, (b, _))| a.total_cmp(b));
             if let Some(count) = nearest.and_then(|(index, _)| on.get_mut(index)) {
                 *count += 1;
             }
         }
-        let least = SHOWN_POINTS.min((y.len() as f64 * SHOWN_FEW).ceil() as usize).max(2);
+        let least = SHOWN_POINTS.min((points_count * SHOWN_FEW).ceil() as usize).max(2);
         for ((shown, all), on) in shown_counts.iter_mut().zip(&mut on_counts).zip(&on) {
             *all += on;
-            *shown += usize::from(*on >= least && *on as f64 >= SHOWN_SHARE * y.len() as f64);
+            *shown += usize::from(*on >= least && *on as f64 >= SHOWN_SHARE * points_count);
         }
     }
     let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
@@ -205,7 +184,7 @@ fn counted(found: &[Settled], sample: &Sample) -> Vec<Candidate> {
     let candidate = |(settled, (shown, on)): (&Settled, (usize, usize))| Candidate {
         settled: *settled,
         coverage: share(shown, sample.stations.len()),
-        support: share(on, sample.y.len()),
+        support: share(on, sample.len()),
     };
     found.iter().zip(counts).map(candidate).filter(|candidate| candidate.support >= SUPPORT_MIN).collect()
 }
@@ -221,15 +200,10 @@ pub(super) fn choose(candidates: &[Candidate], nominal_radius: Option<f64>, samp
         possible.retain(|c| nearest.is_some_and(|nearest| off(c) - off(nearest) <= known(c).hypot(known(nearest))));
     }
     let widest = possible.iter().copied().max_by(|a, b| a.coverage.total_cmp(&b.coverage)).copied();
-    let few = PROFILES_LEAD / sample.stations.len() as f64;
-    let lead = |c: &Candidate, widest: &Candidate| {
-        let usual = COVERAGE_LEAD.max(few);
-        if c.support > SUPPORT_LEAD * widest.support { 2.0 * usual } else { usual }
-    };
-    possible.retain(|c| widest.is_some_and(|widest| c.coverage >= widest.coverage - lead(c, &widest)));
+    possible.retain(|c| widest.is_some_and(|widest| c.coverage >= widest.coverage - COVERAGE_LEAD));
     match possible.as_slice() {
         [] => Choice::None,
-        [first, second, ..] if second.coverage >= COVERAGE_MIN || few > COVERAGE_LEAD => Choice::Two(**first, **second),
+        [first, second, ..] if second.coverage >= COVERAGE_MIN => Choice::Two(**first, **second),
         [first, ..] => Choice::One(**first),
     }
 }

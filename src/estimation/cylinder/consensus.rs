@@ -5,7 +5,6 @@
 //! exact cylinder through the five follows by Newton's method. Scores are truncated squares (MSAC). The draws come from a
 //! fixed seed: the same scan always gives the same start. Must not know verdicts or uncertainty.
 
-use super::kernel::Sweep;
 use super::model::{Cylinder, Response};
 use super::projection::ANY_DIRECTION;
 use super::sample::Sample;
@@ -85,23 +84,16 @@ pub(super) fn hypotheses(sample: &Sample, bounds: &Bounds, most: usize) -> Vec<H
 
 /// A few points of the whole sample, for the first look.
 fn sieve(sample: &Sample) -> Scatter {
-    let stride = (sample.y.len() / SIEVE_POINTS).max(1);
-    let all = sample.stations.iter().flat_map(|station| {
-        let (y, z) = sample.points(station);
-        y.iter().zip(z).map(|(&y, &z)| [station.x, y, z])
-    });
-    all.step_by(stride).collect()
+    let stride = (sample.len() / SIEVE_POINTS).max(1);
+    sample.stations.iter().flat_map(|station| sample.points(station)).step_by(stride).collect()
 }
 
 /// The score over all of the sample.
 pub(super) fn score_whole(sample: &Sample, cylinder: &Cylinder, tolerance: f64) -> f64 {
     let per_tolerance2 = 1.0 / (tolerance * tolerance);
     let view = cylinder.facing(ANY_DIRECTION);
-    let profile = |station: &Station| -> f64 {
-        let (y, z) = sample.points(station);
-        Sweep { projection: &view.at(station.x), y, z }.truncated_squares(per_tolerance2)
-    };
-    sample.stations.iter().map(profile).sum::<f64>() / sample.y.len().max(1) as f64
+    let profile = |station: &Station| sample.profile(station).truncated_squares(&view, per_tolerance2);
+    sample.stations.iter().map(profile).sum::<f64>() / sample.len().max(1) as f64
 }
 
 fn draw_cylinder(sample: &Sample, bounds: &Bounds, chance: &mut ChaCha8Rng) -> Option<Cylinder> {
@@ -114,17 +106,11 @@ fn draw_cylinder(sample: &Sample, bounds: &Bounds, chance: &mut ChaCha8Rng) -> O
     if near <= 0.0 {
         return None;
     }
-    let mut draw = |station: &Station| -> Option<[f64; 2]> {
-        let (y, z) = sample.points(station);
-        let index = chance.random_range(0..y.len().max(1));
-        Some([*y.get(index)?, *z.get(index)?])
-    };
-    let ring = [draw(first)?, draw(first)?, draw(first)?];
-    let pair = [draw(second)?, draw(second)?];
-    let (centre, radius) = circle(ring, bounds)?;
-    let other = placed(pair, radius, centre)?;
+    let mut draw = |station: &Station| sample.point(chance.random_range(station.start..station.end));
+    let ([a, b, c], [d, e]) = ([draw(first)?, draw(first)?, draw(first)?], [draw(second)?, draw(second)?]);
+    let (centre, radius) = circle([a, b, c].map(|[_, y, z]| [y, z]), bounds)?;
+    let other = placed([d, e].map(|[_, y, z]| [y, z]), radius, centre)?;
     let cylinder = through(first.x, centre, second.x, other, radius, bounds)?;
-    let ([a, b, c], [d, e]) = (ring.map(|[y, z]| [first.x, y, z]), pair.map(|[y, z]| [second.x, y, z]));
     within(exact(cylinder, [a, b, c, d, e])?, bounds)
 }
 

@@ -15,14 +15,13 @@ const SAGITTA_VARIANCE: f64 = 5.0;
 
 /// Median over the profiles of the diagonal of their bounding boxes, mm.
 pub(super) fn size(sample: &Sample) -> f64 {
-    let span = |values: &[f64]| {
-        let (low, high) =
-            values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
+    let span = |values: &mut dyn Iterator<Item = f64>| {
+        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
         (high - low).max(0.0)
     };
     let diagonal = |station| {
-        let (y, z) = sample.points(station);
-        span(y).hypot(span(z))
+        let points = || sample.points(station);
+        span(&mut points().map(|[_, y, _]| y)).hypot(span(&mut points().map(|[_, _, z]| z)))
     };
     median(sample.stations.iter().map(diagonal)).unwrap_or(0.0)
 }

@@ -5,8 +5,9 @@
 //! A block of points is projected into a few arrays that stay in the first-level cache; each group of sums then runs over
 //! those, so that none needs more running sums than a processor has registers.
 
-use super::block::{BLOCK, Block, Fold, LANES, Points};
-use super::projection::Projection;
+use super::block::{BLOCK, Block, Fold, LANES, Place, Points};
+use super::moments::{Moments, OwnMoments};
+use super::sums::Sums;
 use pulp::{Arch, Simd, WithSimd};
 
 /// No angle on the scale of [`Inner::low`] and [`Inner::high`] lies beyond it.
@@ -19,18 +20,6 @@ pub(super) enum Curvature {
     Weight,
     /// By the slope ψ′ of w·d: Newton's step, quadratic near the solution; also the bread of the sandwich covariance.
     Slope,
-}
-
-/// Sums over points with the direction (C, S) from the axis, the distance d from the surface, the axial offset s, Tukey's
-/// weight w and the curvature k.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Moments {
-    /// Σ w,
-    pub(super) weight: f64,
-    /// Σ w·d, w·d·C, w·d·S, w·d·C·s and w·d·S·s,
-    pub(super) pull: [f64; 5],
-    /// Σ k, k·C, k·S, k·C², k·CS, k·C³, k·C²S, k·C⁴ and k·C³S: with C² + S² = 1 they are all moments to the fourth order.
-    pub(super) bend: [f64; 9],
 }
 
 /// The points within ε of the surface.
@@ -55,19 +44,19 @@ impl Inner {
 /// The points of one profile, single or double precision, and how they are looked at.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sweep<'a, T> {
-    pub(super) projection: &'a Projection,
+    pub(super) place: Place<'a>,
     pub(super) y: &'a [T],
     pub(super) z: &'a [T],
 }
 
 impl<T: Copy + Into<f64>> Sweep<'_, T> {
-    /// The moments; `per_cut2` is the inverse square of Tukey's cut-off, mm⁻².
-    pub(super) fn moments(self, per_cut2: f64, curvature: Curvature) -> Moments {
+    /// The sums in the parameters of the view; `per_cut2` is the inverse square of Tukey's cut-off, mm⁻².
+    pub(super) fn sums(self, per_cut2: f64, curvature: Curvature) -> Sums {
         Arch::new().dispatch(Sum { sweep: self, per_cut2, curvature })
     }
 
     /// The same by the slope, with what lies within ε, whose square is `epsilon2`.
-    pub(super) fn moments_and_inner(self, per_cut2: f64, epsilon2: f64) -> (Moments, Inner) {
+    pub(super) fn sums_and_inner(self, per_cut2: f64, epsilon2: f64) -> (Sums, Inner) {
         Arch::new().dispatch(SumAndCount { sweep: self, per_cut2, epsilon2 })
     }
 
@@ -105,31 +94,61 @@ struct Truncate<'a, T> {
 }
 
 impl<T: Copy + Into<f64>> WithSimd for Sum<'_, T> {
-    type Output = Moments;
+    type Output = Sums;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Moments {
-        let (mut running, mut block) = (Running::new(), Block::empty());
-        for (y, z) in self.sweep.blocks() {
-            block.fill(self.sweep.projection, y, z);
-            running.add(simd, &block, self.per_cut2, self.curvature);
+    fn with_simd<S: Simd>(self, simd: S) -> Sums {
+        let Self { sweep, per_cut2, curvature } = self;
+        let mut block = Block::empty();
+        match sweep.place {
+            Place::Plane(projection) => {
+                let mut running = Running::new();
+                for (place, y, z) in sweep.blocks() {
+                    block.fill(place, y, z);
+                    running.add(simd, &block, per_cut2, curvature);
+                }
+                running.moments().sums(projection)
+            }
+            Place::Own(..) => {
+                let mut running = OwnRunning::new();
+                for (place, y, z) in sweep.blocks() {
+                    block.fill(place, y, z);
+                    running.add(simd, &block, per_cut2, curvature);
+                }
+                running.moments().sums()
+            }
         }
-        running.moments()
     }
 }
 
 impl<T: Copy + Into<f64>> WithSimd for SumAndCount<'_, T> {
-    type Output = (Moments, Inner);
+    type Output = (Sums, Inner);
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> (Moments, Inner) {
-        let (mut running, mut block) = (Running::new(), Block::empty());
+    fn with_simd<S: Simd>(self, simd: S) -> (Sums, Inner) {
+        let Self { sweep, per_cut2, epsilon2 } = self;
+        let mut block = Block::empty();
         let mut inner = [[0.0; LANES], [0.0; LANES], [BEYOND; LANES], [-BEYOND; LANES]];
-        for (y, z) in self.sweep.blocks() {
-            block.fill(self.sweep.projection, y, z);
-            running.add(simd, &block, self.per_cut2, Curvature::Slope);
-            block.fold(simd, &mut inner, &Count { epsilon2: self.epsilon2 });
-        }
+        let sums = match sweep.place {
+            Place::Plane(projection) => {
+                let mut running = Running::new();
+                for (place, y, z) in sweep.blocks() {
+                    block.fill(place, y, z);
+                    running.add(simd, &block, per_cut2, Curvature::Slope);
+                    block.fold(simd, &mut inner, &Count { epsilon2 });
+                }
+                running.moments().sums(projection)
+            }
+            Place::Own(..) => {
+                let mut running = OwnRunning::new();
+                for (place, y, z) in sweep.blocks() {
+                    block.fill(place, y, z);
+                    running.add(simd, &block, per_cut2, Curvature::Slope);
+                    block.fold(simd, &mut inner, &Count { epsilon2 });
+                }
+                running.moments().sums()
+            }
+        };
         let [count, squared, low, high] = inner;
         let inner = Inner {
             count: total(count),
@@ -137,7 +156,7 @@ impl<T: Copy + Into<f64>> WithSimd for SumAndCount<'_, T> {
             low: low.into_iter().fold(BEYOND, f64::min),
             high: high.into_iter().fold(-BEYOND, f64::max),
         };
-        (running.moments(), inner)
+        (sums, inner)
     }
 }
 
@@ -147,8 +166,8 @@ impl<T: Copy + Into<f64>, F: FnMut(&[f64])> WithSimd for Measure<'_, T, F> {
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, _: S) {
         let mut squared = [0.0; BLOCK];
-        for (y, z) in self.sweep.blocks() {
-            let count = self.sweep.squared(y, z, &mut squared);
+        for (place, y, z) in self.sweep.blocks() {
+            let count = squared_distances(place, y, z, &mut squared);
             (self.found)(squared.get(..count).unwrap_or_default());
         }
     }
@@ -160,8 +179,8 @@ impl<T: Copy + Into<f64>> WithSimd for Truncate<'_, T> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> f64 {
         let (mut sums, mut squared) = ([0.0; LANES], [0.0; BLOCK]);
-        for (y, z) in self.sweep.blocks() {
-            let count = self.sweep.squared(y, z, &mut squared);
+        for (place, y, z) in self.sweep.blocks() {
+            let count = squared_distances(place, y, z, &mut squared);
             // What an earlier block left beyond the last point does not count.
             squared.iter_mut().skip(count).for_each(|d2| *d2 = 0.0);
             for row in squared.as_chunks::<LANES>().0.iter().take(count.div_ceil(LANES)) {
@@ -177,19 +196,40 @@ impl<T: Copy + Into<f64>> WithSimd for Truncate<'_, T> {
 
 impl<'a, T: Copy + Into<f64>> Sweep<'a, T> {
     #[inline(always)]
-    fn blocks(self) -> impl Iterator<Item = (&'a [T], &'a [T])> {
-        self.y.chunks(BLOCK).zip(self.z.chunks(BLOCK))
+    fn blocks(self) -> impl Iterator<Item = (Place<'a>, &'a [T], &'a [T])> {
+        let Self { place, y, z } = self;
+        let blocks = y.chunks(BLOCK).zip(z.chunks(BLOCK)).enumerate();
+        blocks.map(move |(index, (y, z))| match place {
+            Place::Plane(_) => (place, y, z),
+            Place::Own(oblique, x) => {
+                let start = index * BLOCK;
+                let x = x.get(start..start + y.len().min(z.len())).unwrap_or_default();
+                (Place::Own(oblique, x), y, z)
+            }
+        })
     }
+}
 
-    /// The squared distances of at most a block of points, mm², and how many they are.
-    #[inline(always)]
-    fn squared(self, y: &[T], z: &[T], squared: &mut [f64; BLOCK]) -> usize {
-        for (squared, (&y, &z)) in squared.iter_mut().zip(y.iter().zip(z)) {
-            let [across, up] = self.projection.place(y.into(), z.into());
-            let d = (across * across + up * up).sqrt() - self.projection.radius;
-            *squared = d * d;
+/// The squared distances of at most a block of points, mm², and how many they are.
+#[inline(always)]
+fn squared_distances<T: Copy + Into<f64>>(place: Place<'_>, y: &[T], z: &[T], squared: &mut [f64; BLOCK]) -> usize {
+    match place {
+        Place::Plane(projection) => {
+            for (squared, (&y, &z)) in squared.iter_mut().zip(y.iter().zip(z)) {
+                let [across, up] = projection.place(y.into(), z.into());
+                let d = (across * across + up * up).sqrt() - projection.radius;
+                *squared = d * d;
+            }
+            y.len().min(z.len())
         }
-        y.len().min(z.len())
+        Place::Own(oblique, x) => {
+            for (squared, (&x, (&y, &z))) in squared.iter_mut().zip(x.iter().zip(y.iter().zip(z))) {
+                let [across, up, _] = oblique.place([x, y.into(), z.into()]);
+                let d = (across * across + up * up).sqrt() - oblique.radius;
+                *squared = d * d;
+            }
+            x.len().min(y.len()).min(z.len())
+        }
     }
 }
 
@@ -221,6 +261,41 @@ impl Running {
     }
 }
 
+/// The lanes of [`OwnMoments`].
+struct OwnRunning {
+    pull: [[f64; LANES]; 6],
+    bend: [[f64; LANES]; 5],
+    lever: [[f64; LANES]; 8],
+}
+
+impl OwnRunning {
+    #[inline(always)]
+    fn new() -> Self {
+        Self { pull: [[0.0; LANES]; 6], bend: [[0.0; LANES]; 5], lever: [[0.0; LANES]; 8] }
+    }
+
+    #[inline(always)]
+    fn add<S: Simd>(&mut self, simd: S, block: &Block, per_cut2: f64, curvature: Curvature) {
+        block.fold(simd, &mut self.pull, &Pull { per_cut2 });
+        match curvature {
+            Curvature::Weight => {
+                block.fold(simd, &mut self.bend, &OwnBend::<false> { per_cut2 });
+                block.fold(simd, &mut self.lever, &Lever::<false> { per_cut2 });
+            }
+            Curvature::Slope => {
+                block.fold(simd, &mut self.bend, &OwnBend::<true> { per_cut2 });
+                block.fold(simd, &mut self.lever, &Lever::<true> { per_cut2 });
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn moments(&self) -> OwnMoments {
+        let [weight, pull @ ..] = self.pull.map(total);
+        OwnMoments { weight, pull, bend: self.bend.map(total), lever: self.lever.map(total) }
+    }
+}
+
 /// Adds to weight and pull.
 struct Pull {
     per_cut2: f64,
@@ -228,6 +303,15 @@ struct Pull {
 
 /// Adds to bend: by the slope or by the weight.
 struct Bend<const SLOPE: bool> {
+    per_cut2: f64,
+}
+
+/// Adds to bend and lever of points with an x of their own: by the slope or by the weight.
+struct OwnBend<const SLOPE: bool> {
+    per_cut2: f64,
+}
+
+struct Lever<const SLOPE: bool> {
     per_cut2: f64,
 }
 
@@ -261,11 +345,7 @@ impl<const SLOPE: bool> Fold<9> for Bend<SLOPE> {
     fn fold<S: Simd>(&self, simd: S, values: [S::f64s; 9], points: Points<S::f64s>) -> [S::f64s; 9] {
         let Points { cos, sin, distance, .. } = points;
         let [k, kc, ks, kcc, kcs, kccc, kccs, kcccc, kcccs] = values;
-        let (share, rest) = share(simd, distance, self.per_cut2);
-        // ψ′ = (1 − v)(1 − 5v) and w = (1 − v)² with v = d²/c².
-        let factor =
-            if SLOPE { simd.sub_f64s(simd.splat_f64s(1.0), simd.mul_f64s(simd.splat_f64s(5.0), share)) } else { rest };
-        let bend = simd.mul_f64s(rest, factor);
+        let bend = curvature::<S, SLOPE>(simd, distance, self.per_cut2);
         let (c, s) = (simd.mul_f64s(bend, cos), simd.mul_f64s(bend, sin));
         let (cc, cs) = (simd.mul_f64s(c, cos), simd.mul_f64s(s, cos));
         let (ccc, ccs) = (simd.mul_f64s(cc, cos), simd.mul_f64s(cs, cos));
@@ -279,6 +359,44 @@ impl<const SLOPE: bool> Fold<9> for Bend<SLOPE> {
             simd.add_f64s(kccs, ccs),
             simd.add_f64s(kcccc, simd.mul_f64s(ccc, cos)),
             simd.add_f64s(kcccs, simd.mul_f64s(ccs, cos)),
+        ]
+    }
+}
+
+impl<const SLOPE: bool> Fold<5> for OwnBend<SLOPE> {
+    #[inline(always)]
+    fn fold<S: Simd>(&self, simd: S, values: [S::f64s; 5], points: Points<S::f64s>) -> [S::f64s; 5] {
+        let Points { cos, sin, distance, .. } = points;
+        let [k, kc, ks, kcc, kcs] = values;
+        let bend = curvature::<S, SLOPE>(simd, distance, self.per_cut2);
+        let (c, s) = (simd.mul_f64s(bend, cos), simd.mul_f64s(bend, sin));
+        [
+            simd.add_f64s(k, bend),
+            simd.add_f64s(kc, c),
+            simd.add_f64s(ks, s),
+            simd.add_f64s(kcc, simd.mul_f64s(c, cos)),
+            simd.add_f64s(kcs, simd.mul_f64s(s, cos)),
+        ]
+    }
+}
+
+impl<const SLOPE: bool> Fold<8> for Lever<SLOPE> {
+    #[inline(always)]
+    fn fold<S: Simd>(&self, simd: S, values: [S::f64s; 8], points: Points<S::f64s>) -> [S::f64s; 8] {
+        let Points { cos, sin, distance, axial } = points;
+        let [t, tc, ts, tcc, tcs, tt, ttcc, ttcs] = values;
+        let once = simd.mul_f64s(curvature::<S, SLOPE>(simd, distance, self.per_cut2), axial);
+        let (c, s) = (simd.mul_f64s(once, cos), simd.mul_f64s(once, sin));
+        let (cc, cs) = (simd.mul_f64s(c, cos), simd.mul_f64s(s, cos));
+        [
+            simd.add_f64s(t, once),
+            simd.add_f64s(tc, c),
+            simd.add_f64s(ts, s),
+            simd.add_f64s(tcc, cc),
+            simd.add_f64s(tcs, cs),
+            simd.add_f64s(tt, simd.mul_f64s(once, axial)),
+            simd.add_f64s(ttcc, simd.mul_f64s(cc, axial)),
+            simd.add_f64s(ttcs, simd.mul_f64s(cs, axial)),
         ]
     }
 }
@@ -302,6 +420,15 @@ impl Fold<4> for Count {
             simd.select_f64s(simd.less_than_f64s(high, higher), higher, high),
         ]
     }
+}
+
+/// k: by the slope ψ′ = (1 − v)(1 − 5v), by the weight w = (1 − v)², with v = d²/c².
+#[inline(always)]
+fn curvature<S: Simd, const SLOPE: bool>(simd: S, distance: S::f64s, per_cut2: f64) -> S::f64s {
+    let (share, rest) = share(simd, distance, per_cut2);
+    let factor =
+        if SLOPE { simd.sub_f64s(simd.splat_f64s(1.0), simd.mul_f64s(simd.splat_f64s(5.0), share)) } else { rest };
+    simd.mul_f64s(rest, factor)
 }
 
 /// v = d²/c², at most 1, and 1 − v.
@@ -334,8 +461,11 @@ mod tests {
         (0..333).map(place).unzip()
     }
 
-    fn projection() -> Projection {
-        cylinder().facing([0.2, 1.0]).at(12.0)
+    /// The points in one plane, and the same with an x of its own for each.
+    fn places(test: impl Fn(Place<'_>)) {
+        let view = cylinder().facing([0.2, 1.0]);
+        test(Place::Plane(&view.at(12.0)));
+        test(Place::Own(&view.oblique(), &[12.0; 333]));
     }
 
     fn cylinder() -> Cylinder {
@@ -344,16 +474,17 @@ mod tests {
 
     #[test]
     fn every_set_of_instructions_gives_the_same_bits() {
-        let ((y, z), projection) = (points(), projection());
-        let sweep = Sweep { projection: &projection, y: &y, z: &z };
+        places(|place| {
+        let (y, z) = points();
+        let sweep = Sweep { place, y: &y, z: &z };
         let (per_cut2, epsilon2) = (1.0, 0.04);
         // One point at a time, with what every processor has.
         let plain = SumAndCount { sweep, per_cut2, epsilon2 }.with_simd(Scalar);
         assert!(plain.0.weight > 50.0 && plain.1.count > 20.0, "{plain:?}");
-        assert_eq!(sweep.moments_and_inner(per_cut2, epsilon2), plain);
-        assert_eq!(sweep.moments(per_cut2, Curvature::Slope), plain.0);
+        assert_eq!(sweep.sums_and_inner(per_cut2, epsilon2), plain);
+        assert_eq!(sweep.sums(per_cut2, Curvature::Slope), plain.0);
         let plain = Sum { sweep, per_cut2, curvature: Curvature::Weight }.with_simd(Scalar);
-        assert_eq!(sweep.moments(per_cut2, Curvature::Weight), plain);
+        assert_eq!(sweep.sums(per_cut2, Curvature::Weight), plain);
         let plain = Truncate { sweep, per_tolerance2: 3.0 }.with_simd(Scalar);
         assert_eq!(sweep.truncated_squares(3.0).to_bits(), plain.to_bits());
         // Half as wide as the widest, where the processor has both.
@@ -362,20 +493,24 @@ mod tests {
             let plain = SumAndCount { sweep, per_cut2, epsilon2 }.with_simd(Scalar);
             assert_eq!(Simd::vectorize(narrower, SumAndCount { sweep, per_cut2, epsilon2 }), plain);
         }
+        });
     }
 
     #[test]
     fn single_and_double_precision_columns_of_the_same_values_give_the_same_bits() {
-        let ((y, z), projection) = (points(), projection());
-        let wide = |values: &[f32]| values.iter().map(|&v| f64::from(v)).collect::<Vec<f64>>();
-        let double = Sweep { projection: &projection, y: &wide(&y), z: &wide(&z) }.moments_and_inner(25.0, 0.002);
-        assert_eq!(Sweep { projection: &projection, y: &y, z: &z }.moments_and_inner(25.0, 0.002), double);
+        places(|place| {
+            let (y, z) = points();
+            let wide = |values: &[f32]| values.iter().map(|&v| f64::from(v)).collect::<Vec<f64>>();
+            let double = Sweep { place, y: &wide(&y), z: &wide(&z) }.sums_and_inner(25.0, 0.002);
+            assert_eq!(Sweep { place, y: &y, z: &z }.sums_and_inner(25.0, 0.002), double);
+        });
     }
 
     #[test]
     fn squared_distances_and_inner_points_are_those_of_the_points_one_by_one() {
-        let ((y, z), projection) = (points(), projection());
-        let sweep = Sweep { projection: &projection, y: &y, z: &z };
+        places(|place| {
+        let (y, z) = points();
+        let sweep = Sweep { place, y: &y, z: &z };
         let mut squared = Vec::new();
         sweep.squared_distances(|found| squared.extend_from_slice(found));
         let slice = cylinder().slice(12.0);
@@ -383,11 +518,12 @@ mod tests {
         let expected: Vec<f64> = y.iter().zip(&z).map(place).map(|(y, z)| slice.distance(y, z).powi(2)).collect();
         assert_eq!(squared.len(), expected.len());
         assert!(squared.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-12 * (1.0 + b)));
-        let (_, inner) = sweep.moments_and_inner(25.0, 0.002);
+        let (_, inner) = sweep.sums_and_inner(25.0, 0.002);
         let within: Vec<f64> = expected.iter().copied().filter(|d2| *d2 < 0.002).collect();
         assert_eq!(inner.count, within.len() as f64);
         assert!((inner.squared - within.iter().sum::<f64>()).abs() < 1e-9);
         let truncated: f64 = expected.iter().map(|d2| (3.0 * d2).min(1.0)).sum();
         assert!((sweep.truncated_squares(3.0) - truncated).abs() < 1e-9);
+        });
     }
 }

@@ -34,10 +34,8 @@ const OFF_SHARE: f64 = 0.005;
 const QUARTER_TO_SIGMA: f64 = 0.3186;
 /// Where more than this share of the surface lies in layers, what is left is not certain to be the part.
 const LAYER_RATIO_MAX: f64 = 0.3;
-/// A rival is on this share of the profiles
+/// Another reading of a mixture of surfaces is on this share of the profiles at least.
 const RIVAL_COVERAGE: f64 = 0.5;
-/// and holds this share of what the chosen surface holds.
-const RIVAL_SUPPORT: f64 = 0.6;
 /// Averages of many points show every deviation of a real part's form; below this share of the points' noise it is no layer.
 const SCATTER_MIN: f64 = 0.3;
 /// Far off is an average beyond so many of their standard deviations,
@@ -160,10 +158,7 @@ fn mend_at(
     let part = match candidates::choose(&found, nominal_radius, &sample) {
         // What is not on most profiles is not the part; whole profiles that are off are no layers.
         Choice::One(candidate) if candidate.coverage < COVERAGE_MIN => return Verdict::Clean,
-        Choice::One(candidate) => match rival(&candidate, &found, nominal_radius) {
-            Some(rival) => return Verdict::Two(candidate, rival),
-            None => candidate.settled,
-        },
+        Choice::One(candidate) => candidate.settled,
         Choice::Two(a, b) => return Verdict::Two(a, b),
         Choice::None => return Verdict::Clean,
     };
@@ -177,13 +172,6 @@ fn mend_at(
         };
     }
     refit(problem, fit, &part, averages, &off).map_or(Verdict::Clean, Verdict::Mended)
-}
-
-/// A layer that holds nearly as much as what was chosen. So close together, each takes points of the other, and coverage is
-/// not to be trusted; a nominal radius has decided.
-fn rival(chosen: &Candidate, found: &[Candidate], nominal_radius: Option<f64>) -> Option<Candidate> {
-    let others = found.iter().filter(|other| other.settled != chosen.settled && nominal_radius.is_none());
-    others.copied().find(|other| other.coverage >= RIVAL_COVERAGE && other.support >= RIVAL_SUPPORT * chosen.support)
 }
 
 /// How far the fit is from the readings that a mixture of surfaces allows.
@@ -274,8 +262,11 @@ fn refit(problem: &Problem<'_>, fit: &Solution, part: &Settled, averages: &Avera
     let reach = reach(fit);
     let rest = Rest::of(scan, used, |index, station| {
         let slice = fit.cylinder.slice(station.x);
-        let is_off = move |y, z| off.get(averages.grid.place(index, &slice, y, z)).copied().unwrap_or(true);
-        move |y, z| slice.distance(y, z).abs() < reach && !is_off(y, z)
+        move |[x, y, z]| {
+            let slice = slice.at(x);
+            let is_off = off.get(averages.grid.place(index, &slice, y, z)).copied().unwrap_or(true);
+            slice.distance(y, z).abs() < reach && !is_off
+        }
     })?;
     let sigma = scatter(&rest.scan, &part.cylinder, fit.sigma);
     let silent = Progress::default();
@@ -293,11 +284,10 @@ fn refit(problem: &Problem<'_>, fit: &Solution, part: &Settled, averages: &Avera
 
 /// Robust spread of the points that are left about the part.
 fn scatter(rest: &Scan, part: &Cylinder, widest: f64) -> f64 {
-    let (mut ys, mut zs, mut squared, mut scratch) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut squared, mut scratch) = (Vec::new(), Vec::new());
     for station in rest.stations() {
         let slice = part.slice(station.x);
-        rest.load(*station, &mut ys, &mut zs);
-        squared.extend(ys.iter().zip(&zs).map(|(y, z)| slice.distance(*y, *z).powi(2)));
+        squared.extend(rest.points_of(station).map(|[x, y, z]| slice.at(x).distance(y, z).powi(2)));
     }
     let mut sigma = widest;
     for _ in 0..ROUNDS {

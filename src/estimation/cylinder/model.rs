@@ -22,6 +22,7 @@ pub(super) struct Cylinder {
 /// A cylinder as one plane x = const sees it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Slice {
+    x: f64,
     pub(super) dx: f64,
     pub(super) y: f64,
     pub(super) z: f64,
@@ -81,6 +82,7 @@ impl Cylinder {
     pub(super) fn slice(&self, x: f64) -> Slice {
         let dx = x - self.x_ref;
         Slice {
+            x,
             dx,
             y: self.y_ref + self.p * dx,
             z: self.z_ref + self.q * dx,
@@ -93,6 +95,13 @@ impl Cylinder {
 }
 
 impl Slice {
+    /// The cylinder as another plane sees it.
+    #[inline]
+    pub(super) fn at(&self, x: f64) -> Self {
+        let step = x - self.x;
+        Self { x, dx: self.dx + step, y: self.y + self.p * step, z: self.z + self.q * step, ..*self }
+    }
+
     /// Signed distance of the point (y, z) of this plane, mm.
     #[inline]
     pub(super) fn distance(&self, y: f64, z: f64) -> f64 {

@@ -40,6 +40,7 @@ pub(super) enum Cut {
 pub(super) struct Near {
     /// Of its station.
     pub(super) index: usize,
+    pub(super) x: f64,
     pub(super) y: f64,
     pub(super) z: f64,
     /// About the axis, from the middle direction, radians.
@@ -57,8 +58,7 @@ pub(super) struct Surface {
     /// Direction from the axis in which the part is seen, of length 1.
     mean: [f64; 2],
     pub(super) near: Vec<Near>,
-    /// Planes of all stations.
-    planes: Vec<f64>,
+    stations_count: usize,
     /// One in so many profiles was looked at,
     pub(super) every: usize,
     /// and one in so many of its points.
@@ -132,21 +132,22 @@ pub(super) fn look(scan: &Scan, used: &[bool], cylinder: &Cylinder, reach: f64) 
             let (index, slice) = (*index, cylinder.slice(station.x));
             // Another first point in each profile, so that no sector is left out.
             let places = (station.start + index / every % stride..station.end).step_by(stride);
-            for [y, z] in places.filter_map(|place| scan.columns().get(place)) {
+            for [x, y, z] in places.filter_map(|place| scan.point(station, place)) {
+                let slice = slice.at(x);
                 let d = slice.distance(y, z);
                 if d.abs() < reach {
                     let [cos, sin] = turned(mean, &slice, y, z);
                     let length = (cos * cos + sin * sin).sqrt().max(f64::MIN_POSITIVE);
                     let direction = [cos / length, sin / length];
-                    near.push(Near { index, y, z, angle: sin.atan2(cos), direction, d });
+                    near.push(Near { index, x, y, z, angle: sin.atan2(cos), direction, d });
                 }
             }
         }
         near
     };
     let near: Vec<Near> = looked_at.par_chunks(CHUNK).flat_map_iter(chunk).collect();
-    let planes = scan.stations().iter().map(|station| station.x).collect();
-    (!near.is_empty()).then_some(Surface { cylinder: *cylinder, mean, near, planes, every, stride })
+    let stations_count = scan.stations().len();
+    (!near.is_empty()).then_some(Surface { cylinder: *cylinder, mean, near, stations_count, every, stride })
 }
 
 /// The direction from the axis to the middle of some points near the cylinder; what stands beside the part says nothing of it.
@@ -156,8 +157,11 @@ fn direction(scan: &Scan, cylinder: &Cylinder, reach: f64) -> [f64; 2] {
     for station in spread(stations.len(), SEEN).filter_map(|index| stations.get(index)) {
         let slice = cylinder.slice(station.x);
         let places = spread(station.end - station.start, SEEN).map(|place| station.start + place);
-        let points = places.filter_map(|place| scan.columns().get(place));
-        for [y, z] in points.filter(|[y, z]| slice.distance(*y, *z).abs() < reach) {
+        for [x, y, z] in places.filter_map(|place| scan.point(station, place)) {
+            let slice = slice.at(x);
+            if slice.distance(y, z).abs() >= reach {
+                continue;
+            }
             sum = [sum[0] + y - slice.y, sum[1] + z - slice.z];
         }
     }
@@ -177,11 +181,6 @@ fn turned([mean_u, mean_w]: [f64; 2], slice: &Slice, y: f64, z: f64) -> [f64; 2]
 }
 
 impl Surface {
-    /// The plane of a point, mm along x.
-    pub(super) fn plane(&self, point: &Near) -> f64 {
-        self.planes.get(point.index).copied().unwrap_or(0.0)
-    }
-
     /// Those from an angle from the middle direction on.
     pub(super) fn directions(&self, first: f64, length: f64) -> Directions {
         Directions { mean: self.mean, first, length }
@@ -195,11 +194,11 @@ impl Surface {
     /// Averages over patches; `None` where the points are too few for them.
     pub(super) fn average(&self, cut: Cut) -> Option<Averages> {
         let grid = self.grid(cut)?;
-        let mut patches = vec![Patch::default(); self.planes.len().div_ceil(grid.block) * grid.sectors];
+        let mut patches = vec![Patch::default(); self.stations_count.div_ceil(grid.block) * grid.sectors];
         for point in &self.near {
             if let Some(patch) = patches.get_mut(grid.patch(point.index, point.angle)) {
                 patch.count += 1.0;
-                patch.x += self.plane(point);
+                patch.x += point.x;
                 patch.angle += point.angle;
                 patch.d += point.d;
             }
@@ -217,7 +216,7 @@ impl Surface {
 
     /// How the surface is cut; `None` where the points are too few for that.
     pub(super) fn grid(&self, cut: Cut) -> Option<Grid> {
-        let stations_count = self.planes.len();
+        let stations_count = self.stations_count;
         let (sectors, blocks) = match cut {
             Cut::Profiles => (SECTORS_MIN, stations_count),
             Cut::Cells { sectors, blocks } => (sectors, blocks),
@@ -277,21 +276,19 @@ pub(super) fn sector(angle: f64, [low, high]: [f64; 2], sectors: usize) -> usize
 impl Averages {
     /// The averages as a scan's sample: each block a profile.
     pub(super) fn sample(&self) -> Sample {
-        let mut sample = Sample { stations: Vec::new(), y: Vec::new(), z: Vec::new() };
+        let mut sample = Sample::default();
         for block in self.patches.chunks(self.grid.sectors) {
             let count = block.iter().flatten().count();
             if count == 0 {
                 continue;
             }
-            let start = sample.y.len();
             // One plane for all: a point moves along the surface to it, and keeps its distance.
             let x = block.iter().flatten().map(|patch| patch.x).sum::<f64>() / count as f64;
-            for patch in block.iter().flatten() {
+            let place = |patch: &Patch| {
                 let [y, z] = self.grid.point(x, patch);
-                sample.y.push(y);
-                sample.z.push(z);
-            }
-            sample.stations.push(Station { x, start, end: sample.y.len() });
+                [x, y, z]
+            };
+            sample.push(x, block.iter().flatten().map(place));
         }
         sample
     }

@@ -41,11 +41,6 @@ pub(super) fn held(surface: &Surface, sigma: f64) -> Option<Directions> {
     Some(surface.directions(first, (circle.length + 2 * MARGIN) as f64 * bin))
 }
 
-/// The arc from the first piece that counts to the last one, radians.
-pub(super) fn arc(angles: impl Iterator<Item = f64>) -> f64 {
-    Circle::of(angles).map_or(0.0, |circle| circle.length as f64 / BINS as f64 * TAU)
-}
-
 impl Circle {
     /// `None` where no piece counts.
     fn of(angles: impl Iterator<Item = f64>) -> Option<Self> {

@@ -6,10 +6,9 @@
 //! C = X/ρ and S = Y/ρ the derivatives of d = ρ − R are −(C, S) in the coordinates of e₁ and e₂, times t = dx + s for the
 //! slopes, where s = −(e₁ₓX + e₂ₓY) is how far along the axis the point is seen from where the axis meets its plane.
 
-use super::kernel::Moments;
 use super::model::Cylinder;
 use super::sums::Sums;
-use nalgebra::{Matrix2, Matrix5, Vector2, Vector3, Vector5};
+use nalgebra::{Matrix5, Vector3};
 
 /// A cylinder with e₁ towards where its points are.
 #[derive(Debug, Clone, Copy)]
@@ -30,7 +29,18 @@ pub(super) struct Projection {
     centre: [f64; 2],
     across: [f64; 2],
     up: [f64; 2],
-    axial: [f64; 2],
+    pub(super) axial: [f64; 2],
+}
+
+/// How points with an x of their own are projected: as [`Projection`], with how far along the axis they are, divided by n, so
+/// that it is the lever t of the slopes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Oblique {
+    pub(super) radius: f64,
+    reference: [f64; 3],
+    across: [f64; 3],
+    up: [f64; 3],
+    along: [f64; 3],
 }
 
 impl Cylinder {
@@ -72,6 +82,14 @@ impl View {
         }
     }
 
+    /// Points with an x of their own.
+    pub(super) fn oblique(&self) -> Oblique {
+        let Cylinder { x_ref, y_ref, z_ref, p, q, radius } = self.cylinder;
+        let along = Vector3::new(1.0, p, q) / (1.0 + p * p + q * q);
+        let [across, up, along] = [self.first, self.second, along].map(|axis| axis.into());
+        Oblique { radius, reference: [x_ref, y_ref, z_ref], across, up, along }
+    }
+
     /// Sums in the parameters along e₁ and e₂ as sums in those along y and z.
     pub(super) fn unturned(&self, sums: &Sums) -> Sums {
         let ((ay, az), (by, bz)) = ((self.first.y, self.first.z), (self.second.y, self.second.z));
@@ -84,6 +102,16 @@ impl View {
             0.0, 0.0, 0.0, 0.0, 1.0,
         );
         Sums { gradient: turn * sums.gradient, normal: turn * sums.normal * turn.transpose(), weight: sums.weight }
+    }
+}
+
+impl Oblique {
+    /// X, Y and t of a point.
+    #[inline(always)]
+    pub(super) fn place(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
+        let [x_ref, y_ref, z_ref] = self.reference;
+        let (dx, u, w) = (x - x_ref, y - y_ref, z - z_ref);
+        [self.across, self.up, self.along].map(|[by_x, by_y, by_z]| by_x * dx + by_y * u + by_z * w)
     }
 }
 
@@ -101,40 +129,5 @@ impl Projection {
     pub(super) fn axial(&self, across: f64, up: f64) -> f64 {
         let [a, b] = self.axial;
         a * across + b * up
-    }
-
-    /// A profile's moments as sums in the parameters along e₁ and e₂.
-    ///
-    /// The gradient is exact. In the normal matrix s is that of the foot on the surface, R(−e₁ₓC − e₂ₓS): off by d/R of a
-    /// term that is small itself, as is the second derivative of ρ, which Gauss and Newton leave out.
-    pub(super) fn sums(&self, moments: &Moments) -> Sums {
-        let dx = self.dx;
-        let [wd, wdc, wds, wdcs, wdss] = moments.pull;
-        let [k, c, s, cc, cs, ccc, ccs, cccc, cccs] = moments.bend;
-        let (ss, css, sss) = (k - cc, c - ccc, s - ccs);
-        let (ccss, csss) = (cc - cccc, cs - cccs);
-        let ssss = ss - ccss;
-        let [a, b] = self.axial.map(|part| part * self.radius);
-        // Σ k·(C, S)ᵀ(C, S) times 1, s and s², and Σ k·(C, S) times 1 and s.
-        let plain = Matrix2::new(cc, cs, cs, ss);
-        let once = Matrix2::new(ccc, ccs, ccs, css) * a + Matrix2::new(ccs, css, css, sss) * b;
-        let twice = Matrix2::new(cccc, cccs, cccs, ccss) * (a * a)
-            + Matrix2::new(cccs, ccss, ccss, csss) * (2.0 * a * b)
-            + Matrix2::new(ccss, csss, csss, ssss) * (b * b);
-        let (lever, edge) = (plain * dx + once, Vector2::new(c, s));
-        let slopes = plain * (dx * dx) + once * (2.0 * dx) + twice;
-        let slope_edge = edge * dx + plain * Vector2::new(a, b);
-        let mut normal = Matrix5::zeros();
-        normal.fixed_view_mut::<2, 2>(0, 0).copy_from(&slopes);
-        normal.fixed_view_mut::<2, 2>(0, 2).copy_from(&lever);
-        normal.fixed_view_mut::<2, 2>(2, 0).copy_from(&lever);
-        normal.fixed_view_mut::<2, 2>(2, 2).copy_from(&plain);
-        normal.fixed_view_mut::<2, 1>(0, 4).copy_from(&slope_edge);
-        normal.fixed_view_mut::<1, 2>(4, 0).copy_from(&slope_edge.transpose());
-        normal.fixed_view_mut::<2, 1>(2, 4).copy_from(&edge);
-        normal.fixed_view_mut::<1, 2>(4, 2).copy_from(&edge.transpose());
-        normal.fixed_view_mut::<1, 1>(4, 4).fill(k);
-        let gradient = -Vector5::new(wdc * dx + wdcs, wds * dx + wdss, wdc, wds, wd);
-        Sums { gradient, normal, weight: moments.weight }
     }
 }

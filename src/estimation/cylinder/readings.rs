@@ -152,7 +152,7 @@ pub(super) fn beside(
     let mut angles: Vec<f64> = surface.near.iter().map(|point| point.angle).collect();
     angles.sort_unstable_by(f64::total_cmp);
     let row = |point: &Near| {
-        let Response { a, b, t, .. } = cylinder.slice(surface.plane(point)).response(point.y, point.z);
+        let Response { a, b, t, .. } = cylinder.slice(point.x).response(point.y, point.z);
         Vector5::new(a * t, b * t, a, b, -1.0)
     };
     let rows: Vec<Vector5<f64>> = surface.near.iter().map(row).collect();

@@ -22,29 +22,35 @@ pub(super) struct Rest {
 
 impl Rest {
     /// The points of the used profiles that stay, by a rule made for each profile; `None` where none does.
-    pub(super) fn of<S: Fn(f64, f64) -> bool>(
+    pub(super) fn of<S: Fn([f64; 3]) -> bool>(
         scan: &Scan,
         used: &[bool],
         rule: impl Fn(usize, Station) -> S + Sync,
     ) -> Option<Self> {
         let serving = scan.stations().iter().zip(used).enumerate().filter(|(_, (_, used))| **used);
         let serving: Vec<(usize, Station)> = serving.map(|(index, (station, _))| (index, *station)).collect();
-        let left = |&(index, station): &(usize, Station)| -> (Vec<f64>, Vec<f64>) {
+        let left = |&(index, station): &(usize, Station)| -> Vec<[f64; 3]> {
             let stays = rule(index, station);
-            let points = (station.start..station.end).filter_map(|place| scan.columns().get(place));
-            points.filter(|[y, z]| stays(*y, *z)).map(|[y, z]| (y, z)).unzip()
+            scan.points_of(&station).filter(|point| stays(*point)).collect()
         };
         let (mut columns, mut stations, mut kept) = (empty_like(scan.columns()), Vec::new(), Vec::new());
+        let mut own_x = Vec::new();
         for some in serving.chunks(CHUNK) {
-            let left: Vec<(Vec<f64>, Vec<f64>)> = some.par_iter().map(left).collect();
-            for ((index, station), (y, z)) in some.iter().zip(left).filter(|(_, (y, _))| !y.is_empty()) {
+            let left: Vec<Vec<[f64; 3]>> = some.par_iter().map(left).collect();
+            for ((index, station), points) in some.iter().zip(left).filter(|(_, points)| !points.is_empty()) {
                 let start = columns.len();
-                extend(&mut columns, &y, &z);
+                extend(&mut columns, &points);
+                if !scan.is_planar() {
+                    own_x.extend(points.iter().map(|[x, ..]| x));
+                }
                 stations.push(Station { x: station.x, start, end: columns.len() });
                 kept.push(*index);
             }
         }
-        let scan_left = Scan::new(stations, columns, scan.rule().to_owned()).ok()?;
+        let mut scan_left = Scan::new(stations, columns, scan.rule().to_owned()).ok()?;
+        if !scan.is_planar() {
+            scan_left = scan_left.with_own_x(own_x).ok()?;
+        }
         let used = vec![true; scan_left.stations().len()];
         Some(Self { scan: scan_left, used, kept, whole_count: scan.stations().len() })
     }
@@ -69,16 +75,16 @@ fn empty_like(columns: &Columns) -> Columns {
     }
 }
 
-fn extend(columns: &mut Columns, ys: &[f64], zs: &[f64]) {
+fn extend(columns: &mut Columns, points: &[[f64; 3]]) {
     match columns {
         // They were of single precision before.
         Columns::F32 { y, z } => {
-            y.extend(ys.iter().map(|v| *v as f32));
-            z.extend(zs.iter().map(|v| *v as f32));
+            y.extend(points.iter().map(|[_, y, _]| *y as f32));
+            z.extend(points.iter().map(|[.., z]| *z as f32));
         }
         Columns::F64 { y, z } => {
-            y.extend(ys);
-            z.extend(zs);
+            y.extend(points.iter().map(|[_, y, _]| y));
+            z.extend(points.iter().map(|[.., z]| z));
         }
     }
 }
@@ -93,10 +99,10 @@ mod tests {
         let station = |x: f64, start: usize| Station { x, start, end: start + 2 };
         let stations = vec![station(0.0, 0), station(1.0, 2), station(2.0, 4)];
         let scan = Scan::new(stations, columns, "by hand".to_owned()).expect("a scan");
-        let rest = Rest::of(&scan, &[true, true, false], |index, _| move |y: f64, _| index == 1 && y > 0.35);
+        let rest = Rest::of(&scan, &[true, true, false], |index, _| move |[_, y, _]: [f64; 3]| index == 1 && y > 0.35);
         let rest = rest.expect("a point");
         assert_eq!(*rest.scan.columns(), Columns::F32 { y: vec![0.4], z: vec![1.4] });
         assert_eq!((rest.kept, rest.whole_count), (vec![1], 3));
-        assert!(Rest::of(&scan, &[true; 3], |_, _| |_: f64, _: f64| false).is_none());
+        assert!(Rest::of(&scan, &[true; 3], |_, _| |_: [f64; 3]| false).is_none());
     }
 }

@@ -76,7 +76,7 @@ pub(super) fn search(
     while within.len() <= ROUNDS_MAX {
         let rest = Rest::of(scan, used, |_, station| {
             let slices: Vec<_> = within.iter().map(|(cylinder, held)| (cylinder.slice(station.x), *held)).collect();
-            move |y, z| slices.iter().all(|(slice, held)| held.hold(slice, y, z))
+            move |[x, y, z]| slices.iter().all(|(slice, held)| held.hold(&slice.at(x), y, z))
         });
         let rest = rest.ok_or_else(|| search.no_cylinder())?;
         let used = enough(&rest.scan, settings);

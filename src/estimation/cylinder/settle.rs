@@ -2,12 +2,12 @@
 //! from coarse to fine, so that the surface with most points near the start wins over what lies beside it.
 //! Must not know where the start came from.
 
-use super::kernel::{Curvature, Sweep};
+use super::kernel::Curvature;
 use super::model::Cylinder;
 use super::projection::ANY_DIRECTION;
 use super::sample::Sample;
 use super::step::{self, Hold};
-use super::sums::{Sums, sum};
+use super::sums::Sums;
 use crate::estimation::robust;
 
 /// A cylinder that the points of a sample agree on.
@@ -53,7 +53,7 @@ pub(super) fn total(sample: &Sample, cylinder: &Cylinder, window: f64) -> Sums {
     let view = cylinder.facing(ANY_DIRECTION);
     let mut sums = Sums::zero();
     for station in &sample.stations {
-        sums.add(&sum(&view.at(station.x), sample.stretch(station), window * window, Curvature::Weight));
+        sums.add(&sample.profile(station).sums(&view, window * window, Curvature::Weight));
     }
     view.unturned(&sums)
 }
@@ -62,8 +62,7 @@ fn squared_distances_within(sample: &Sample, cylinder: &Cylinder, window: f64, s
     squared.clear();
     let view = cylinder.facing(ANY_DIRECTION);
     for station in &sample.stations {
-        let (y, z) = sample.points(station);
-        Sweep { projection: &view.at(station.x), y, z }.squared_distances(|found| {
+        sample.profile(station).squared_distances(&view, |found| {
             squared.extend(found.iter().filter(|d2| **d2 < window * window));
         });
     }

@@ -12,11 +12,12 @@
 use super::covariance::sandwich;
 use super::kernel::{Curvature, Inner};
 use super::model::Cylinder;
+use super::profile::ProfilePoints;
 use super::projection::View;
 use super::sample::spread;
 use super::settle::Settled;
 use super::step::{self, Hold};
-use super::sums::{Sums, sum, sum_and_count};
+use super::sums::Sums;
 use crate::estimation::{Progress, robust};
 use crate::scan::{Scan, Station};
 use nalgebra::{Matrix5, Vector5};
@@ -125,9 +126,10 @@ fn whereabouts(scan: &Scan, stations: &[&Station], start: &Settled) -> (f64, [f6
     for station in spread(stations.len(), SEEN_PROFILES).filter_map(|index| stations.get(index)) {
         let slice = start.cylinder.slice(station.x);
         let places = spread(station.end - station.start, SEEN_POINTS).map(|place| station.start + place);
-        for [y, z] in places.filter_map(|index| scan.columns().get(index)) {
+        for [own_x, y, z] in places.filter_map(|index| scan.point(station, index)) {
+            let slice = slice.at(own_x);
             if slice.distance(y, z).abs() < reach {
-                (x, count) = (x + station.x, count + 1.0);
+                (x, count) = (x + own_x, count + 1.0);
                 towards = [towards[0] + y - slice.y, towards[1] + z - slice.z];
             }
         }
@@ -145,10 +147,8 @@ fn nearer(problem: &Problem<'_>, stations: &[&Station], view: View, sigma: f64) 
         return None;
     }
     let cut_off_squared = robust::cut_off_squared(sigma);
-    let profile = |station: &&Station| {
-        let points = scan.columns().stretch(station.start..station.end);
-        sum(&view.at(station.x), points, cut_off_squared, Curvature::Slope)
-    };
+    let profile =
+        |station: &&Station| ProfilePoints::of(scan, station).sums(&view, cut_off_squared, Curvature::Slope);
     let chosen: Vec<&Station> = spread(stations.len(), few).filter_map(|index| stations.get(index).copied()).collect();
     let each: Vec<Sums> = chosen.par_iter().map(profile).collect();
     let mut sums = Sums::zero();
@@ -160,11 +160,10 @@ fn nearer(problem: &Problem<'_>, stations: &[&Station], view: View, sigma: f64) 
 
 /// One pass over all points.
 fn pass(problem: &Problem<'_>, view: &View, sigma: f64, progress: Option<&Progress>) -> (Vec<Sums>, Vec<Inner>) {
-    let columns = problem.scan.columns();
     let cut_off_squared = robust::cut_off_squared(sigma);
     let profile = |station: &Station| {
-        let points = columns.stretch(station.start..station.end);
-        let (sums, inner) = sum_and_count(&view.at(station.x), points, cut_off_squared, problem.epsilon);
+        let points = ProfilePoints::of(problem.scan, station);
+        let (sums, inner) = points.sums_and_inner(view, cut_off_squared, problem.epsilon);
         (view.unturned(&sums), inner)
     };
     let work = |(stations, used): (&[Station], &[bool])| {

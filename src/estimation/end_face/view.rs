@@ -9,7 +9,7 @@ use super::sway::Sway;
 use crate::estimation::conclude::median;
 use crate::estimation::{End, Pose};
 use crate::geometry::AxisLine;
-use crate::scan::Scan;
+use crate::scan::{Scan, Station};
 use nalgebra::{Matrix5, Vector4, Vector5};
 use std::f64::consts::FRAC_PI_2;
 use std::ops::Range;
@@ -66,12 +66,16 @@ impl View {
 
     /// The planes from the reference outward, those without a point among them.
     pub(super) fn planes_outward(&self, scan: &Scan) -> Vec<Plane> {
-        let ahead = |x: f64| self.side * self.n * (x - self.x_ref);
-        let full = scan.stations().iter().map(|s| Plane { x: s.x, ahead: ahead(s.x), points: s.start..s.end });
-        let blank = scan.blanks().iter().map(|x| Plane { x: *x, ahead: ahead(*x), points: 0..0 });
+        let full = scan.stations().iter().map(|s| Plane { x: s.x, ahead: self.ahead(s.x), points: s.start..s.end });
+        let blank = scan.blanks().iter().map(|x| Plane { x: *x, ahead: self.ahead(*x), points: 0..0 });
         let mut planes: Vec<Plane> = full.chain(blank).filter(|plane| plane.ahead >= 0.0).collect();
         planes.sort_by(|a, b| a.ahead.total_cmp(&b.ahead));
         planes
+    }
+
+    /// Where the axis is in the plane at `x`, outward from the reference point, mm.
+    fn ahead(&self, x: f64) -> f64 {
+        self.side * self.n * (x - self.x_ref)
     }
 
     /// The points of the planes, at most as many of each, at a regular stride.
@@ -79,20 +83,22 @@ impl View {
         let mut glimpses = Vec::new();
         for (index, plane) in planes.iter().enumerate() {
             let stride = plane.points.len().div_ceil(points_max).max(1);
-            let points = plane.points.clone().step_by(stride).filter_map(|point| scan.columns().get(point));
-            glimpses.extend(points.map(|point| self.glimpse(index, plane, point)));
+            let station = Station { x: plane.x, start: plane.points.start, end: plane.points.end };
+            let points = plane.points.clone().step_by(stride).filter_map(|point| scan.point(&station, point));
+            glimpses.extend(points.map(|point| self.glimpse(index, point)));
         }
         glimpses
     }
 
-    fn glimpse(&self, index: usize, plane: &Plane, [y, z]: [f64; 2]) -> Glimpse {
+    fn glimpse(&self, index: usize, [x, y, z]: [f64; 3]) -> Glimpse {
         let AxisLine { p, q, .. } = self.axis;
-        let [axis_y, axis_z] = self.axis.at(plane.x);
+        let [axis_y, axis_z] = self.axis.at(x);
+        let ahead = self.ahead(x);
         let (u, w) = (y - axis_y, z - axis_z);
         let along = (p * u + q * w) / self.n;
         let distance = (u * u + w * w - along * along).max(0.0).sqrt();
         let [t, of_surface] =
-            [along, along * self.radius / distance.max(f64::MIN_POSITIVE)].map(|along| plane.ahead + self.side * along);
+            [along, along * self.radius / distance.max(f64::MIN_POSITIVE)].map(|along| ahead + self.side * along);
         Glimpse { plane: index, t, of_surface, angle: u.atan2(w), height: distance - self.radius }
     }
 

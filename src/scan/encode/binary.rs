@@ -1,6 +1,6 @@
 //! The binary formats that a scan is written in. Must not know about files.
 
-use super::{is_single, longest, points};
+use super::{is_single, longest};
 use crate::scan::{Scan, Station};
 use std::io::{self, Cursor, Write};
 use zip::write::SimpleFileOptions;
@@ -43,8 +43,8 @@ pub(super) fn write_ply(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
     ["x", "y", "z"].iter().try_for_each(|axis| writeln!(out, "property {kind} {axis}"))?;
     writeln!(out, "end_header")?;
     for station in scan.stations() {
-        for [y, z] in points(scan, station) {
-            [station.x, y, z].iter().try_for_each(|value| float.write(*value, out))?;
+        for point in scan.points_of(station) {
+            point.iter().try_for_each(|value| float.write(*value, out))?;
         }
     }
     Ok(())
@@ -52,9 +52,7 @@ pub(super) fn write_ply(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
 
 /// The points of a profile, filled up with NaN to `width`.
 fn row(scan: &Scan, station: &Station, width: usize) -> impl Iterator<Item = [f64; 3]> {
-    let x = station.x;
-    let filled = points(scan, station).map(move |[y, z]| [x, y, z]);
-    filled.chain(std::iter::repeat([f64::NAN; 3])).take(width)
+    scan.points_of(station).chain(std::iter::repeat([f64::NAN; 3])).take(width)
 }
 
 fn write_rows(scan: &Scan, float: Float, out: &mut dyn Write) -> io::Result<()> {

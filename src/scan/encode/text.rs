@@ -1,6 +1,6 @@
 //! The text formats that a scan is written in. Must not know about files.
 
-use super::{longest, points};
+use super::longest;
 use crate::scan::Scan;
 use std::io::{self, Write};
 
@@ -8,8 +8,8 @@ use std::io::{self, Write};
 pub(super) fn write_csv(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
     writeln!(out, "profile,x_mm,y_mm,z_mm")?;
     for (profile, station) in scan.stations().iter().enumerate() {
-        for [y, z] in points(scan, station) {
-            writeln!(out, "{profile},{:?},{y:?},{z:?}", station.x)?;
+        for [x, y, z] in scan.points_of(station) {
+            writeln!(out, "{profile},{x:?},{y:?},{z:?}")?;
         }
     }
     let stations_count = scan.stations().len();
@@ -22,7 +22,7 @@ pub(super) fn write_json(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
     for (profile, station) in scan.stations().iter().enumerate() {
         let comma = if profile == 0 { "" } else { "," };
         write!(out, "{comma}\n{{\"x_mm\":{:?},\"points\":[", station.x)?;
-        for (point, [y, z]) in points(scan, station).enumerate() {
+        for (point, [_, y, z]) in scan.points_of(station).enumerate() {
             let comma = if point == 0 { "" } else { "," };
             write!(out, "{comma}[{y:?},{z:?}]")?;
         }
@@ -45,7 +45,7 @@ pub(super) fn write_gocator_csv(scan: &Scan, out: &mut dyn Write) -> io::Result<
     for (frame, station) in scan.stations().iter().enumerate() {
         for (axis, name) in ["X", "Z"].into_iter().enumerate() {
             write!(out, "{frame},0,0,0,0,0,0,{:?},{name}", station.x)?;
-            for [y, z] in points(scan, station) {
+            for [_, y, z] in scan.points_of(station) {
                 write!(out, ",{:?}", if axis == 0 { y } else { z })?;
             }
             let filled = station.end - station.start;

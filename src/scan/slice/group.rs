@@ -1,5 +1,5 @@
-//! Groups the stripes of a cloud by key and puts the profiles in order of x. Columns that are in order already are
-//! handed over as they are: copying those of a large scan would cost more than all the rest. Must not know the rules.
+//! Groups the stripes of a cloud by key and puts the profiles in order of x. Columns that are in order already are handed over
+//! as they are: copying those of a large scan would cost more than everything else.
 
 use super::SliceError;
 use super::choose::Key;
@@ -9,107 +9,107 @@ use std::ops::Range;
 
 /// The scan of a cloud whose profiles share a key.
 pub(super) fn group(cloud: Cloud, key: Key, rule: String, limits: &Limits) -> Result<Scan, SliceError> {
-    if let Some(stations) = in_file_order(&cloud.stripes, key, limits)? {
-        return Ok(Scan::new(stations, cloud.columns, rule)?.with_blanks(cloud.blanks));
-    }
-    let (stations, columns) = in_x_order(&cloud, key, limits)?;
-    Ok(Scan::new(stations, columns, rule)?.with_blanks(cloud.blanks))
-}
-
-/// A profile in the making: the mean of x as an offset from its first x, so that equal values give themselves.
-struct Profile {
-    key: f64,
-    first_x: f64,
-    offsets: f64,
-    points: usize,
-}
-
-impl Profile {
-    fn new(key: f64, first_x: f64) -> Self {
-        Self { key, first_x, offsets: 0.0, points: 0 }
-    }
-
-    fn take(&mut self, x: f64, points: usize) {
-        self.offsets += (x - self.first_x) * points as f64;
-        self.points += points;
-    }
-
-    /// Its plane and its size, where that is allowed.
-    fn close(&self, limits: &Limits) -> Result<f64, SliceError> {
-        let x = self.first_x + self.offsets / self.points as f64;
-        let limit = limits.points_per_profile_max;
-        if self.points > limit { Err(SliceError::ProfileTooLong { x, found: self.points, limit }) } else { Ok(x) }
-    }
-}
-
-/// The stripes, each with the range of its points.
-fn with_ranges(stripes: &[Stripe]) -> impl Iterator<Item = (&Stripe, Range<usize>)> {
+    let pieces = pieces(&cloud.stripes, key);
+    let in_file_order = pieces.is_sorted_by(|a, b| a.key <= b.key);
+    let mut profiles = profiles(pieces, limits)?;
+    let in_order = in_file_order && profiles.is_sorted_by(|a, b| a.x <= b.x);
+    profiles.sort_by(|a, b| a.x.total_cmp(&b.x));
+    let is_planar = profiles.iter().all(Profile::is_planar);
+    let own_x = (!is_planar).then(|| profiles.iter().flat_map(Profile::own_x).collect::<Vec<f64>>());
     let mut start = 0;
-    stripes.iter().map(move |stripe| (stripe, std::mem::replace(&mut start, stripe.end)..stripe.end))
-}
-
-/// The profiles as they lie in the file; `None` where a key comes back or x falls, so that points have to move.
-fn in_file_order(stripes: &[Stripe], key: Key, limits: &Limits) -> Result<Option<Vec<Station>>, SliceError> {
-    let mut stations: Vec<Station> = Vec::new();
-    let mut open: Option<Profile> = None;
-    let mut end = 0;
-    // Closes a profile; false where it lies behind its predecessor.
-    let mut close = |profile: &Profile, end: usize| {
-        let x = profile.close(limits)?;
-        let in_order = stations.last().is_none_or(|last| last.x <= x);
-        stations.push(Station { x, start: end - profile.points, end });
-        if stations.len() > limits.profiles_max {
-            return Err(SliceError::TooManyProfiles { limit: limits.profiles_max });
-        }
-        Ok(in_order)
+    let station = |profile: &Profile| {
+        let end = start + profile.points_count();
+        Station { x: profile.x, start: std::mem::replace(&mut start, end), end }
     };
-    for (stripe, range) in with_ranges(stripes) {
-        let of_stripe = key.of(stripe);
-        if let Some(profile) = open.take_if(|profile| profile.key != of_stripe) {
-            // Keys that rise do not come back.
-            if of_stripe < profile.key || !close(&profile, end)? {
-                return Ok(None);
-            }
-        }
-        end = range.end;
-        open.get_or_insert_with(|| Profile::new(of_stripe, stripe.x)).take(stripe.x, range.len());
-    }
-    match open {
-        Some(profile) if !close(&profile, end)? => Ok(None),
-        _ => Ok(Some(stations)),
-    }
+    let stations = profiles.iter().map(station).collect();
+    let ranges = || profiles.iter().flat_map(|profile| profile.pieces.iter().map(|piece| piece.range.clone()));
+    let columns = match cloud.columns {
+        columns if in_order => columns,
+        Columns::F32 { y, z } => Columns::F32 { y: reorder(&y, ranges()), z: reorder(&z, ranges()) },
+        Columns::F64 { y, z } => Columns::F64 { y: reorder(&y, ranges()), z: reorder(&z, ranges()) },
+    };
+    let scan = Scan::new(stations, columns, rule)?.with_blanks(cloud.blanks);
+    Ok(match own_x {
+        Some(own_x) => scan.with_own_x(own_x)?,
+        None => scan,
+    })
 }
 
-/// The profiles in order of x, their points brought together.
-fn in_x_order(cloud: &Cloud, key: Key, limits: &Limits) -> Result<(Vec<Station>, Columns), SliceError> {
-    let mut pieces: Vec<(f64, f64, Range<usize>)> =
-        with_ranges(&cloud.stripes).map(|(stripe, range)| (key.of(stripe), stripe.x, range)).collect();
+/// A stripe of a profile.
+struct Piece {
+    key: f64,
+    x: f64,
+    /// Its points.
+    range: Range<usize>,
+}
+
+fn pieces(stripes: &[Stripe], key: Key) -> Vec<Piece> {
+    let mut start = 0;
+    let piece = |stripe: &Stripe| Piece {
+        key: key.of(stripe),
+        x: stripe.x,
+        range: std::mem::replace(&mut start, stripe.end)..stripe.end,
+    };
+    stripes.iter().map(piece).collect()
+}
+
+/// The stripes of one profile in the order of the file, and the median x of its points, mm.
+struct Profile {
+    x: f64,
+    pieces: Vec<Piece>,
+}
+
+/// The stripes brought together by their key, in the order of the keys.
+fn profiles(mut pieces: Vec<Piece>, limits: &Limits) -> Result<Vec<Profile>, SliceError> {
     // Stable, so that the points of a profile keep their order.
-    pieces.sort_by(|(a, ..), (b, ..)| a.total_cmp(b));
-    let mut profiles = Vec::new();
-    for pieces in pieces.chunk_by(|(a, ..), (b, ..)| a == b) {
-        let Some((key, first_x, _)) = pieces.first() else { continue };
-        let mut profile = Profile::new(*key, *first_x);
-        pieces.iter().for_each(|(_, x, range)| profile.take(*x, range.len()));
-        profiles.push((profile.close(limits)?, pieces));
+    pieces.sort_by(|a, b| a.key.total_cmp(&b.key));
+    let mut profiles: Vec<Profile> = Vec::new();
+    let mut pieces = pieces.into_iter().peekable();
+    while let Some(first) = pieces.next() {
+        let key = first.key;
+        let mut of_profile = vec![first];
+        while let Some(piece) = pieces.next_if(|piece| piece.key == key) {
+            of_profile.push(piece);
+        }
+        let profile = Profile { x: median_x(&of_profile), pieces: of_profile };
+        let (found, limit) = (profile.points_count(), limits.points_per_profile_max);
+        if found > limit {
+            return Err(SliceError::ProfileTooLong { x: profile.x, found, limit });
+        }
+        profiles.push(profile);
         if profiles.len() > limits.profiles_max {
             return Err(SliceError::TooManyProfiles { limit: limits.profiles_max });
         }
     }
-    profiles.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+    Ok(profiles)
+}
 
-    let mut stations = Vec::with_capacity(profiles.len());
-    let mut start = 0;
-    for (x, pieces) in &profiles {
-        let end = start + pieces.iter().map(|(_, _, range)| range.len()).sum::<usize>();
-        stations.push(Station { x: *x, start: std::mem::replace(&mut start, end), end });
+impl Profile {
+    fn points_count(&self) -> usize {
+        self.pieces.iter().map(|piece| piece.range.len()).sum()
     }
-    let order = || profiles.iter().flat_map(|(_, pieces)| pieces.iter().map(|(_, _, range)| range.clone()));
-    let columns = match &cloud.columns {
-        Columns::F32 { y, z } => Columns::F32 { y: reorder(y, order()), z: reorder(z, order()) },
-        Columns::F64 { y, z } => Columns::F64 { y: reorder(y, order()), z: reorder(z, order()) },
+
+    fn is_planar(&self) -> bool {
+        self.pieces.iter().all(|piece| piece.x == self.x)
+    }
+
+    /// The x of its points.
+    fn own_x(&self) -> impl Iterator<Item = f64> + '_ {
+        self.pieces.iter().flat_map(|piece| std::iter::repeat_n(piece.x, piece.range.len()))
+    }
+}
+
+/// The median over the points: one point far away, such as a missing value, moves a mean by any length.
+fn median_x(pieces: &[Piece]) -> f64 {
+    let mut places: Vec<(f64, usize)> = pieces.iter().map(|piece| (piece.x, piece.range.len())).collect();
+    places.sort_unstable_by(|(a, _), (b, _)| a.total_cmp(b));
+    let half = places.iter().map(|(_, count)| count).sum::<usize>() / 2;
+    let mut before = 0;
+    let holds_middle = |(_, count): &&(f64, usize)| {
+        before += count;
+        before > half
     };
-    Ok((stations, columns))
+    places.iter().find(holds_middle).map_or(0.0, |(x, _)| *x)
 }
 
 fn reorder<T: Copy>(values: &[T], order: impl Iterator<Item = Range<usize>>) -> Vec<T> {
