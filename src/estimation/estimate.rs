@@ -38,6 +38,10 @@ pub struct Pose {
     pub axis: AxisLine,
     /// Mean x of the profiles used, mm: where the position is known best and nearly independent of the angles.
     pub x_ref: f64,
+    /// How the points were cut into sections square to the axis, where the scan gave none along it; axis, position and
+    /// uncertainty are in the frame of the cut then, and else in the rail frame.
+    #[serde(default)]
+    pub cut: Option<SectionCut>,
     /// Radius of the part, mm.
     pub radius: f64,
     /// Where the radius came from.

@@ -86,6 +86,15 @@ pub enum Refusal {
         /// The same of a cylinder about the fitted axis.
         expected_ratio: f64,
     },
+    /// The points of the profiles cannot be brought into planes.
+    #[error(
+        "the points of a profile lie up to {thickness_mm:.3} mm from its plane, and moving them there along the axis does not \
+         converge: the profiles are too thick for sections; tell profiles apart otherwise (profile_by), or use the method cylinder"
+    )]
+    ProfilesNotPlanar {
+        /// Distance of nine in ten points from the plane of their profile, in the median profile.
+        thickness_mm: f64,
+    },
     /// No cylinder that enough of the points lie on.
     #[error(
         "no cylinder{} was found that enough of the points lie on; check the unit, the frame and the region{}",
@@ -182,6 +191,7 @@ impl Refusal {
             Self::AxialLengthTooShort { .. } => "axial_length_too_short",
             Self::SectionsDisagree { .. } => "sections_disagree",
             Self::SectionsNotRound { .. } => "sections_not_round",
+            Self::ProfilesNotPlanar { .. } => "profiles_not_planar",
             Self::NoCylinder { .. } => "no_cylinder",
             Self::TwoCylinders { .. } => "two_cylinders",
             Self::LayersUndecided { .. } => "layers_undecided",

@@ -10,6 +10,8 @@ pub enum Method {
     /// One robust fit of one cylinder to every point of every profile.
     #[default]
     Cylinder,
+    /// The Gaussian associated cylinder: unweighted least squares of the distances of all points (ISO 22432).
+    LeastSquares,
     /// Published robust method: per-profile ellipse by Tukey M-estimation, inner-point rule, robust line.
     SectionLine,
     /// The same without re-weighting and without the inner-point rule; for comparison only.
@@ -18,13 +20,14 @@ pub enum Method {
 
 impl Method {
     /// All methods, the best first.
-    pub const ALL: [Self; 3] = [Self::Cylinder, Self::SectionLine, Self::SectionLinePlain];
+    pub const ALL: [Self; 4] = [Self::Cylinder, Self::LeastSquares, Self::SectionLine, Self::SectionLinePlain];
 
     /// The name used in requests, results and flags.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Cylinder => "cylinder",
+            Self::LeastSquares => "least_squares",
             Self::SectionLine => "section_line",
             Self::SectionLinePlain => "section_line_plain",
         }
@@ -48,6 +51,40 @@ pub enum RadiusRule {
     Fixed,
     /// The nominal radius with its uncertainty, weighed against the data.
     Prior,
+}
+
+/// In which directions the axis is looked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Orientation {
+    /// Along X, the rail, if it lies there, else in any direction, with a warning.
+    #[default]
+    Auto,
+    /// Along X within `tilt_max_deg`.
+    Rail,
+    /// In any direction.
+    Any,
+}
+
+impl Orientation {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Auto, Self::Rail, Self::Any];
+
+    /// The name used in recipes and flags.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Rail => "rail",
+            Self::Any => "any",
+        }
+    }
+
+    /// The orientation of this name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|orientation| orientation.name() == name)
+    }
 }
 
 /// Which end faces of the part are measured.
@@ -146,6 +183,10 @@ pub struct Settings {
     pub angle_uncertainty_max_deg: f64,
     /// Positions of `cylinder` at x_ref that are known worse than this refuse the scan; standard uncertainty.
     pub position_uncertainty_max_mm: f64,
+    /// In which directions the axis is looked for.
+    pub orientation: Orientation,
+    /// An axis that lies farther from X is not along the rail.
+    pub tilt_max_deg: f64,
     /// Which end faces are measured.
     pub end_face: EndFaceRule,
     /// What is known of stage, sensor and temperature, for the uncertainty budget.
@@ -168,6 +209,8 @@ impl Default for Settings {
             radius_sigma_mm: None,
             angle_uncertainty_max_deg: 0.5,
             position_uncertainty_max_mm: 1.0,
+            orientation: Orientation::default(),
+            tilt_max_deg: 20.0,
             end_face: EndFaceRule::default(),
             type_b: TypeB::default(),
         }
@@ -249,6 +292,12 @@ impl Settings {
                 positive,
                 self.position_uncertainty_max_mm,
                 length(self.position_uncertainty_max_mm),
+            ),
+            (
+                "tilt_max_deg",
+                "above 0 and at most 45",
+                self.tilt_max_deg,
+                self.tilt_max_deg > 0.0 && self.tilt_max_deg <= 45.0,
             ),
         ];
         match checks.into_iter().find(|(_, _, _, holds)| !holds) {

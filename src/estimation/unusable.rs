@@ -20,7 +20,7 @@ pub(super) fn unusable(scan: &Scan, settings: &Settings) -> Option<Refusal> {
 
 fn identical(scan: &Scan) -> bool {
     let first = scan.columns().get(scan.points().start);
-    scan.points().all(|index| scan.columns().get(index) == first)
+    scan.is_planar() && scan.points().all(|index| scan.columns().get(index) == first)
 }
 
 /// Whether every profile of the scan is straight to within rounding of its own size.

@@ -1,6 +1,7 @@
 //! A right-handed frame declared in the coordinates of a file, and the rigid motion into it.
 //! Must not know why a scan is not in the rail frame already.
 
+use super::Axis;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -40,6 +41,21 @@ impl Frame {
         let z = (z - x * x.dot(&z)).try_normalize(1e-6).ok_or(FrameError::Degenerate)?;
         let y = z.cross(&x);
         Ok(Matrix3::from_rows(&[x.transpose(), y.transpose(), z.transpose()]))
+    }
+
+    /// The frame at a point of an axis whose X lies along it. Its Z is the first of the axes Z, X and Y of the coordinates of
+    /// the scan that the axis does not lie near, so that for an axis along the rail the two frames nearly agree.
+    ///
+    /// # Errors
+    /// [`FrameError`] where the direction has no length.
+    pub fn along(axis: &Axis) -> Result<Self, FrameError> {
+        let x_axis = direction(axis.direction)?;
+        // Within 53° of an axis, what is left of it square to the direction gets short.
+        let is_apart = |candidate: &&Vector3<f64>| candidate.dot(&x_axis).abs() < 0.8;
+        let candidates = [Vector3::z(), Vector3::x(), Vector3::y()];
+        let z_axis = candidates.iter().find(is_apart).ok_or(FrameError::Degenerate)?;
+        let frame = Self { origin_mm: axis.point_mm, x_axis: x_axis.into(), z_axis: (*z_axis).into() };
+        frame.rotation().map(|_| frame)
     }
 }
 

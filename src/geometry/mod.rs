@@ -17,11 +17,13 @@
 //! Deflection is atan p (towards +Y), pitch is atan q (towards +Z). Degrees appear only at the edges.
 
 mod angle;
+mod axis;
 mod axis_line;
 mod frame;
 mod section;
 
 pub use angle::Angle;
+pub use axis::Axis;
 pub use axis_line::AxisLine;
 pub use frame::{Frame, FrameError};
 pub use section::SectionEllipse;

@@ -45,8 +45,19 @@ pub struct Scan {
     columns: Arc<Columns>,
     /// The x of every point, mm, in the order of the columns; `None` where every profile lies in one plane.
     own_x: Option<Arc<Vec<f64>>>,
+    grouping: Grouping,
     rule: String,
     blanks: Vec<f64>,
+}
+
+/// Where the grouping of points into profiles comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Grouping {
+    /// From the file, the sensor or the caller.
+    #[default]
+    Given,
+    /// The points came without profiles and were grouped so that there are some.
+    Chosen,
 }
 
 /// Why profiles do not make a scan.
@@ -91,7 +102,10 @@ impl Scan {
         }
         match columns.first_not_finite() {
             Some(index) => Err(ScanError::NotFinite { index }),
-            None => Ok(Self { stations, columns: Arc::new(columns), own_x: None, rule, blanks: Vec::new() }),
+            None => {
+                let (columns, grouping) = (Arc::new(columns), Grouping::default());
+                Ok(Self { stations, columns, own_x: None, grouping, rule, blanks: Vec::new() })
+            }
         }
     }
 
@@ -105,6 +119,18 @@ impl Scan {
             return Err(ScanError::NotFinite { index });
         }
         Ok(Self { own_x: Some(Arc::new(own_x)), ..self })
+    }
+
+    /// The same with another origin of its grouping.
+    #[must_use]
+    pub fn with_grouping(self, grouping: Grouping) -> Self {
+        Self { grouping, ..self }
+    }
+
+    /// Where its grouping comes from.
+    #[must_use]
+    pub fn grouping(&self) -> Grouping {
+        self.grouping
     }
 
     /// Whether every profile lies in one plane x = const.

@@ -21,7 +21,7 @@ mod place;
 pub use place::{Region, RegionError};
 
 use super::decode::Limits;
-use super::{Cloud, ProfileRule, Scan, ScanError};
+use super::{Cloud, Grouping, ProfileRule, Scan, ScanError};
 use crate::geometry::{Frame, FrameError};
 
 /// What a caller asks for.
@@ -142,7 +142,9 @@ pub fn slice(cloud: Cloud, request: &SliceRequest, limits: &Limits) -> Result<Sc
         cloud = place::cut_to(&cloud, region)?;
     }
     let (key, rule) = choose::choose_key(&cloud, request.rule.as_ref(), limits)?;
-    group::group(cloud, key, rule, limits)
+    let is_chosen = request.rule.is_none() && !choose::tells_profiles(&cloud);
+    let grouping = if is_chosen { Grouping::Chosen } else { Grouping::Given };
+    Ok(group::group(cloud, key, rule, limits)?.with_grouping(grouping))
 }
 
 #[cfg(test)]

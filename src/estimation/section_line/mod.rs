@@ -11,25 +11,75 @@ mod conic;
 mod section;
 mod verdict;
 
-use super::{Found, Method, Outcome, Profile, Progress, Section, Settings};
+use super::conclude::median;
+use super::{Found, Method, Outcome, Profile, Progress, Refusal, Section, Settings};
+use crate::geometry::AxisLine;
 use crate::scan::{Scan, Station};
 use axis::{Centre, Reweighting};
 use bias::Bias;
 use rayon::prelude::*;
 
+/// How often the points of profiles that are not planar are moved along the axis found so far.
+const ROUNDS_MAX: usize = 12;
+/// The axis has settled when its last change moves no point by more than this share of ε.
+const SETTLED: f64 = 1e-3;
+
 /// The pose or why there is none, and what became of every profile.
+///
+/// A section is planar. Where the points of a profile have an x of their own, each is moved along the axis found so far into
+/// the plane at the x of its profile, and the axis is found again: an axis that is off by δ moves a point by δ times its
+/// distance from that plane, far less than what turns the axis by δ, so the rounds converge unless profiles are as long as the
+/// part.
 pub(super) fn find(scan: &Scan, settings: &Settings, progress: &Progress) -> Found {
-    let mut profiles = fit_sections(scan, settings, progress);
-    let outcome = match verdict::before_fitting(scan, &profiles, settings) {
-        Some(refusal) => Outcome::Refused(refusal),
-        None => fit_axis(scan, &mut profiles, settings),
-    };
-    Found { outcome, profiles, warnings: Vec::new() }
+    let thickness_mm = thickness(scan);
+    let mut along = Slopes { p: 0.0, q: 0.0 };
+    for _ in 0..ROUNDS_MAX {
+        let mut profiles = fit_sections(scan, along, settings, progress);
+        if let Some(refusal) = verdict::before_fitting(scan, &profiles, settings) {
+            return Found { outcome: Outcome::Refused(refusal), profiles, warnings: Vec::new() };
+        }
+        let (outcome, axis) = fit_axis(scan, along, &mut profiles, settings);
+        let change = axis.map_or(0.0, |axis| (axis.p - along.p).hypot(axis.q - along.q));
+        if change * thickness_mm <= SETTLED * settings.epsilon_mm {
+            return Found { outcome, profiles, warnings: Vec::new() };
+        }
+        along = axis.map_or(along, |axis| Slopes { p: axis.p, q: axis.q });
+    }
+    let profiles = fit_sections(scan, along, settings, &Progress::default());
+    Found { outcome: Outcome::Refused(Refusal::ProfilesNotPlanar { thickness_mm }), profiles, warnings: Vec::new() }
 }
 
-fn fit_sections(scan: &Scan, settings: &Settings, progress: &Progress) -> Vec<Profile> {
+/// The direction along which points are moved into the planes of their profiles.
+#[derive(Debug, Clone, Copy)]
+struct Slopes {
+    p: f64,
+    q: f64,
+}
+
+/// Median over the profiles of how far the tenth farthest of their points lies from their plane, mm; 0 where profiles are planar.
+fn thickness(scan: &Scan) -> f64 {
+    let of_profile = |station: &Station| {
+        let own_x = scan.own_x(station)?;
+        let mut distances: Vec<f64> = own_x.iter().map(|x| (x - station.x).abs()).collect();
+        let place = distances.len() - 1 - distances.len() / 10;
+        Some(*distances.select_nth_unstable_by(place, f64::total_cmp).1)
+    };
+    median(scan.stations().iter().filter_map(of_profile)).unwrap_or(0.0)
+}
+
+/// Copies the points of a profile into `y` and `z`, moved along the axis into its plane.
+fn load(scan: &Scan, station: &Station, along: Slopes, y: &mut Vec<f64>, z: &mut Vec<f64>) {
+    scan.load(*station, y, z);
+    let Some(own_x) = scan.own_x(station) else { return };
+    for ((y, z), x) in y.iter_mut().zip(z).zip(own_x) {
+        *y -= along.p * (x - station.x);
+        *z -= along.q * (x - station.x);
+    }
+}
+
+fn fit_sections(scan: &Scan, along: Slopes, settings: &Settings, progress: &Progress) -> Vec<Profile> {
     let fit = |bench: &mut section::Bench, station: &Station| {
-        scan.load(*station, &mut bench.y, &mut bench.z);
+        load(scan, station, along, &mut bench.y, &mut bench.z);
         let section = bench.fit(settings);
         progress.advance();
         verdict::profile(station, section, settings)
@@ -37,31 +87,37 @@ fn fit_sections(scan: &Scan, settings: &Settings, progress: &Progress) -> Vec<Pr
     scan.stations().par_iter().map_init(section::Bench::default, fit).collect()
 }
 
-/// Draws the axis through the valid centres; marks those that lie off it.
-fn fit_axis(scan: &Scan, profiles: &mut [Profile], settings: &Settings) -> Outcome {
+/// Draws the axis through the valid centres; marks those that lie off it. The axis is known also where the scan is refused.
+fn fit_axis(
+    scan: &Scan,
+    along: Slopes,
+    profiles: &mut [Profile],
+    settings: &Settings,
+) -> (Outcome, Option<AxisLine>) {
     let reweighting = match settings.method {
         Method::SectionLinePlain => Reweighting::None,
         Method::SectionLine | Method::Cylinder => Reweighting::Tukey,
     };
     let centres: Vec<Centre> = profiles.iter().filter_map(verdict::centre).collect();
     let Some(fit) = axis::fit(&centres, reweighting) else {
-        return Outcome::Refused(verdict::no_axis(profiles, settings));
+        return (Outcome::Refused(verdict::no_axis(profiles, settings)), None);
     };
     verdict::mark_off_axis(profiles, &fit);
-    let bias = typical_bias(scan, profiles, settings);
-    match verdict::after_fitting(profiles, &fit.axis, bias, settings) {
+    let bias = typical_bias(scan, along, profiles, settings);
+    let outcome = match verdict::after_fitting(profiles, &fit.axis, bias, settings) {
         Some(refusal) => Outcome::Refused(refusal),
         None => Outcome::Accepted(Box::new(verdict::pose(&fit, bias, settings))),
-    }
+    };
+    (outcome, Some(fit.axis))
 }
 
 /// The bias of the valid profile whose arc is the median one.
-fn typical_bias(scan: &Scan, profiles: &[Profile], settings: &Settings) -> Bias {
+fn typical_bias(scan: &Scan, along: Slopes, profiles: &[Profile], settings: &Settings) -> Bias {
     let valid = profiles.iter().zip(scan.stations()).filter(|(profile, _)| profile.rejected.is_none());
     let mut sections: Vec<(Section, Station)> = valid.filter_map(|(p, station)| Some((p.section?, *station))).collect();
     sections.sort_by(|(a, _), (b, _)| a.arc.radians().total_cmp(&b.arc.radians()));
     let Some((section, station)) = sections.get(sections.len() / 2) else { return Bias::default() };
     let (mut y, mut z) = (Vec::new(), Vec::new());
-    scan.load(*station, &mut y, &mut z);
+    load(scan, station, along, &mut y, &mut z);
     bias::bias(section, &y, &z, settings)
 }

@@ -55,9 +55,19 @@ pub(super) fn choose_key(
         None => match &cloud.labels {
             Labels::Column(_) => by_column(cloud, None),
             Labels::Row if rows_are_profiles(&cloud.stripes) => Ok(by_row()),
-            _ if cloud.columns.len() < SLAB_POINTS_MIN || x_is_discrete(cloud) => Ok(by_value()),
+            _ if x_is_discrete(cloud) => Ok(by_value()),
+            _ if cloud.columns.len() < SLAB_POINTS_MIN => Ok((Key::X, format!("{} (chosen)", ProfileRule::XValue))),
             _ => Ok(by_chosen_pitch(cloud, limits)),
         },
+    }
+}
+
+/// Whether the file says which points make a profile: by a column, by its rows, or by an x that profiles share.
+pub(super) fn tells_profiles(cloud: &Cloud) -> bool {
+    match &cloud.labels {
+        Labels::Column(_) => true,
+        Labels::Row if rows_are_profiles(&cloud.stripes) => true,
+        Labels::Row | Labels::None => x_is_discrete(cloud),
     }
 }
 

@@ -1,0 +1,227 @@
+//! Where the axis is looked for: along the rail, or in any direction.
+//!
+//! ```text
+//! profiles along X --method--> accepted near X, or refused because there is no axis along X
+//!                                                        |
+//! points --detect--> cylinders in any direction --choose--> one --cut--> sections square to it --method--> Estimate
+//! ```
+//!
+//! The methods work in a frame whose X lies near the axis. The profiles of a scanner on its rail are in such a frame already;
+//! for a cloud, or an axis that lies elsewhere, the frame is made from the axis that was detected.
+
+mod cut;
+mod placed;
+
+pub use cut::SectionCut;
+pub use placed::OnRail;
+
+use super::detect::{self, Detected};
+use super::{Estimate, FoundCylinder, Method, Orientation, Outcome, Progress, Refusal, Settings, Warning, in_frame};
+use crate::geometry::Axis;
+use crate::scan::{Grouping, Scan};
+
+/// Surfaces that are looked for in a cloud, so that a refusal can list them.
+const SURFACES_MAX: usize = 8;
+/// A second surface with this share of the points of the first could be the part as well.
+const RIVAL: f64 = 0.5;
+/// Where profiles are given along the rail, an axis elsewhere has to explain most of the points.
+const MAJORITY: f64 = 0.5;
+/// An axis that lies farther from X of its sections than this, radians (1°), is cut again.
+const CUT_AGAIN: f64 = 0.017;
+/// Points of a cloud that are searched. More do not find a surface that these do not show.
+const SEARCHED_MAX: usize = 200_000;
+
+/// The whole measurement in the orientation that the settings ask for.
+pub(super) fn measure(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
+    if settings.orientation == Orientation::Any || scan.grouping() == Grouping::Chosen {
+        return anywhere(scan, settings, progress);
+    }
+    let estimate = in_frame(scan, settings, None, progress);
+    match &estimate.outcome {
+        Outcome::Accepted(pose) => {
+            let angle_deg = pose.axis_in_scan().tilt().degrees();
+            if angle_deg <= settings.tilt_max_deg { estimate } else { beside_rail(estimate, angle_deg, settings) }
+        }
+        Outcome::Refused(refusal) if no_axis_along_x(refusal) => elsewhere(scan, estimate, settings, progress),
+        Outcome::Refused(_) => estimate,
+    }
+}
+
+/// An estimate whose axis lies farther from the rail than is allowed: refused, or accepted with a warning.
+fn beside_rail(mut estimate: Estimate, angle_deg: f64, settings: &Settings) -> Estimate {
+    let tilt_max_deg = settings.tilt_max_deg;
+    match settings.orientation {
+        Orientation::Rail => {
+            estimate.outcome = Outcome::Refused(Refusal::AxisNotAlongRail { angle_deg, tilt_max_deg });
+            estimate.conditioning.warnings.clear();
+        }
+        Orientation::Auto => {
+            estimate.conditioning.warnings.push(Warning::AxisNotAlongRail { angle_deg, tilt_max_deg });
+        }
+        Orientation::Any => {}
+    }
+    estimate
+}
+
+/// Whether a refusal may mean that the axis lies elsewhere than along X.
+fn no_axis_along_x(refusal: &Refusal) -> bool {
+    matches!(
+        refusal,
+        Refusal::NoCylinder { .. }
+            | Refusal::TooFewProfiles { .. }
+            | Refusal::TooFewValidProfiles { .. }
+            | Refusal::AxialLengthTooShort { .. }
+            | Refusal::PointsCollinear { .. }
+            | Refusal::SectionsDisagree { .. }
+            | Refusal::SectionsNotRound { .. }
+            | Refusal::ProfilesNotPlanar { .. }
+    )
+}
+
+/// Looks elsewhere after no axis was found along the rail.
+fn elsewhere(scan: &Scan, along_rail: Estimate, settings: &Settings, progress: &Progress) -> Estimate {
+    let found = detected(scan, settings, None);
+    let explains_most = |found: &&Detected| found.share >= MAJORITY && tilt_deg(found) > settings.tilt_max_deg;
+    let Some(found) = found.first().filter(explains_most) else { return along_rail };
+    match settings.orientation {
+        Orientation::Rail => {
+            let (angle_deg, tilt_max_deg) = (tilt_deg(found), settings.tilt_max_deg);
+            let outcome = Outcome::Refused(Refusal::AxisNotAlongRail { angle_deg, tilt_max_deg });
+            Estimate { outcome, ..along_rail }
+        }
+        Orientation::Auto | Orientation::Any => {
+            let estimate = about(scan, found, settings, progress);
+            if matches!(estimate.outcome, Outcome::Accepted(_)) { estimate } else { along_rail }
+        }
+    }
+}
+
+/// Looks in every direction that the settings allow.
+fn anywhere(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
+    let along_x = ([1.0, 0.0, 0.0], settings.tilt_max_deg.to_radians());
+    let is_rail = settings.orientation == Orientation::Rail;
+    let found = detected(scan, settings, is_rail.then_some(along_x));
+    match choose(&found, settings) {
+        Ok(chosen) => about(scan, chosen, settings, progress),
+        Err(refusal) => {
+            let beside = if is_rail { detected(scan, settings, None) } else { Vec::new() };
+            let beside = beside.first().filter(|found| found.share >= MAJORITY);
+            let refusal = match (beside, refusal) {
+                (Some(beside), Refusal::NoCylinder { .. }) => Refusal::AxisNotAlongRail {
+                    angle_deg: tilt_deg(beside),
+                    tilt_max_deg: settings.tilt_max_deg,
+                },
+                (_, refusal) => refusal,
+            };
+            // A scan that is refused is shown as it was given.
+            Estimate { outcome: Outcome::Refused(refusal), ..in_frame_refused(scan, settings, progress) }
+        }
+    }
+}
+
+/// What became of the profiles of a cloud that shows no part.
+fn in_frame_refused(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
+    let profiles = scan.stations().iter().map(|station| {
+        progress.advance();
+        super::Profile {
+            x: station.x,
+            points_count: station.end - station.start,
+            rejected: Some(super::Reason::NotConverged),
+            section: None,
+            offset: None,
+        }
+    });
+    Estimate {
+        method: settings.method,
+        outcome: Outcome::Refused(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm }),
+        profiles: profiles.collect(),
+        conditioning: super::Conditioning::default(),
+        residuals: None,
+    }
+}
+
+/// The surfaces of a scan, the one with most points first.
+fn detected(scan: &Scan, settings: &Settings, along: Option<([f64; 3], f64)>) -> Vec<Detected> {
+    let points_count = scan.points().len();
+    let stride = points_count.div_ceil(SEARCHED_MAX).max(1);
+    let all = scan.stations().iter().flat_map(|station| scan.points_of(station));
+    let points: Vec<[f64; 3]> = all.step_by(stride).collect();
+    let request = detect::Request {
+        nominal_radius_mm: settings.nominal_radius_mm,
+        nominal_reach: 0.02,
+        along,
+        most: SURFACES_MAX,
+    };
+    detect::detect(&points, &request)
+}
+
+/// The cylinder that is the part, where only one can be.
+fn choose<'a>(found: &'a [Detected], settings: &Settings) -> Result<&'a Detected, Refusal> {
+    let no_cylinder = Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm };
+    let first = found.first().ok_or_else(|| no_cylinder.clone())?;
+    let is_rival = |other: &&Detected| other.share >= RIVAL * first.share;
+    let along_rail = |found: &&Detected| tilt_deg(found) <= settings.tilt_max_deg;
+    let mut possible: Vec<&Detected> = found.iter().filter(is_rival).collect();
+    // Of several, those along the rail are meant.
+    if settings.orientation != Orientation::Any && possible.iter().any(|found| along_rail(found)) {
+        possible.retain(along_rail);
+    }
+    match possible.as_slice() {
+        [] => Err(no_cylinder),
+        [only] => Ok(only),
+        [..] => Err(Refusal::SeveralCylinders { cylinders: found.iter().map(FoundCylinder::from).collect() }),
+    }
+}
+
+/// Measures in a frame along a cylinder that was detected.
+fn about(scan: &Scan, detected: &Detected, settings: &Settings, progress: &Progress) -> Estimate {
+    let mut axis = Axis { point_mm: detected.point, direction: towards(detected.direction) };
+    let [first, last] = detected.extent;
+    let turned = axis.direction != detected.direction;
+    let extent = if turned { [-last, -first] } else { [first, last] };
+    let mut cut = SectionCut::about(&axis, detected.radius, extent);
+    for again in [true, false] {
+        let Some((sections, of_cut)) = cut.and_then(|cut| Some((cut.apply(scan)?, cut))) else { break };
+        let estimate = in_frame(&sections, settings, Some(detected.radius), progress);
+        let Outcome::Accepted(pose) = &estimate.outcome else { return estimate };
+        let (radius, slope) = (pose.radius, pose.axis.p.hypot(pose.axis.q));
+        let placed = placed::placed(estimate, of_cut);
+        let Outcome::Accepted(pose) = &placed.outcome else { return placed };
+        axis = pose.axis_in_scan();
+        if !again || slope <= CUT_AGAIN {
+            let angle_deg = axis.tilt().degrees();
+            return if angle_deg <= settings.tilt_max_deg { placed } else { beside_rail(placed, angle_deg, settings) };
+        }
+        // Where the part begins and ends, seen from the new point of the axis.
+        let [first, last] = of_cut.x_mm.map(|x| x - pose.x_ref);
+        cut = SectionCut::about(&axis, radius, [first, last]);
+    }
+    in_frame_refused(scan, settings, progress)
+}
+
+/// The direction with its largest component positive.
+fn towards(direction: [f64; 3]) -> [f64; 3] {
+    let largest = direction.into_iter().fold(0.0, |largest: f64, v| if v.abs() > largest.abs() { v } else { largest });
+    if largest < 0.0 { direction.map(|v| -v) } else { direction }
+}
+
+fn tilt_deg(found: &Detected) -> f64 {
+    Axis { point_mm: found.point, direction: found.direction }.tilt().degrees()
+}
+
+impl From<&Detected> for FoundCylinder {
+    fn from(found: &Detected) -> Self {
+        let [first, last] = found.extent;
+        let middle = 0.5 * (first + last);
+        let axis = std::array::from_fn(|i| {
+            found.point.get(i).copied().unwrap_or(0.0) + middle * found.direction.get(i).copied().unwrap_or(0.0)
+        });
+        Self {
+            point_mm: axis,
+            direction: towards(found.direction),
+            radius_mm: found.radius,
+            length_mm: last - first,
+            share: found.share,
+        }
+    }
+}
