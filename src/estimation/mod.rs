@@ -15,6 +15,7 @@
 mod budget;
 mod conclude;
 mod cylinder;
+mod detect;
 mod end_face;
 mod estimate;
 mod parts;
@@ -27,6 +28,8 @@ mod type_b;
 mod unusable;
 mod warning;
 
+#[doc(hidden)]
+pub use detect::{Detected, Request as DetectRequest, detect};
 pub use estimate::{
     Component, Conditioning, EndFace, EndFaces, Estimate, Outcome, Pose, Profile, RadiusSource, Reason, Residuals,
     Section, Uncertainty,
