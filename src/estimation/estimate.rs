@@ -1,7 +1,7 @@
 //! What an estimation returns: the pose or the reason why there is none, and what became of every profile.
 //! Stored as it is; must not know how it is shown.
 
-use super::{EndFaceRule, Method, Refusal, Warning};
+use super::{EndFaceRule, Method, Refusal, SectionCut, Warning};
 use crate::geometry::{Angle, AxisLine, SectionEllipse};
 use serde::{Deserialize, Serialize};
 

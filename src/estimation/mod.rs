@@ -18,6 +18,7 @@ mod cylinder;
 mod detect;
 mod end_face;
 mod estimate;
+mod orientation;
 mod parts;
 mod progress;
 mod refusal;
@@ -34,10 +35,11 @@ pub use estimate::{
     Component, Conditioning, EndFace, EndFaces, Estimate, Outcome, Pose, Profile, RadiusSource, Reason, Residuals,
     Section, Uncertainty,
 };
+pub use orientation::{OnRail, SectionCut};
 pub use parts::{ByGap, PARTS_MAX, PartEstimate, PartRule, Parts, PartsError, ScanEstimate, Window, estimate_parts};
 pub use progress::Progress;
-pub use refusal::Refusal;
-pub use settings::{End, EndFaceRule, Method, RadiusRule, SettingError, Settings};
+pub use refusal::{FoundCylinder, Refusal};
+pub use settings::{End, EndFaceRule, Method, Orientation, RadiusRule, SettingError, Settings};
 pub use type_b::TypeB;
 pub use warning::Warning;
 
@@ -46,8 +48,13 @@ use crate::scan::Scan;
 /// The whole measurement. The result does not depend on the number of threads.
 #[must_use]
 pub fn estimate(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
+    orientation::measure(scan, settings, progress)
+}
+
+/// A measurement in a frame whose X lies near the axis. `expected_radius` is what was detected before, mm.
+fn in_frame(scan: &Scan, settings: &Settings, expected_radius: Option<f64>, progress: &Progress) -> Estimate {
     let found = match settings.method {
-        Method::Cylinder => cylinder::find(scan, settings, progress),
+        Method::Cylinder | Method::LeastSquares => cylinder::find(scan, settings, expected_radius, progress),
         Method::SectionLine | Method::SectionLinePlain => section_line::find(scan, settings, progress),
     };
     let mut estimate = conclude::conclude(settings, found);

@@ -5,7 +5,7 @@ use super::Reason;
 use serde::{Deserialize, Serialize};
 
 /// Why a scan has no pose, with the numbers that decided it.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case", tag = "code")]
 pub enum Refusal {
     /// Not enough profiles in the scan to define an axis.
@@ -120,6 +120,26 @@ pub enum Refusal {
         /// Share of the profiles that show it.
         coverage_b: f64,
     },
+    /// Several cylinders of a cloud could be the part.
+    #[error(
+        "the points show {} cylinders: {}; choose one by nominal_radius_mm, or by a region about its axis",
+        .cylinders.len(), listed(.cylinders)
+    )]
+    SeveralCylinders {
+        /// The one with most points first.
+        cylinders: Vec<FoundCylinder>,
+    },
+    /// The axis lies elsewhere than along the rail.
+    #[error(
+        "the axis lies {angle_deg:.1}° from the rail (X), at most {tilt_max_deg}° are allowed (tilt_max_deg); declare the frame, \
+         check the order of the columns, or look in any direction (orientation: any)"
+    )]
+    AxisNotAlongRail {
+        /// Between the axis and X.
+        angle_deg: f64,
+        /// What is allowed.
+        tilt_max_deg: f64,
+    },
     /// Layers close to the surface hide which of them it is.
     #[error(
         "{:.0} % of what lies within {reach_mm:.3} mm of the surface belongs to layers on it, so that nobody can tell the part \
@@ -175,6 +195,33 @@ pub enum Refusal {
     },
 }
 
+/// A cylinder among several of a cloud, in the coordinates of the scan.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct FoundCylinder {
+    /// The middle of its axis, mm.
+    pub point_mm: [f64; 3],
+    /// Unit direction of its axis.
+    pub direction: [f64; 3],
+    /// Its radius.
+    pub radius_mm: f64,
+    /// How long its axis is.
+    pub length_mm: f64,
+    /// Its share of all points.
+    pub share: f64,
+}
+
+fn listed(cylinders: &[FoundCylinder]) -> String {
+    let one = |found: &FoundCylinder| {
+        let ([x, y, z], [dx, dy, dz]) = (found.point_mm, found.direction);
+        let (radius, length, share) = (found.radius_mm, found.length_mm, 100.0 * found.share);
+        format!(
+            "radius {radius:.3} mm, length {length:.1} mm, about ({x:.1}, {y:.1}, {z:.1}) mm along ({dx:.3}, {dy:.3}, {dz:.3}), \
+             {share:.0} % of the points"
+        )
+    };
+    cylinders.iter().map(one).collect::<Vec<_>>().join("; ")
+}
+
 fn range_in_words(least: usize, most: usize) -> String {
     if least == most { least.to_string() } else { format!("{least} to {most}") }
 }
@@ -194,6 +241,8 @@ impl Refusal {
             Self::ProfilesNotPlanar { .. } => "profiles_not_planar",
             Self::NoCylinder { .. } => "no_cylinder",
             Self::TwoCylinders { .. } => "two_cylinders",
+            Self::SeveralCylinders { .. } => "several_cylinders",
+            Self::AxisNotAlongRail { .. } => "axis_not_along_rail",
             Self::LayersUndecided { .. } => "layers_undecided",
             Self::PoseUndetermined { .. } => "pose_undetermined",
             Self::PartsCountDiffers { .. } => "parts_count_differs",

@@ -51,6 +51,24 @@ pub enum Warning {
         /// What is allowed.
         position_max_mm: f64,
     },
+    /// The axis lies elsewhere than along the rail.
+    #[error(
+        "the axis lies {angle_deg:.1}° from X, farther than the {tilt_max_deg}° of an axis along the rail (tilt_max_deg): deflection, \
+         pitch, y_c0 and z_c0 mean little there, so use the axis; if it should lie along X, check the frame and the order of the \
+         columns"
+    )]
+    AxisNotAlongRail {
+        /// Between the axis and X.
+        angle_deg: f64,
+        /// Up to here an axis lies along the rail.
+        tilt_max_deg: f64,
+    },
+    /// The arc opens towards the sensor.
+    #[error(
+        "the arc opens towards the sensor (+Z): the scan shows the inside of a pipe, or an axis of the coordinates is mirrored; if \
+         the part is seen from outside, check the sign of z"
+    )]
+    ConcaveTowardsSensor,
     /// The radius changes along the part.
     #[error(
         "the part is tapered by {taper_deg:.4}°: its radius changes by {radius_change_mm:+.3} mm over the scan. A cylinder fit takes \
@@ -97,6 +115,8 @@ impl Warning {
             Self::RadiusDiffers { .. } => "radius_differs",
             Self::OnSomeProfiles { .. } => "on_some_profiles",
             Self::LayersLeaveOpen { .. } => "layers_leave_open",
+            Self::AxisNotAlongRail { .. } => "axis_not_along_rail",
+            Self::ConcaveTowardsSensor => "concave_towards_sensor",
             Self::Tapered { .. } => "tapered",
             Self::Bent { .. } => "bent",
             Self::NotRobust => "not_robust",

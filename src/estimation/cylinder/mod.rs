@@ -59,9 +59,14 @@ const VERY_FEW: usize = 8;
 const AGREEING: f64 = 0.25;
 
 /// The pose or why there is none, and what became of every profile.
-pub(super) fn find(scan: &Scan, settings: &Settings, progress: &Progress) -> Found {
+pub(super) fn find(
+    scan: &Scan,
+    settings: &Settings,
+    expected_radius: Option<f64>,
+    progress: &Progress,
+) -> Found {
     let used = search::enough(scan, settings);
-    match search::search(scan, &used, settings, progress) {
+    match search::search(scan, &used, settings, expected_radius, progress) {
         Err(refusal) => {
             Found { outcome: Outcome::Refused(refusal), profiles: unjudged(scan, &used), warnings: Vec::new() }
         }
@@ -192,6 +197,7 @@ fn pose(solution: &Solution, settings: &Settings, uncertainty: Uncertainty) -> P
     Pose {
         axis: solution.cylinder.axis(),
         x_ref: solution.cylinder.x_ref,
+        cut: None,
         radius: solution.cylinder.radius,
         radius_source: match settings.radius {
             RadiusRule::Free => RadiusSource::Fitted,

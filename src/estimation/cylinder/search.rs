@@ -30,6 +30,10 @@ const SLOPE_MAX: f64 = 0.35;
 const RADIUS_SIZES: [f64; 2] = [0.1, 8.0];
 /// Radii that are looked for about a nominal one, relative to it.
 const NOMINAL_REACH: f64 = 0.02;
+/// Radii that are looked for about one that was detected before, relative to it: on a short arc that is known badly; and the
+/// steepest slope against an axis that was detected.
+const EXPECTED_REACH: [f64; 2] = [0.5, 2.0];
+const EXPECTED_SLOPE_MAX: f64 = 0.1;
 /// What is near a start: this many times the roughness, but within these shares of the size of a profile.
 const TOLERANCE_ROUGHNESS: f64 = 4.0;
 const TOLERANCE_SIZES: [f64; 2] = [0.002, 0.02];
@@ -47,6 +51,8 @@ const FINER: f64 = 0.7;
 struct Search<'a> {
     settings: &'a Settings,
     hold: Hold,
+    /// Of a cylinder that was detected before, mm.
+    expected_radius: Option<f64>,
     /// Profiles of the whole scan.
     profiles_count: usize,
 }
@@ -63,12 +69,13 @@ pub(super) fn search(
     scan: &Scan,
     used: &[bool],
     settings: &Settings,
+    expected_radius: Option<f64>,
     progress: &Progress,
 ) -> Result<Solution, Refusal> {
     if let Some(refusal) = unusable(scan, settings) {
         return Err(refusal);
     }
-    let search = Search { settings, hold: hold(settings), profiles_count: scan.stations().len() };
+    let search = Search { settings, hold: hold(settings), expected_radius, profiles_count: scan.stations().len() };
     let mut within = match search.round(scan, used, progress)? {
         Round::Found(solution) => return Ok(*solution),
         Round::Within(cylinder, directions) => vec![(cylinder, directions)],
@@ -107,7 +114,7 @@ impl Search<'_> {
         too_short(scan.stations().iter().zip(used).filter(|(_, used)| **used).map(|(s, _)| s), settings)?;
         let sample = Sample::take(scan, used, SAMPLE_PROFILES_MAX, SAMPLE_POINTS_MAX);
         let roughness = extent::roughness(scan);
-        let bounds = bounds(&sample, roughness, settings);
+        let bounds = self.bounds(&sample, roughness);
         let chosen = match self.choose(&sample, &bounds, Noise::Unknown) {
             Choice::One(candidate) => self.finer(scan, used, &sample, &bounds, roughness, candidate)?,
             Choice::Two(a, b) => return Err(two_cylinders(&a, &b)),
@@ -145,6 +152,22 @@ impl Search<'_> {
             areas::widen(&problem, surface, &mut solution);
         }
         Ok(Round::Found(Box::new(solution)))
+    }
+
+    fn bounds(&self, sample: &Sample, roughness: f64) -> Bounds {
+        let size = extent::size(sample);
+        let [least, most] = TOLERANCE_SIZES;
+        let tolerance = (TOLERANCE_ROUGHNESS * roughness).clamp(least * size, most * size);
+        let radius_mm = match (self.settings.nominal_radius_mm, self.expected_radius) {
+            (Some(nominal), _) => [nominal * (1.0 - NOMINAL_REACH), nominal * (1.0 + NOMINAL_REACH)],
+            (None, Some(expected)) => EXPECTED_REACH.map(|share| share * expected),
+            (None, None) => RADIUS_SIZES.map(|sizes| sizes * size),
+        };
+        let slope_max = match self.expected_radius {
+            Some(_) => EXPECTED_SLOPE_MAX,
+            None => SLOPE_MAX.max(self.settings.tilt_max_deg.to_radians().tan()),
+        };
+        Bounds { slope_max, radius_mm, tolerance }
     }
 
     /// The candidate that is the part. A radius that is held fits every surface, and where that leaves two, the radii that the
@@ -224,17 +247,6 @@ fn free_radius(problem: &Problem<'_>, solution: &Solution) -> Option<f64> {
     let silent = Progress::default();
     let free = solve::solve(&Problem { hold: Hold::Free, progress: &silent, ..*problem }, &start)?;
     Some(free.cylinder.radius)
-}
-
-fn bounds(sample: &Sample, roughness: f64, settings: &Settings) -> Bounds {
-    let size = extent::size(sample);
-    let [least, most] = TOLERANCE_SIZES;
-    let tolerance = (TOLERANCE_ROUGHNESS * roughness).clamp(least * size, most * size);
-    let radius_mm = match settings.nominal_radius_mm {
-        Some(nominal) => [nominal * (1.0 - NOMINAL_REACH), nominal * (1.0 + NOMINAL_REACH)],
-        None => RADIUS_SIZES.map(|sizes| sizes * size),
-    };
-    Bounds { slope_max: SLOPE_MAX, radius_mm, tolerance }
 }
 
 fn two_cylinders(a: &Candidate, b: &Candidate) -> Refusal {

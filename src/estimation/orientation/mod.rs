@@ -16,7 +16,7 @@ pub use cut::SectionCut;
 pub use placed::OnRail;
 
 use super::detect::{self, Detected};
-use super::{Estimate, FoundCylinder, Method, Orientation, Outcome, Progress, Refusal, Settings, Warning, in_frame};
+use super::{Estimate, FoundCylinder, Orientation, Outcome, Progress, Refusal, Settings, Warning, in_frame};
 use crate::geometry::Axis;
 use crate::scan::{Grouping, Scan};
 
@@ -175,11 +175,8 @@ fn choose<'a>(found: &'a [Detected], settings: &Settings) -> Result<&'a Detected
 
 /// Measures in a frame along a cylinder that was detected.
 fn about(scan: &Scan, detected: &Detected, settings: &Settings, progress: &Progress) -> Estimate {
-    let mut axis = Axis { point_mm: detected.point, direction: towards(detected.direction) };
-    let [first, last] = detected.extent;
-    let turned = axis.direction != detected.direction;
-    let extent = if turned { [-last, -first] } else { [first, last] };
-    let mut cut = SectionCut::about(&axis, detected.radius, extent);
+    let mut axis = Axis { point_mm: detected.point, direction: detected.direction };
+    let mut cut = SectionCut::about(&axis, detected.radius, detected.extent);
     for again in [true, false] {
         let Some((sections, of_cut)) = cut.and_then(|cut| Some((cut.apply(scan)?, cut))) else { break };
         let estimate = in_frame(&sections, settings, Some(detected.radius), progress);
@@ -199,12 +196,6 @@ fn about(scan: &Scan, detected: &Detected, settings: &Settings, progress: &Progr
     in_frame_refused(scan, settings, progress)
 }
 
-/// The direction with its largest component positive.
-fn towards(direction: [f64; 3]) -> [f64; 3] {
-    let largest = direction.into_iter().fold(0.0, |largest: f64, v| if v.abs() > largest.abs() { v } else { largest });
-    if largest < 0.0 { direction.map(|v| -v) } else { direction }
-}
-
 fn tilt_deg(found: &Detected) -> f64 {
     Axis { point_mm: found.point, direction: found.direction }.tilt().degrees()
 }
@@ -218,7 +209,7 @@ impl From<&Detected> for FoundCylinder {
         });
         Self {
             point_mm: axis,
-            direction: towards(found.direction),
+            direction: found.direction,
             radius_mm: found.radius,
             length_mm: last - first,
             share: found.share,

@@ -127,9 +127,9 @@ fn between_gaps(scan: &Scan, settings: &Settings, rule: &ByGap, progress: &Progr
     let mut parts = measure(scan, &pieces, progress);
     // What shows no part may be told why in plainer words.
     parts.refusal = if found.is_empty() { unusable(scan, settings).or(wrong_count) } else { wrong_count };
-    if let Some(refusal) = parts.refusal {
+    if let Some(refusal) = &parts.refusal {
         // Which of them is which cannot be told, so none of the poses may be used.
-        parts.parts.iter_mut().for_each(|part| part.estimate.outcome = Outcome::Refused(refusal));
+        parts.parts.iter_mut().for_each(|part| part.estimate.outcome = Outcome::Refused(refusal.clone()));
     }
     parts
 }

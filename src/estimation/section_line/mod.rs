@@ -96,7 +96,7 @@ fn fit_axis(
 ) -> (Outcome, Option<AxisLine>) {
     let reweighting = match settings.method {
         Method::SectionLinePlain => Reweighting::None,
-        Method::SectionLine | Method::Cylinder => Reweighting::Tukey,
+        Method::SectionLine | Method::Cylinder | Method::LeastSquares => Reweighting::Tukey,
     };
     let centres: Vec<Centre> = profiles.iter().filter_map(verdict::centre).collect();
     let Some(fit) = axis::fit(&centres, reweighting) else {

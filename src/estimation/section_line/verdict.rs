@@ -135,5 +135,5 @@ pub(super) fn pose(fit: &Fit, bias: Bias, settings: &Settings) -> Pose {
     ];
     lines.extend(settings.type_b.lines(&Found { axis, x_ref, radius }, &fit.influences));
     let (uncertainty, end_faces) = (Uncertainty::of(&lines), EndFaces::default());
-    Pose { axis, x_ref, radius, radius_source: RadiusSource::Fitted, uncertainty, end_faces }
+    Pose { axis, x_ref, cut: None, radius, radius_source: RadiusSource::Fitted, uncertainty, end_faces }
 }
