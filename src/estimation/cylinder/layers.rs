@@ -14,6 +14,7 @@ use super::model::Cylinder;
 use super::patches::{self, Averages, Cut, Patch, Surface};
 use super::readings;
 use super::repeats;
+use super::resample;
 use super::rest::Rest;
 use super::settle::Settled;
 use super::smooth;
@@ -91,7 +92,8 @@ pub(super) fn mend(
     }
     let base = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
     if let Some(surface) = surface.as_deref() {
-        rivals.extend(readings::lower(surface, &base.cylinder, problem.hold, base.sigma));
+        let resampled = resample::standard(surface, base, problem.hold);
+        let mut low_readings = readings::lower(surface, &base.cylinder, problem.hold, base.sigma);
         // What is taken out would repeat; of what is left it was asked before.
         let (asked, answered) = match &verdict {
             Verdict::Mended(mended) => (false, !mended.rivals.is_empty()),
@@ -99,9 +101,12 @@ pub(super) fn mend(
         };
         let excess = beyond_roughness(base, problem.roughness);
         let height = if asked { repeating(base, surface, excess) } else { None };
-        if !answered && (height.is_some() || !rivals.is_empty()) {
-            rivals.extend(low(problem.hold, base, surface, excess.max(height.unwrap_or(0.0))));
+        if !answered && (height.is_some() || !rivals.is_empty() || !low_readings.is_empty()) {
+            low_readings.extend(low(problem.hold, base, surface, excess.max(height.unwrap_or(0.0))));
         }
+        // They answer one question in several ways, so their mean square counts, not their sum.
+        let each = (low_readings.len() as f64).sqrt().recip();
+        rivals.extend(low_readings.into_iter().map(|reading| resample::bounded(reading, resampled.as_ref()) * each));
     }
     match verdict {
         verdict if rivals.is_empty() => verdict,
@@ -275,9 +280,10 @@ fn refit(problem: &Problem<'_>, fit: &Solution, part: &Settled, averages: &Avera
     let mut solution = solve::solve(&rest_problem, &Settled { cylinder: part.cylinder, sigma })?;
     if let Some(left) = look(&rest_problem, &solution) {
         areas::widen(&rest_problem, &left, &mut solution);
+        let resampled = resample::standard(&left, &solution, hold);
         let excess = beyond_roughness(&solution, roughness);
         let height = repeating(&solution, &left, excess);
-        solution.rivals.extend(height.and_then(|height| low(hold, &solution, &left, excess.max(height))));
+        solution.rivals.extend(height.and_then(|height| low(hold, &solution, &left, excess.max(height))).map(|reading| resample::bounded(reading, resampled.as_ref())));
     }
     Some(rest.restore(solution))
 }

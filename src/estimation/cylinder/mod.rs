@@ -32,6 +32,7 @@ mod profile;
 mod projection;
 mod readings;
 mod repeats;
+mod resample;
 mod rest;
 mod sample;
 mod scatter;
