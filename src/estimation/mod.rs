@@ -8,7 +8,8 @@
 //!        section_line_plain: the same without re-weighting and without the inner-point rule
 //! ```
 //!
-//! `parts` cuts a scan of several parts along x and has each of them go this way.
+//! `parts` cuts a scan of several parts along x and has each of them go this way. `least_squares` is apart from it: the
+//! cylinder of least squares of all points as they are, for comparison with reference software.
 //!
 //! The formulas stand in docs/estimation.md.
 
@@ -17,6 +18,7 @@ mod conclude;
 mod cylinder;
 mod end_face;
 mod estimate;
+mod least_squares;
 mod parts;
 mod progress;
 mod refusal;
@@ -31,6 +33,7 @@ pub use estimate::{
     Component, Conditioning, EndFace, EndFaces, Estimate, Outcome, Pose, Profile, RadiusSource, Reason, Residuals,
     Section, Uncertainty,
 };
+pub use least_squares::{GaussianCylinder, LeastSquaresError, basis, least_squares_cylinder};
 pub use parts::{ByGap, PARTS_MAX, PartEstimate, PartRule, Parts, PartsError, ScanEstimate, Window, estimate_parts};
 pub use progress::Progress;
 pub use refusal::Refusal;
