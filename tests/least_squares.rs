@@ -295,7 +295,11 @@ fn points_that_determine_no_cylinder_are_refused_with_the_reason() {
         assert!(matches!(error(&plane), LeastSquaresError::Coplanar { .. }), "{}", error(&plane));
         // Two lines along the axis: every circle through two points will do.
         let lines: Vec<_> = (0..count).map(|index| (turn(index % 2), turn(index), 5.0)).collect();
-        assert!(matches!(error(&lines), LeastSquaresError::Undetermined { .. }), "{}", error(&lines));
+        assert!(matches!(error(&lines), LeastSquaresError::Coplanar { .. }), "{}", error(&lines));
+        // On this curve z cos φ is 2 sin φ: a tilt towards one side and a shift towards the other undo each other.
+        let angle = |index: usize| (index as f64 / count as f64 - 0.5) * 2.0;
+        let curve: Vec<_> = (0..count).map(|index| (angle(index), 2.0 * angle(index).tan(), 5.0)).collect();
+        assert!(matches!(error(&curve), LeastSquaresError::Undetermined { .. }), "{}", error(&curve));
     }
     // The corners of a cube lie on three cylinders.
     let quarter = std::f64::consts::FRAC_PI_2;
@@ -312,6 +316,53 @@ fn points_that_determine_no_cylinder_are_refused_with_the_reason() {
         (error(&cube), "3 different cylinders fit the 8 points equally well; measure more points"),
     ] {
         assert!(error.to_string().contains(advice), "{error}");
+    }
+}
+
+#[test]
+fn any_size_and_any_place_that_numbers_can_express_is_measured() {
+    let mut random = ChaCha8Rng::seed_from_u64(60);
+    let places: Vec<(f64, f64, f64)> = (0..30)
+        .map(|_| (random.random_range(0.0..6.0), random.random_range(-2.0..2.0), random.random_range(0.99..1.01)))
+        .collect();
+    let unit = somewhere(&places);
+    let expected = least_squares_cylinder(&unit).expect("a cylinder");
+    for scale in [1e-290, 1e-9, 1e9, 1e96] {
+        let scaled: Vec<[f64; 3]> = unit.iter().map(|point| point.map(|value| value * scale)).collect();
+        let found = least_squares_cylinder(&scaled).expect("a cylinder");
+        assert!((found.radius / (expected.radius * scale) - 1.0).abs() < 1e-9, "{scale}: {}", found.radius);
+        assert!((found.sigma / (expected.sigma * scale) - 1.0).abs() < 1e-9, "{scale}: {}", found.sigma);
+    }
+    // Where coordinates are rounded to a hundredth of the radius, that is what is left of them; beyond, an error.
+    for far in [1e13, 1e15, 1e17, 1e99] {
+        let shifted: Vec<[f64; 3]> = unit.iter().map(|point| point.map(|value| value + far)).collect();
+        if let Ok(found) = least_squares_cylinder(&shifted) {
+            let numbers = [found.radius, found.sigma].into_iter().chain(found.point).chain(found.direction);
+            assert!(numbers.chain(found.covariance.into_iter().flatten()).all(f64::is_finite), "{far}: {found:?}");
+        }
+    }
+}
+
+#[test]
+fn few_points_anywhere_give_the_same_cylinder_from_every_side() {
+    // Such points have several minima. The directions that the search starts from stand still while the points are turned, so
+    // that a search which misses the least minimum misses it from some sides only.
+    let mut random = ChaCha8Rng::seed_from_u64(50);
+    for count in [6, 7, 9, 15] {
+        for set in 0..10 {
+            let points: Vec<Vector3<f64>> =
+                (0..count).map(|_| Vector3::from_fn(|_, _| random.random_range(-1.0..1.0))).collect();
+            let sigma = |turn: &UnitQuaternion<f64>| {
+                let turned: Vec<[f64; 3]> = points.iter().map(|point| (turn * point).into()).collect();
+                least_squares_cylinder(&turned).expect("a cylinder").sigma
+            };
+            let first = sigma(&UnitQuaternion::identity());
+            for _ in 0..5 {
+                let other = sigma(&random_rotation(&mut random));
+                // The sum of squares is flat at a minimum, so only its rounding is left.
+                assert!((other - first).abs() < 1e-9, "set {set} of {count}: {first} and {other}");
+            }
+        }
     }
 }
 

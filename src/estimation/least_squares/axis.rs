@@ -1,7 +1,7 @@
 //! A cylinder in any direction, and small changes of it. Tilts and shifts are taken in a basis square to the current
 //! direction, which is built anew after every step, so no direction is singular.
 
-use super::points::Points;
+use super::points::{Lanes, Points, Terms};
 use nalgebra::{Matrix2, Matrix5, Vector2, Vector3, Vector5};
 
 /// Beyond this radius, in units of the extent of the points, their sagitta 1/(2R) is smaller than the rounding 2⁻⁵² R of
@@ -79,51 +79,40 @@ impl Cylinder {
     /// shifts, less ρ nnᵀ of the tilts.
     pub(super) fn sums(&self, points: &Points<'_>) -> Sums {
         let [first, second] = basis_of(&self.direction);
-        let (foot, direction, radius) = (self.foot, self.direction, self.radius);
-        let total = points.sum(|point| {
-            let from_foot = point - foot;
-            let (z, u, v) = (from_foot.dot(&direction), from_foot.dot(&first), from_foot.dot(&second));
-            let rho = (u * u + v * v).sqrt();
-            let per_rho = if rho > 0.0 { rho.recip() } else { 0.0 };
-            let (c, s, d) = (u * per_rho, v * per_rho, rho - radius);
-            let (cc, cs, ss) = (c * c, c * s, s * s);
-            let (kappa, square, lever) = (d * per_rho, z * z, d * rho);
-            let (tcc, tcs, tss) = (kappa * ss, -kappa * cs, kappa * cc);
-            [
-                d * d,
-                d * z * c,
-                d * z * s,
-                d * c,
-                d * s,
-                d, //
-                z * c,
-                z * s,
-                c,
-                s, //
-                square * cc,
-                square * cs,
-                square * ss,
-                z * cc,
-                z * cs,
-                z * ss,
-                cc,
-                cs,
-                ss, //
-                square * tcc,
-                square * tcs,
-                square * tss,
-                z * tcc,
-                z * tcs,
-                z * tss,
-                tcc,
-                tcs,
-                tss, //
-                lever * cc,
-                lever * cs,
-                lever * ss,
-            ]
-        });
-        Sums::of(total, points.count() as f64)
+        Sums::of(points.sum(&Seen { cylinder: self, first, second }), points.count() as f64)
+    }
+}
+
+/// A cylinder with the basis of its tilts and shifts.
+struct Seen<'a> {
+    cylinder: &'a Cylinder,
+    first: Vector3<f64>,
+    second: Vector3<f64>,
+}
+
+impl Terms<31> for Seen<'_> {
+    #[inline(always)]
+    #[rustfmt::skip]
+    fn of(&self, x: Lanes, y: Lanes, z: Lanes) -> [Lanes; 31] {
+        let all = Lanes::all;
+        let foot = self.cylinder.foot;
+        let (x, y, z) = (x - all(foot.x), y - all(foot.y), z - all(foot.z));
+        let along = |vector: &Vector3<f64>| x * all(vector.x) + y * all(vector.y) + z * all(vector.z);
+        let (z, u, v) = (along(&self.cylinder.direction), along(&self.first), along(&self.second));
+        let rho = (u * u + v * v).map(f64::sqrt);
+        // A point on the axis has no direction from it.
+        let per_rho = rho.map(|rho| if rho > 0.0 { rho.recip() } else { 0.0 });
+        let (c, s, d) = (u * per_rho, v * per_rho, rho - all(self.cylinder.radius));
+        let (cc, cs, ss) = (c * c, c * s, s * s);
+        let (kappa, zz, lever) = (d * per_rho, z * z, d * rho);
+        let (tcc, tcs, tss) = (kappa * ss, all(0.0) - kappa * cs, kappa * cc);
+        [
+            d * d, d * z * c, d * z * s, d * c, d * s, d,
+            z * c, z * s, c, s,
+            zz * cc, zz * cs, zz * ss, z * cc, z * cs, z * ss, cc, cs, ss,
+            zz * tcc, zz * tcs, zz * tss, z * tcc, z * tcs, z * tss, tcc, tcs, tss,
+            lever * cc, lever * cs, lever * ss,
+        ]
     }
 }
 

@@ -17,21 +17,32 @@ const DAMPING_MAX: f64 = 1e12;
 pub(super) struct Minimum {
     pub(super) cylinder: Cylinder,
     pub(super) sums: Sums,
+    /// The size of the next step, which was not worth taking: of the order of rounding at a minimum that is determined.
+    pub(super) step: f64,
+}
+
+impl Minimum {
+    fn new(cylinder: Cylinder, points: &Points<'_>) -> Self {
+        let sums = cylinder.sums(points);
+        let step = sums.step(0.0).map_or(f64::INFINITY, |step| cylinder.size_of(&step));
+        Self { cylinder, sums, step }
+    }
+
+    fn after(&self, damping: f64, points: &Points<'_>) -> Option<Self> {
+        let step = self.sums.step(damping)?;
+        Some(Self::new(self.cylinder.moved(&step)?, points))
+    }
 }
 
 /// Descends by Newton's method, damped as by Levenberg and Marquardt.
 pub(super) fn descend(points: &Points<'_>, start: &Cylinder) -> Option<Minimum> {
-    let mut at = Minimum { cylinder: *start, sums: start.sums(points) };
+    let mut at = Minimum::new(*start, points);
     let mut damping = DAMPING_START;
     for _ in 0..ROUNDS_MAX {
-        if damping <= DAMPING_START && at.sums.step(0.0).is_some_and(|step| at.cylinder.size_of(&step) < NEAR) {
+        if damping <= DAMPING_START && at.step < NEAR {
             break;
         }
-        let step = at.sums.step(damping);
-        let trial = step
-            .and_then(|step| at.cylinder.moved(&step))
-            .map(|cylinder| Minimum { cylinder, sums: cylinder.sums(points) });
-        match trial.filter(|trial| trial.sums.squares < at.sums.squares) {
+        match at.after(damping, points).filter(|trial| trial.sums.squares < at.sums.squares) {
             Some(better) => {
                 at = better;
                 damping *= 0.1;
@@ -40,25 +51,21 @@ pub(super) fn descend(points: &Points<'_>, start: &Cylinder) -> Option<Minimum> 
             None => damping *= 10.0,
         }
     }
-    polish(points, at)
+    let at = polish(points, at);
+    at.sums.squares.is_finite().then_some(at)
 }
 
 /// Newton's steps until they get no smaller: what is left is the rounding of the gradient. The sum of squares is flat there
 /// and its rounding would stop them at half the digits.
-fn polish(points: &Points<'_>, mut at: Minimum) -> Option<Minimum> {
+fn polish(points: &Points<'_>, mut at: Minimum) -> Minimum {
     let mut last = 2.0 * NEAR;
     for _ in 0..NEWTON_MAX {
-        let Some(step) = at.sums.step(0.0) else { break };
-        let size = at.cylinder.size_of(&step);
-        if size >= 0.5 * last {
+        if at.step >= 0.5 * last || at.step < f64::EPSILON {
             break;
         }
-        let Some(cylinder) = at.cylinder.moved(&step) else { break };
-        at = Minimum { cylinder, sums: cylinder.sums(points) };
-        last = size;
-        if size < f64::EPSILON {
-            break;
-        }
+        last = at.step;
+        let Some(next) = at.after(0.0, points) else { break };
+        at = next;
     }
-    at.sums.squares.is_finite().then_some(at)
+    at
 }

@@ -17,7 +17,7 @@ pub use error::LeastSquaresError;
 use axis::{Cylinder, basis_of};
 use descent::{Minimum, descend};
 use nalgebra::{Matrix5, Vector3, Vector5};
-use points::Points;
+use points::{Lanes, Points, Terms};
 use rayon::prelude::*;
 
 /// One more than there are parameters, so that the scatter shows.
@@ -74,9 +74,9 @@ pub fn least_squares_cylinder(points: &[[f64; 3]]) -> Result<GaussianCylinder, L
         return Err(LeastSquaresError::TooFewPoints { points_count, distinct_count });
     }
     let middle = (low + high) * 0.5;
-    let magnification = power_of_two_below(0.5 * (high - low).norm()).recip();
+    let magnification = power_of_two_below((high - low).amax()).recip();
     let about_middle = Points::new(points, middle, magnification);
-    let centroid = middle + Vector3::from(about_middle.sum(Into::into)) / (points_count as f64 * magnification);
+    let centroid = middle + Vector3::from(about_middle.sum(&Coordinates)) / (points_count as f64 * magnification);
     let all = Points::new(points, centroid, magnification);
     let rounding = ROUNDING * (low.abs().sup(&high.abs()).amax() * magnification);
 
@@ -100,7 +100,10 @@ pub fn least_squares_cylinder(points: &[[f64; 3]]) -> Result<GaussianCylinder, L
     let compared = minima.iter().filter(margin).take(COMPARED_MAX);
     let minima = distinct(compared.filter_map(|minimum| descend(&all, &minimum.cylinder)).collect());
     let best = minima.first().ok_or(LeastSquaresError::NoCurvature { points_count })?;
-    let inverse = inverse(&best.sums.normal).ok_or(LeastSquaresError::Undetermined { points_count })?;
+    // Newton's steps that stop to shrink at this size creep along a valley.
+    let settled = best.step < SAME;
+    let inverse =
+        inverse(&best.sums.normal).filter(|_| settled).ok_or(LeastSquaresError::Undetermined { points_count })?;
     let tolerance = 2.0 * uncertainty_of_sum(best, &all, rounding);
     let equal = |minimum: &&Minimum| minimum.sums.squares <= best.sums.squares + tolerance;
     let cylinders_count = minima.iter().filter(equal).count();
@@ -158,6 +161,15 @@ fn count_distinct(points: &[[f64; 3]]) -> usize {
         }
     }
     found.len()
+}
+
+struct Coordinates;
+
+impl Terms<3> for Coordinates {
+    #[inline(always)]
+    fn of(&self, x: Lanes, y: Lanes, z: Lanes) -> [Lanes; 3] {
+        [x, y, z]
+    }
 }
 
 /// Dividing by a power of two does not round. Of a length too small for that the least normal number is taken.

@@ -92,8 +92,8 @@ impl Moments {
         Some(eigen.eigenvectors * Matrix3::from_diagonal(&eigen.eigenvalues.map(|value| value.max(0.0).sqrt())))
     }
 
-    /// The best cylinders among directions that are evenly spread before they are stretched, each better than all others
-    /// within twice the spacing.
+    /// The best cylinders among directions that are evenly spread before they are stretched, best first, none
+    /// within twice the spacing of a better one: a start descends into the same minimum as its neighbours.
     fn best(&self, stretch: &Matrix3<f64>, starts_max: usize) -> Vec<(Cylinder, f64)> {
         let rated = half_sphere().filter_map(|even| {
             let (cylinder, score) = self.cylinder(&(stretch * even).try_normalize(0.0)?)?;
@@ -101,17 +101,14 @@ impl Moments {
         });
         let mut rated: Vec<(Vector3<f64>, Cylinder, f64)> = rated.collect();
         rated.sort_by(|one, other| one.2.total_cmp(&other.2));
-        if starts_max < rated.len() {
-            let near = (std::f64::consts::TAU / DIRECTIONS as f64).sqrt() * 2.0;
-            let mut apart: Vec<(Vector3<f64>, Cylinder, f64)> = Vec::new();
-            for start in rated {
-                if apart.len() < starts_max && apart.iter().all(|known| known.0.cross(&start.0).norm() > near) {
-                    apart.push(start);
-                }
+        let near = (std::f64::consts::TAU / DIRECTIONS as f64).sqrt() * 2.0;
+        let mut apart: Vec<(Vector3<f64>, Cylinder, f64)> = Vec::new();
+        for start in rated {
+            if apart.len() < starts_max && apart.iter().all(|known| known.0.cross(&start.0).norm() > near) {
+                apart.push(start);
             }
-            rated = apart;
         }
-        rated.into_iter().map(|(_, cylinder, score)| (cylinder, score)).collect()
+        apart.into_iter().map(|(_, cylinder, score)| (cylinder, score)).collect()
     }
 
     /// The best cylinder of a direction, and about the sum of its squared distances: (ρ² − R²)/(2R) is nearly ρ − R.
