@@ -8,7 +8,8 @@
 //!        section_line_plain: the same without re-weighting and without the inner-point rule
 //! ```
 //!
-//! `parts` cuts a scan of several parts along x and has each of them go this way.
+//! `parts` cuts a scan of several parts along x and has each of them go this way. `least_squares` is apart from it: the
+//! cylinder of least squares of all points as they are, for comparison with reference software.
 //!
 //! The formulas stand in docs/estimation.md.
 
@@ -18,11 +19,15 @@ mod cylinder;
 mod detect;
 mod end_face;
 mod estimate;
+mod least_squares;
+mod limits;
 mod orientation;
 mod parts;
+mod placed;
 mod progress;
 mod refusal;
 mod robust;
+mod section_cut;
 mod section_line;
 mod settings;
 mod type_b;
@@ -35,10 +40,12 @@ pub use estimate::{
     Component, Conditioning, EndFace, EndFaces, Estimate, Outcome, Pose, Profile, RadiusSource, Reason, Residuals,
     Section, Uncertainty,
 };
-pub use orientation::{OnRail, SectionCut};
+pub use least_squares::{GaussianCylinder, LeastSquaresError, basis, least_squares_cylinder};
 pub use parts::{ByGap, PARTS_MAX, PartEstimate, PartRule, Parts, PartsError, ScanEstimate, Window, estimate_parts};
+pub use placed::OnRail;
 pub use progress::Progress;
 pub use refusal::{FoundCylinder, Refusal};
+pub use section_cut::SectionCut;
 pub use settings::{End, EndFaceRule, Method, Orientation, RadiusRule, SettingError, Settings};
 pub use type_b::TypeB;
 pub use warning::Warning;

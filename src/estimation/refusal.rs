@@ -120,6 +120,14 @@ pub enum Refusal {
         /// Share of the profiles that show it.
         coverage_b: f64,
     },
+    /// The points determine no cylinder of least squares.
+    #[error("{detail}")]
+    PointsUndetermined {
+        /// Points of the scan.
+        points_count: usize,
+        /// What they lack, and what to do.
+        detail: String,
+    },
     /// Several cylinders of a cloud could be the part.
     #[error(
         "the points show {} cylinders: {}; choose one by nominal_radius_mm, or by a region about its axis",
@@ -241,6 +249,7 @@ impl Refusal {
             Self::ProfilesNotPlanar { .. } => "profiles_not_planar",
             Self::NoCylinder { .. } => "no_cylinder",
             Self::TwoCylinders { .. } => "two_cylinders",
+            Self::PointsUndetermined { .. } => "points_undetermined",
             Self::SeveralCylinders { .. } => "several_cylinders",
             Self::AxisNotAlongRail { .. } => "axis_not_along_rail",
             Self::LayersUndecided { .. } => "layers_undecided",

@@ -182,7 +182,9 @@ pub struct Settings {
     /// Angles of `cylinder` that are known worse than this refuse the scan; standard uncertainty.
     pub angle_uncertainty_max_deg: f64,
     /// Positions of `cylinder` at x_ref that are known worse than this refuse the scan; standard uncertainty.
-    pub position_uncertainty_max_mm: f64,
+    ///
+    /// A hundredth of the radius where nobody says.
+    pub position_uncertainty_max_mm: Option<f64>,
     /// In which directions the axis is looked for.
     pub orientation: Orientation,
     /// An axis that lies farther from X is not along the rail.
@@ -208,7 +210,7 @@ impl Default for Settings {
             radius: RadiusRule::default(),
             radius_sigma_mm: None,
             angle_uncertainty_max_deg: 0.5,
-            position_uncertainty_max_mm: 1.0,
+            position_uncertainty_max_mm: None,
             orientation: Orientation::default(),
             tilt_max_deg: 20.0,
             end_face: EndFaceRule::default(),
@@ -290,8 +292,8 @@ impl Settings {
             (
                 "position_uncertainty_max_mm",
                 positive,
-                self.position_uncertainty_max_mm,
-                length(self.position_uncertainty_max_mm),
+                self.position_uncertainty_max_mm.unwrap_or(1.0),
+                self.position_uncertainty_max_mm.is_none_or(length),
             ),
             (
                 "tilt_max_deg",

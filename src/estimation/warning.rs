@@ -35,22 +35,6 @@ pub enum Warning {
         /// Profiles in the scan.
         profiles_count: usize,
     },
-    /// Layers leave more open than is allowed, on a part that the nominal radius vouches for.
-    #[error(
-        "layers that cannot be told from the part leave the pose open: standard uncertainties of {angle_deg:.4}° and \
-         {position_mm:.3} mm where {angle_max_deg}° and {position_max_mm} mm are allowed. Without nominal_radius_mm the scan would \
-         be refused; take tape, clamp or dirt off, or choose a region without it"
-    )]
-    LayersLeaveOpen {
-        /// The larger standard uncertainty of the two angles.
-        angle_deg: f64,
-        /// What is allowed.
-        angle_max_deg: f64,
-        /// The larger standard uncertainty of y_ref and z_ref.
-        position_mm: f64,
-        /// What is allowed.
-        position_max_mm: f64,
-    },
     /// The axis lies elsewhere than along the rail.
     #[error(
         "the axis lies {angle_deg:.1}° from X, farther than the {tilt_max_deg}° of an axis along the rail (tilt_max_deg): deflection, \
@@ -114,7 +98,6 @@ impl Warning {
             Self::ShortArc { .. } => "short_arc",
             Self::RadiusDiffers { .. } => "radius_differs",
             Self::OnSomeProfiles { .. } => "on_some_profiles",
-            Self::LayersLeaveOpen { .. } => "layers_leave_open",
             Self::AxisNotAlongRail { .. } => "axis_not_along_rail",
             Self::ConcaveTowardsSensor => "concave_towards_sensor",
             Self::Tapered { .. } => "tapered",

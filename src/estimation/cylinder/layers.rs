@@ -48,6 +48,8 @@ const TOLERANCE: f64 = 3.0;
 /// Points that make a patch: few show where a layer ends, many show a thin one.
 const POINTS_WANTED: [usize; 2] = [12, 60];
 const ROUNDS: usize = 3;
+/// Where y_ref and, behind it, z_ref stand among the parameters.
+const Y_REF: usize = 2;
 /// A shift of the profile follows about half of a layer's height.
 const LEVELLED: f64 = 2.0;
 
@@ -104,9 +106,10 @@ pub(super) fn mend(
         if !answered && (height.is_some() || !rivals.is_empty() || !low_readings.is_empty()) {
             low_readings.extend(low(problem.hold, base, surface, excess.max(height.unwrap_or(0.0))));
         }
-        // They answer one question in several ways, so their mean square counts, not their sum.
-        let each = (low_readings.len() as f64).sqrt().recip();
-        rivals.extend(low_readings.into_iter().map(|reading| resample::bounded(reading, resampled.as_ref()) * each));
+        // They answer one question in several ways, so the worst of them counts, not their sum.
+        let bounded = low_readings.into_iter().map(|reading| resample::bounded(reading, resampled.as_ref()));
+        let aside = |reading: &Vector5<f64>| reading.fixed_rows::<2>(Y_REF).norm();
+        rivals.extend(bounded.max_by(|one, other| aside(one).total_cmp(&aside(other))));
     }
     match verdict {
         verdict if rivals.is_empty() => verdict,

@@ -46,7 +46,7 @@ mod sums;
 use super::budget::Line;
 use super::{
     EndFaces, Found, Outcome, Pose, Profile, Progress, RadiusRule, RadiusSource, Reason, Refusal, Settings,
-    Uncertainty, Warning,
+    Uncertainty, Warning, limits,
 };
 use crate::scan::{Scan, Station};
 use judge::Model;
@@ -148,50 +148,15 @@ fn weigh(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(Pose,
     too_short(stations, settings)?;
     let hold = hold(settings);
     let mut lines = known::from_data(solution, hold, settings);
-    if let Some(open) = left_open(&lines, settings) {
-        return Err(open.refusal());
-    }
     lines.extend(known::from_layers(solution));
-    let open = left_open(&lines, settings);
-    if let Some(open) = open.as_ref().filter(|_| settings.nominal_radius_mm.is_none()) {
-        return Err(open.refusal());
-    }
     let form = form::form(scan, solution, hold);
     lines.extend(form.iter().map(|form| Line::of_shift(Line::FORM, &form.shift, &solution.cylinder.axis())));
     lines.extend(known::from_calibration(scan, solution, hold, settings));
-    let mut warnings = form.map_or_else(Vec::new, |form| form.warnings);
-    // The drawing vouches for the part: layers widen the answer and do not refuse it.
-    warnings.extend(open.map(|open| open.warning()));
-    Ok((pose(solution, settings, Uncertainty::of(&lines)), warnings))
-}
-
-/// Standard uncertainties beyond what is allowed.
-struct Open {
-    angle_deg: f64,
-    angle_max_deg: f64,
-    position_mm: f64,
-    position_max_mm: f64,
-}
-
-/// What these lines leave open, unless that is allowed.
-fn left_open(lines: &[Line], settings: &Settings) -> Option<Open> {
-    let [[deflection, ..], [_, pitch, ..], [_, _, y, ..], [_, _, _, z, _], _] = Uncertainty::of(lines).covariance;
-    let (angle_deg, position_mm) = (deflection.max(pitch).sqrt().to_degrees(), y.max(z).sqrt());
-    let (angle_max_deg, position_max_mm) = (settings.angle_uncertainty_max_deg, settings.position_uncertainty_max_mm);
-    let known = angle_deg <= angle_max_deg && position_mm <= position_max_mm;
-    (!known).then_some(Open { angle_deg, angle_max_deg, position_mm, position_max_mm })
-}
-
-impl Open {
-    fn refusal(&self) -> Refusal {
-        let Self { angle_deg, angle_max_deg, position_mm, position_max_mm } = *self;
-        Refusal::PoseUndetermined { angle_deg, angle_max_deg, position_mm, position_max_mm }
+    let uncertainty = Uncertainty::of(&lines);
+    if let Some(refusal) = limits::undetermined(&uncertainty, solution.cylinder.radius, settings) {
+        return Err(refusal);
     }
-
-    fn warning(&self) -> Warning {
-        let Self { angle_deg, angle_max_deg, position_mm, position_max_mm } = *self;
-        Warning::LayersLeaveOpen { angle_deg, angle_max_deg, position_mm, position_max_mm }
-    }
+    Ok((pose(solution, settings, uncertainty), form.map_or_else(Vec::new, |form| form.warnings)))
 }
 
 fn pose(solution: &Solution, settings: &Settings, uncertainty: Uncertainty) -> Pose {

@@ -1,4 +1,4 @@
-//! Tables of points in text: CSV, TXT, XYZ, ASC. From lines to a cloud; must not know about sections or frames.
+//! Tables of points in text: CSV, TXT, XYZ, ASC, TSV, PTS, DS. From lines to a cloud; must not know about sections or frames.
 //!
 //! | taken as it comes | how |
 //! |---|---|
@@ -6,6 +6,7 @@
 //! | decimals | point, or comma where the comma does not separate |
 //! | header | names with x, y, z; lines before it are passed over; also in the last comment before the rows |
 //! | no header | three columns are x y z; four are profile x y z where the first counts runs that share the second |
+//! | number of points | a whole number alone in the first line; then columns behind x y z (intensity, r, g, b) are passed over |
 //! | comments | lines that begin with `#` or `//`; `unit: mm` in one declares the unit |
 //! | line ends | LF, CR LF, or CR alone |
 //! | no point | a coordinate that is empty, `nan`, `-`, `null`, `n/a` |
@@ -15,7 +16,7 @@ use super::gather::Gather;
 use super::lines::Lines;
 use super::names::{self, ColumnMap};
 use super::number::parse_number;
-use super::{DecodeError, Limits, Precision, Request, Unit, settle_unit};
+use super::{DecodeError, Format, Limits, Precision, Request, Unit, settle_unit};
 use crate::scan::{Cloud, Labels};
 
 /// Lines that are looked at before it is decided how the table is built.
@@ -24,20 +25,22 @@ const SAMPLE_LINES: usize = 64;
 /// Reads a table.
 pub(super) fn decode(reader: &mut dyn std::io::BufRead, request: &Request<'_>) -> Result<Cloud, DecodeError> {
     let mut lines = Lines::of_text(reader, request.limits)?;
-    let sample = Sample::read(&mut lines)?;
+    let mut sample = Sample::read(&mut lines)?;
+    let mut announced = sample.take_announcement();
     let table = sample.understand(request)?;
     let unit = settle_unit(request.unit, names::settle_stated(table.map.unit, sample.unit)?)?;
     let mut gather = Gather::new(unit, Precision::Double, request.limits);
     for line in sample.lines.get(table.first_row..).unwrap_or_default() {
-        table.read_row(&line.bytes, line.number, &mut gather)?;
+        table.read(&line.bytes, line.number, &mut gather, &mut announced)?;
     }
     loop {
         let number = lines.number() + 1;
         let Some(line) = lines.next_line()? else { break };
         if !is_comment(line) && !line.trim_ascii().is_empty() {
-            table.read_row(line, number, &mut gather)?;
+            table.read(line, number, &mut gather, &mut announced)?;
         }
     }
+    check_announced(announced, gather.seen() as u64)?;
     gather.finish(match table.map.label {
         Some((_, name)) => Labels::Column(name),
         None => Labels::None,
@@ -47,6 +50,26 @@ pub(super) fn decode(reader: &mut dyn std::io::BufRead, request: &Request<'_>) -
 fn is_comment(line: &[u8]) -> bool {
     let line = line.trim_ascii_start();
     line.starts_with(b"#") || line.starts_with(b"//")
+}
+
+/// The number of a line that holds a whole number and nothing else.
+fn lone_count(line: &[u8]) -> Option<u64> {
+    let digits = line.trim_ascii();
+    digits.iter().all(u8::is_ascii_digit).then(|| str::from_utf8(digits).ok()?.parse().ok()).flatten()
+}
+
+/// Compares the number of points that the file announces with its rows, missing points included.
+fn check_announced(announced: Option<u64>, found: u64) -> Result<(), DecodeError> {
+    match announced {
+        Some(expected) if found < expected => Err(DecodeError::Truncated { expected, found }),
+        Some(stated) if found > stated => Err(DecodeError::SizeMismatch {
+            format: Format::Csv,
+            field: "the number of points in its first line",
+            stated,
+            expected: found,
+        }),
+        _ => Ok(()),
+    }
 }
 
 /// What a comment says behind its sign.
@@ -66,11 +89,13 @@ struct Sample {
     /// The text of the last comment before them.
     comment: Option<Vec<u8>>,
     unit: Option<Unit>,
+    /// Whether a number of points stood before the rows.
+    counted: bool,
 }
 
 impl Sample {
     fn read(source: &mut Lines<'_>) -> Result<Self, DecodeError> {
-        let mut sample = Self { lines: Vec::new(), comment: None, unit: None };
+        let mut sample = Self { lines: Vec::new(), comment: None, unit: None, counted: false };
         while sample.lines.len() < SAMPLE_LINES {
             let number = source.number() + 1;
             let Some(line) = source.next_line()? else { break };
@@ -88,6 +113,19 @@ impl Sample {
             }
         }
         Ok(sample)
+    }
+
+    /// Takes the first line away where it is the number of points: a whole number alone, before a row of three or more.
+    fn take_announcement(&mut self) -> Option<u64> {
+        let [first, second, ..] = self.lines.as_slice() else { return None };
+        let count = lone_count(&first.bytes)?;
+        let separator = Separator::of_row(&second.bytes);
+        if !is_row(&second.bytes, separator) || count_columns(&second.bytes, separator) < 3 {
+            return None;
+        }
+        self.lines.remove(0);
+        self.counted = true;
+        Some(count)
     }
 
     /// Finds the header, or does without where the columns speak for themselves.
@@ -126,10 +164,12 @@ impl Sample {
             }
         }
         let labelled = columns == 4 && first_counts_runs(rows(), separator);
-        if request.profile_column.is_some() || !(columns == 3 || labelled) {
+        // Files that begin with the number of points have x y z first in every convention known.
+        if request.profile_column.is_some() || !(columns == 3 || labelled || self.counted) {
             return Err(DecodeError::HeaderNeeded { columns });
         }
-        let shift = columns - 3;
+        check_columns(columns, request.limits)?;
+        let shift = usize::from(labelled);
         let label = labelled.then(|| (0, "profile".to_owned()));
         let map = ColumnMap { point: [shift, shift + 1, shift + 2], label, unit: None };
         Ok(Table { separator, columns, map, first_row: 0 })
@@ -154,6 +194,24 @@ impl Table {
     ) -> Result<Self, DecodeError> {
         check_columns(names.len(), request.limits)?;
         Ok(Self { separator, columns: names.len(), map: names::map_columns(names, request)?, first_row })
+    }
+
+    /// Reads a row, or the number of points of another block: scans are exported one behind the other.
+    fn read(
+        &self,
+        line: &[u8],
+        number: u64,
+        gather: &mut Gather<'_>,
+        announced: &mut Option<u64>,
+    ) -> Result<(), DecodeError> {
+        if let Some(points) = announced
+            && *points == gather.seen() as u64
+            && let Some(more) = lone_count(line)
+        {
+            *points = points.saturating_add(more);
+            return Ok(());
+        }
+        self.read_row(line, number, gather)
     }
 
     fn read_row(&self, line: &[u8], number: u64, gather: &mut Gather<'_>) -> Result<(), DecodeError> {
@@ -301,6 +359,41 @@ mod tests {
         for text in ["0 1.5 2 100\n0 1.6 2 90\n1 1.5 2 90\n", "1 2\n3 4\n", "1 2 3 4 5\n"] {
             assert_eq!(read(text).expect_err("ambiguous").code(), "header_needed", "{text}");
         }
+    }
+
+    #[test]
+    fn the_number_of_points_in_the_first_line_is_no_row() {
+        for text in [
+            "3\n1.5 2.5 3\n1.5 0.25 4\n-2 7 8\n",
+            "3\r\n1.5\t2.5\t3\r\n1.5\t0.25\t4\r\n-2\t7\t8\r\n",
+            "\u{feff}# exported\n 3 \n1.5,2.5,3\n1.5,0.25,4\n-2,7,8",
+            "3\n1.5 2.5 3 -1200\n1.5 0.25 4 -1200\n-2 7 8 -1199\n",
+            "3\n1.5 2.5 3 10 20 30\n1.5 0.25 4 10 20 30\n-2 7 8 10 20 30\n",
+            "3\n1.5 2.5 3 -1200 10 20 30\n1.5 0.25 4 -1200 10 20 30\n-2 7 8 -1200 10 20 30\n",
+            "2\n1.5 2.5 3\n1.5 0.25 4\n1\n-2 7 8\n",
+        ] {
+            let cloud = read(text).unwrap_or_else(|error| panic!("{text}: {error}"));
+            assert_eq!((cloud.stripes, cloud.columns), expected(), "{text}");
+        }
+        let labelled = read("3\n4 1 2 3\n4 1 3 3\n9 2 2 3\n").expect("a table");
+        assert_eq!(labelled.labels, Labels::Column("profile".to_owned()));
+        assert_eq!(read("2\n1 2 3\n1 nan 3\n").expect("a missing point counts").missing_count, 1);
+    }
+
+    #[test]
+    fn a_number_of_points_that_is_not_that_of_the_rows_is_refused_with_both() {
+        let short = read("4\n1 2 3\n1 2 4\n").expect_err("ends early");
+        assert!(matches!(short, DecodeError::Truncated { expected: 4, found: 2 }), "{short}");
+        let long = read("1\n1 2 3\n1 2 4\n").expect_err("too many");
+        assert_eq!(long.code(), "size_mismatch");
+        assert!(long.to_string().contains("number of points in its first line = 1, which should be 2"), "{long}");
+        let huge = read("18446744073709551615\n1 2 3\n").expect_err("ends early");
+        assert_eq!(huge.code(), "file_truncated");
+        // Two blocks, the second of which ends early.
+        assert_eq!(read("1\n1 2 3\n2\n1 2 4\n").expect_err("ends early").code(), "file_truncated");
+        // A number alone that no row of three follows is none of points.
+        assert_eq!(read("7\n1 2\n3 4\n").expect_err("two columns").code(), "column_unknown");
+        assert_eq!(read("1600\nx y z\n1 2 3\n").expect("a title").columns.len(), 1);
     }
 
     #[test]

@@ -9,7 +9,7 @@ use std::fmt;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Format {
-    /// Text tables: CSV, TXT, XYZ, ASC.
+    /// Text tables: CSV, TXT, XYZ, ASC, TSV, PTS, DS.
     Csv,
     /// The sectioned text that Gocator sensors export, version 2.
     GocatorCsv,
@@ -48,7 +48,7 @@ impl Format {
     pub fn from_name(name: &str) -> Option<Self> {
         let name = name.trim().to_ascii_lowercase();
         match name.as_str() {
-            "txt" | "xyz" | "asc" | "tsv" => Some(Self::Csv),
+            "txt" | "xyz" | "asc" | "tsv" | "pts" | "ds" => Some(Self::Csv),
             _ => Self::ALL.into_iter().find(|format| format.name() == name),
         }
     }
@@ -213,7 +213,9 @@ mod tests {
     fn the_extension_is_believed_last() {
         let named = |file_name| FormatClaims { file_name: Some(file_name), ..FormatClaims::default() };
         assert_eq!(find_format(&named("a.ply"), b"\x93NUMPY\x01\x00").ok(), Some(Format::Npy));
-        assert_eq!(find_format(&named("a.b.XYZ"), b"\x80\x81").ok(), Some(Format::Csv));
+        for table in ["a.b.XYZ", "a.ds", "a.pts", "a.asc", "a.txt", "a.tsv"] {
+            assert_eq!(find_format(&named(table), b"\x80\x81").ok(), Some(Format::Csv), "{table}");
+        }
         let unknown = find_format(&named("a.stl"), b"\x00\x01").expect_err("unknown").to_string();
         assert!(Format::ALL.iter().all(|format| unknown.contains(format.name())), "{unknown}");
     }

@@ -9,14 +9,9 @@
 //! The methods work in a frame whose X lies near the axis. The profiles of a scanner on its rail are in such a frame already;
 //! for a cloud, or an axis that lies elsewhere, the frame is made from the axis that was detected.
 
-mod cut;
-mod placed;
-
-pub use cut::SectionCut;
-pub use placed::OnRail;
-
 use super::detect::{self, Detected};
-use super::{Estimate, FoundCylinder, Orientation, Outcome, Progress, Refusal, Settings, Warning, in_frame};
+use super::section_cut::SectionCut;
+use super::{Estimate, FoundCylinder, Method, Orientation, Outcome, Pose, Progress, Refusal, Settings, Warning, in_frame, least_squares};
 use crate::geometry::Axis;
 use crate::scan::{Grouping, Scan};
 
@@ -33,23 +28,27 @@ const SEARCHED_MAX: usize = 200_000;
 
 /// The whole measurement in the orientation that the settings ask for.
 pub(super) fn measure(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
+    if settings.method == Method::LeastSquares {
+        return with_tilt(least_squares::method::measure(scan, settings), settings);
+    }
     if settings.orientation == Orientation::Any || scan.grouping() == Grouping::Chosen {
         return anywhere(scan, settings, progress);
     }
     let estimate = in_frame(scan, settings, None, progress);
     match &estimate.outcome {
-        Outcome::Accepted(pose) => {
-            let angle_deg = pose.axis_in_scan().tilt().degrees();
-            if angle_deg <= settings.tilt_max_deg { estimate } else { beside_rail(estimate, angle_deg, settings) }
-        }
+        Outcome::Accepted(_) => with_tilt(estimate, settings),
         Outcome::Refused(refusal) if no_axis_along_x(refusal) => elsewhere(scan, estimate, settings, progress),
         Outcome::Refused(_) => estimate,
     }
 }
 
-/// An estimate whose axis lies farther from the rail than is allowed: refused, or accepted with a warning.
-fn beside_rail(mut estimate: Estimate, angle_deg: f64, settings: &Settings) -> Estimate {
-    let tilt_max_deg = settings.tilt_max_deg;
+/// The estimate, refused or with a warning where its axis lies farther from the rail than is allowed.
+fn with_tilt(mut estimate: Estimate, settings: &Settings) -> Estimate {
+    let Outcome::Accepted(pose) = &estimate.outcome else { return estimate };
+    let (angle_deg, tilt_max_deg) = (pose.axis_in_scan().tilt().degrees(), settings.tilt_max_deg);
+    if angle_deg <= tilt_max_deg {
+        return estimate;
+    }
     match settings.orientation {
         Orientation::Rail => {
             estimate.outcome = Outcome::Refused(Refusal::AxisNotAlongRail { angle_deg, tilt_max_deg });
@@ -181,16 +180,15 @@ fn about(scan: &Scan, detected: &Detected, settings: &Settings, progress: &Progr
         let Some((sections, of_cut)) = cut.and_then(|cut| Some((cut.apply(scan)?, cut))) else { break };
         let estimate = in_frame(&sections, settings, Some(detected.radius), progress);
         let Outcome::Accepted(pose) = &estimate.outcome else { return estimate };
-        let (radius, slope) = (pose.radius, pose.axis.p.hypot(pose.axis.q));
-        let placed = placed::placed(estimate, of_cut);
-        let Outcome::Accepted(pose) = &placed.outcome else { return placed };
+        let (radius, x_ref, slope) = (pose.radius, pose.x_ref, pose.axis.p.hypot(pose.axis.q));
+        let pose = Pose { cut: Some(of_cut), ..(**pose).clone() };
         axis = pose.axis_in_scan();
+        let placed = Estimate { outcome: Outcome::Accepted(Box::new(pose)), ..estimate };
         if !again || slope <= CUT_AGAIN {
-            let angle_deg = axis.tilt().degrees();
-            return if angle_deg <= settings.tilt_max_deg { placed } else { beside_rail(placed, angle_deg, settings) };
+            return with_tilt(placed, settings);
         }
         // Where the part begins and ends, seen from the new point of the axis.
-        let [first, last] = of_cut.x_mm.map(|x| x - pose.x_ref);
+        let [first, last] = of_cut.x_mm.map(|x| x - x_ref);
         cut = SectionCut::about(&axis, radius, [first, last]);
     }
     in_frame_refused(scan, settings, progress)

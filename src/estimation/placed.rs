@@ -1,7 +1,6 @@
 //! A pose that was found in the frame of its sections, in the coordinates of the scan.
 
-use super::SectionCut;
-use crate::estimation::{Estimate, Outcome, Pose};
+use super::Pose;
 use crate::geometry::{Axis, AxisLine};
 use nalgebra::{Matrix3, Matrix5, Vector3, Vector5};
 
@@ -22,14 +21,6 @@ impl OnRail {
     pub fn covariance(&self, own: &Matrix5<f64>) -> Matrix5<f64> {
         self.jacobian * own * self.jacobian.transpose()
     }
-}
-
-/// The estimate with the cut that its pose is in.
-pub(super) fn placed(mut estimate: Estimate, cut: SectionCut) -> Estimate {
-    if let Outcome::Accepted(pose) = &mut estimate.outcome {
-        pose.cut = Some(cut);
-    }
-    estimate
 }
 
 impl Pose {
@@ -96,6 +87,7 @@ impl Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::estimation::section_cut::SectionCut;
     use crate::estimation::{EndFaces, RadiusSource, Uncertainty};
 
     fn pose(axis: AxisLine, cut: Option<SectionCut>) -> Pose {

@@ -1,0 +1,77 @@
+//! The Gaussian associated cylinder as a measurement: all points of a scan, none of them judged.
+
+use super::{GaussianCylinder, basis, least_squares_cylinder};
+use crate::estimation::budget::Line;
+use crate::estimation::{
+    Conditioning, EndFaces, Estimate, Outcome, Pose, RadiusSource, Refusal, Residuals, SectionCut, Settings,
+    Uncertainty, limits,
+};
+use crate::geometry::{Axis, AxisLine};
+use crate::scan::Scan;
+use nalgebra::{Matrix5, Vector3};
+
+/// The whole measurement.
+pub(in crate::estimation) fn measure(scan: &Scan, settings: &Settings) -> Estimate {
+    let points: Vec<[f64; 3]> = scan.stations().iter().flat_map(|station| scan.points_of(station)).collect();
+    let (outcome, residuals, axial_length) = match least_squares_cylinder(&points) {
+        Err(error) => {
+            let refusal = Refusal::PointsUndetermined { points_count: points.len(), detail: error.to_string() };
+            (Outcome::Refused(refusal), None, 0.0)
+        }
+        Ok(found) => {
+            let extent = extent(&points, &found);
+            let residuals = Residuals { sigma: found.sigma, inlier_ratio: 1.0 };
+            (outcome(&found, extent, settings), Some(residuals), extent[1] - extent[0])
+        }
+    };
+    let conditioning = Conditioning { arc: None, axial_length, warnings: Vec::new() };
+    Estimate { method: settings.method, outcome, profiles: Vec::new(), conditioning, residuals }
+}
+
+fn outcome(found: &GaussianCylinder, extent: [f64; 2], settings: &Settings) -> Outcome {
+    let axis = Axis { point_mm: found.point, direction: found.direction };
+    let cut = SectionCut::about(&axis, found.radius, extent);
+    let Some((cut, covariance)) = cut.and_then(|cut| Some((cut, in_frame(found, &cut)?))) else {
+        return Outcome::Refused(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm });
+    };
+    let along_x = AxisLine { p: 0.0, q: 0.0, y0: 0.0, z0: 0.0 };
+    let lines = [Line::of_slopes(Line::REPEATABILITY, &covariance, &along_x)];
+    let uncertainty = Uncertainty::of(&lines);
+    if let Some(refusal) = limits::undetermined(&uncertainty, found.radius, settings) {
+        return Outcome::Refused(refusal);
+    }
+    Outcome::Accepted(Box::new(Pose {
+        axis: along_x,
+        x_ref: 0.0,
+        cut: Some(cut),
+        radius: found.radius,
+        radius_source: RadiusSource::Fitted,
+        uncertainty,
+        end_faces: EndFaces::default(),
+    }))
+}
+
+/// Where the points begin and end along the axis, from its point, mm.
+fn extent(points: &[[f64; 3]], found: &GaussianCylinder) -> [f64; 2] {
+    let (origin, direction) = (Vector3::from(found.point), Vector3::from(found.direction));
+    let ends = |[first, last]: [f64; 2], point: &[f64; 3]| {
+        let along = (Vector3::from(*point) - origin).dot(&direction);
+        [first.min(along), last.max(along)]
+    };
+    points.iter().fold([f64::INFINITY, f64::NEG_INFINITY], ends)
+}
+
+/// The covariance in the axes y and z of a frame along the axis.
+fn in_frame(found: &GaussianCylinder, cut: &SectionCut) -> Option<Matrix5<f64>> {
+    let rotation = cut.frame.rotation().ok()?;
+    let [first, second] = basis(found.direction).map(|axis| rotation * Vector3::from(axis));
+    #[rustfmt::skip]
+    let turn = Matrix5::new(
+        first.y, second.y, 0.0, 0.0, 0.0,
+        first.z, second.z, 0.0, 0.0, 0.0,
+        0.0, 0.0, first.y, second.y, 0.0,
+        0.0, 0.0, first.z, second.z, 0.0,
+        0.0, 0.0, 0.0, 0.0, 1.0,
+    );
+    Some(turn * Matrix5::from(found.covariance) * turn.transpose())
+}
