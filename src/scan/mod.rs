@@ -13,6 +13,7 @@ mod columns;
 pub mod decode;
 pub mod encode;
 mod huge_pages;
+pub mod missing;
 mod rule;
 pub mod slice;
 pub mod synthetic;
