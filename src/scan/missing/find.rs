@@ -13,6 +13,7 @@
 use crate::scan::Cloud;
 use libm::erf;
 use std::collections::HashMap;
+use std::f64::consts::LN_2;
 
 /// What is removed.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,8 +40,10 @@ const STRETCH: usize = 16;
 const STRETCHES_MAX: usize = 1024;
 /// Share of the points from which a value is examined.
 const SHARE_MIN: f64 = 1.0 / 500.0;
-/// Values examined at once, the most frequent ones: a file has one code or two.
-const CANDIDATES_MAX: usize = 8;
+/// The most frequent values, which must not pass for noise: a file has one code or two, a level surface some values.
+const LEFT_OUT_MAX: usize = 8;
+/// Whole points that a file uses as codes, at most.
+const CODES_MAX: usize = 4;
 /// How much quieter than the part a surface beside it may be.
 const QUIETER: f64 = 4.0;
 /// Depth of what a sensor sees, in widths, that no laser scanner reaches: triangulation sees about as deep as wide.
@@ -60,8 +63,7 @@ pub(super) fn find(cloud: &Cloud) -> Vec<Pattern> {
 /// or not told from the shape.
 pub(super) fn most_of_one_value(cloud: &Cloud) -> f64 {
     let sample = Sample::draw(cloud);
-    let candidates = candidates(&sample);
-    Noise::of(&sample, &candidates).most_of_one_value()
+    Noise::of(&sample, &candidates(&counts(&sample))).most_of_one_value()
 }
 
 /// Points of a cloud in stretches of successive ones.
@@ -149,8 +151,24 @@ fn repeated_points(sample: &Sample) -> Vec<[f64; 2]> {
         let next = repeats.get(count).map_or(0, |(_, n)| *n);
         poisson_evidence(last as f64, next as f64 + 1.0) > needed
     };
-    let count = (1..=CANDIDATES_MAX / 2).rev().find(|count| ends(*count)).unwrap_or(0);
-    repeats.into_iter().take(count).map(|(point, _)| point).collect()
+    let count = (1..=CODES_MAX).rev().find(|count| ends(*count)).unwrap_or(0);
+    repeats.truncate(count);
+    if !repeats.is_empty() {
+        // Where points lie closer than the step of their lattice, so do their neighbours; a code stands alone.
+        let steps = sample.stretches.iter().flat_map(|stretch| stretch.windows(2)).filter_map(|pair| {
+            let (&[_, y, z], &[_, next_y, next_z]) = (pair.first()?, pair.last()?);
+            Some((next_y - y).hypot(next_z - z)).filter(|step| *step > 0.0)
+        });
+        let spacing = median_magnitude(steps);
+        repeats.retain(|([y, z], _)| {
+            let distances = sample.points().map(|[_, other_y, other_z]| (other_y - y).hypot(other_z - z));
+            let (at, near) = distances.fold((0_usize, 0_usize), |(at, near), distance| {
+                (at + usize::from(distance == 0.0), near + usize::from(distance > 0.0 && distance <= spacing))
+            });
+            at > near
+        });
+    }
+    repeats.into_iter().map(|(point, _)| point).collect()
 }
 
 /// −ln of a bound (Chernoff) on the chance of `count` or more where `rate` are expected.
@@ -175,32 +193,30 @@ struct Candidate {
     count: usize,
 }
 
-fn counts(sample: &Sample) -> HashMap<u64, Candidate> {
-    let mut counts: HashMap<u64, Candidate> = HashMap::with_capacity(sample.len());
-    for [_, _, z] in sample.points() {
-        counts.entry(key(z)).or_insert(Candidate { z, count: 0 }).count += 1;
-    }
-    counts
+/// Every z of the sample with its count, in order.
+fn counts(sample: &Sample) -> Vec<Candidate> {
+    let mut zs: Vec<f64> = sample.points().map(|[_, _, z]| z + 0.0).collect();
+    zs.sort_unstable_by(f64::total_cmp);
+    let runs = zs.chunk_by(|a, b| a == b);
+    runs.filter_map(|run| Some(Candidate { z: *run.first()?, count: run.len() })).collect()
 }
 
-/// The most frequent z.
-fn candidates(sample: &Sample) -> Vec<Candidate> {
-    let least = (sample.len() as f64 * SHARE_MIN).max(2.0);
-    let mut candidates: Vec<Candidate> =
-        counts(sample).into_values().filter(|candidate| candidate.count as f64 >= least).collect();
+/// The most frequent of the values.
+fn candidates(values: &[Candidate]) -> Vec<Candidate> {
+    let points_count: usize = values.iter().map(|value| value.count).sum();
+    let least = (points_count as f64 * SHARE_MIN).max(2.0);
+    let mut candidates: Vec<Candidate> = values.iter().filter(|value| value.count as f64 >= least).copied().collect();
     candidates.sort_unstable_by(|a, b| b.count.cmp(&a.count).then(a.z.total_cmp(&b.z)));
-    candidates.truncate(CANDIDATES_MAX);
     candidates
 }
 
 fn repeated_heights(sample: &Sample) -> Vec<Pattern> {
-    let candidates = candidates(sample);
+    let values = counts(sample);
+    let candidates = candidates(&values);
     if candidates.is_empty() {
         return Vec::new();
     }
     let noise = Noise::of(sample, &candidates);
-    let mut values: Vec<Candidate> = counts(sample).into_values().collect();
-    values.sort_unstable_by(|a, b| a.z.total_cmp(&b.z));
     let needed = evidence_needed(values.len());
     let is_missing = |candidate: &Candidate| {
         let count = candidate.count as f64;
@@ -209,8 +225,8 @@ fn repeated_heights(sample: &Sample) -> Vec<Pattern> {
         // quiet the surface: erf(q / (2√2 σ)) < 1/2.
         count > next as f64
             && (binomial_evidence(count, count + around.max(next) as f64, noise.most_of_one_value()) > needed
-                || (single_jumps(sample, candidate.z, noise.spread) as f64) * std::f64::consts::LN_2 > needed
-                || noise.is_beyond(candidate.z) && count * std::f64::consts::LN_2 > needed)
+                || noise.is_ordered && single_jumps(sample, candidate.z, noise.spread) as f64 * LN_2 > needed
+                || noise.is_beyond(candidate.z) && count * LN_2 > needed)
     };
     let missing = candidates.iter().filter(|candidate| is_missing(candidate));
     missing.map(|candidate| with_common_y(sample, candidate)).collect()
@@ -253,12 +269,14 @@ fn with_common_y(sample: &Sample, candidate: &Candidate) -> Pattern {
     common.map_or(Pattern::Z(candidate.z), |(y, _)| Pattern::Point { y, z: candidate.z })
 }
 
-/// Noise of z and the lattice of its values, the candidates left out.
+/// Noise of z and the lattice of its values, the most frequent candidates left out.
 #[derive(Debug, Clone, Copy)]
 struct Noise {
     /// Standard deviation of a point against its neighbours along the profile, mm; 0 where the points follow a curve
     /// without noise, or the file does not list them along a curve.
     sigma: f64,
+    /// Whether successive points lie close together against the spread of all.
+    is_ordered: bool,
     /// Step of the lattice of values, mm.
     step: f64,
     /// Spread of z over the scan, as a standard deviation (from the median absolute deviation).
@@ -271,8 +289,9 @@ struct Noise {
 
 impl Noise {
     fn of(sample: &Sample, candidates: &[Candidate]) -> Self {
-        let is_candidate = |z: f64| candidates.iter().any(|candidate| candidate.z == z);
-        let rest = || sample.points().filter(|[_, _, z]| !is_candidate(*z));
+        let left_out = candidates.get(..LEFT_OUT_MAX).unwrap_or(candidates);
+        let is_left_out = |z: f64| left_out.iter().any(|candidate| candidate.z == z);
+        let rest = || sample.points().filter(|[_, _, z]| !is_left_out(*z));
         let mut zs: Vec<f64> = rest().map(|[_, _, z]| z).collect();
         let mut ys: Vec<f64> = rest().map(|[_, y, _]| y).collect();
         zs.sort_unstable_by(f64::total_cmp);
@@ -286,7 +305,10 @@ impl Noise {
         let middle = zs.get(zs.len() / 2).copied().unwrap_or(0.0);
         let spread = 1.4826 * median_magnitude(zs.iter().map(|z| z - middle));
         let extent = |[low, high]: [f64; 2]| high - low;
-        Self { sigma: sigma(sample, is_candidate, spread), step, spread, range, width: extent(range).max(extent(across)) }
+        let (local, alternates) = local_scatter(sample, is_left_out);
+        let is_ordered = local < 0.25 * spread;
+        let sigma = if is_ordered && alternates { local } else { 0.0 };
+        Self { sigma, is_ordered, step, spread, range, width: extent(range).max(extent(across)) }
     }
 
     /// Share of a level surface's points in its most frequent value, at most: the step in the middle of a normal
@@ -314,23 +336,30 @@ fn median_magnitude(values: impl Iterator<Item = f64>) -> f64 {
     if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
 
-/// Standard deviation of the noise from third differences along the profile, which a smooth section hardly has. White noise
+/// Standard deviation of z along the profile from third differences along the profile, which a smooth section hardly has. White noise
 /// of σ gives them a standard deviation of √20 σ and makes successive ones differ in sign (correlation −3/4); those of a
-/// curve without noise keep their sign. Points in no order have third differences as large as the whole spread.
-fn sigma(sample: &Sample, is_candidate: impl Fn(f64) -> bool, spread: f64) -> f64 {
+/// curve without noise keep their sign; the second result is whether they mostly differ. Of points in no order the first is
+/// the spread of the whole scan.
+fn local_scatter(sample: &Sample, is_left_out: impl Fn(f64) -> bool) -> (f64, bool) {
     let (mut thirds, mut kept, mut changed) = (Vec::new(), 0_usize, 0_usize);
     for stretch in &sample.stretches {
-        let zs: Vec<f64> = stretch.iter().map(|[_, _, z]| *z).filter(|z| !is_candidate(*z)).collect();
         let mut before = 0.0;
-        for four in zs.windows(4) {
-            let [a, b, c, d] = four else { continue };
+        for four in stretch.windows(4) {
+            let &[[_, _, a], [_, _, b], [_, _, c], [_, _, d]] = four else { continue };
+            // Not the same as leaving the points out: over a gap the slope would pass for noise.
+            if [a, b, c, d].into_iter().any(&is_left_out) {
+                before = 0.0;
+                continue;
+            }
             let third = (d - a) - 3.0 * (c - b);
             kept += usize::from(third * before > 0.0);
             changed += usize::from(third * before < 0.0);
             before = third;
-            thirds.push(third);
+            thirds.push(third.abs());
         }
     }
-    let sigma = 1.4826 * median_magnitude(thirds.into_iter()) / 20f64.sqrt();
-    if changed > kept && sigma < 0.25 * spread { sigma } else { 0.0 }
+    // The lower quartile of the magnitudes, 0.3186 σ: spikes, edges and gaps of drop-outs widen most of the differences.
+    let quartile = thirds.len() / 4;
+    let low = if thirds.is_empty() { 0.0 } else { *thirds.select_nth_unstable_by(quartile, f64::total_cmp).1 };
+    (low / 0.3186 / 20f64.sqrt(), changed > kept)
 }

@@ -82,7 +82,8 @@ fn without(mut cloud: Cloud, keep: &[bool], codes: &[f64]) -> Cloud {
     }
     // As while decoding: without labels the file does not say which points make a profile.
     if cloud.labels != Labels::None && !emptied.is_empty() {
-        let full: HashSet<u64> = kept.iter().map(|stripe| stripe.label.to_bits()).collect();
+        let profiles = kept.chunk_by(|a, b| a.label == b.label).filter_map(|stripes| stripes.first());
+        let full: HashSet<u64> = profiles.map(|stripe| stripe.label.to_bits()).collect();
         let mut planes: HashMap<u64, (f64, f64)> = HashMap::new();
         for (label, x) in emptied {
             if !full.contains(&label.to_bits()) && !codes.contains(&x) {

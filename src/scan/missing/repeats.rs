@@ -12,8 +12,10 @@ use std::ops::Range;
 
 /// Chance that a scan without repeats is told that it has some.
 const CHANCE_MAX: f64 = 1e-9;
-/// Points of a profile that its hash looks at.
-const HASHED: usize = 8;
+/// Successive points that a profile's hash takes from each of two places.
+const HASHED: usize = 4;
+/// Different profiles of one hash that are kept for comparison: bounds the time where all begin alike.
+const ALIKE_MAX: usize = 8;
 /// Fewer points are never beyond chance; also keeps clouds whose points have an x each out of the search.
 const POINTS_MIN: usize = 8;
 
@@ -78,7 +80,7 @@ fn find_repeats(cloud: &Cloud, profiles: &[Range<usize>]) -> Vec<Range<usize>> {
         let same_hash = firsts.entry(hash(columns, profile)).or_default();
         if same_hash.iter().any(|first| is_equal(columns, first, profile)) {
             repeats.push(profile.clone());
-        } else if same_hash.len() < HASHED {
+        } else if same_hash.len() < ALIKE_MAX {
             same_hash.push(profile.clone());
         }
     }
@@ -110,12 +112,14 @@ fn agreeing_by_chance(columns: &Columns, profiles: &[Range<usize>]) -> Option<f6
     (pairs > 0).then(|| (agreeing + 1) as f64 / (count + 2) as f64)
 }
 
-/// A hash of some of a profile's points.
+/// A hash of a profile's first points and of those in its middle: places that the search for equal halves reads anyway, as
+/// every other place costs an access to memory of its own.
 fn hash(columns: &Columns, range: &Range<usize>) -> u64 {
     let mut hasher = DefaultHasher::new();
+    let middle = range.start + range.len() / 2;
     range.len().hash(&mut hasher);
-    for k in 0..HASHED {
-        let [y, z] = columns.get(range.start + k * (range.len() - 1) / HASHED.max(1)).unwrap_or_default();
+    for index in (range.start..middle).take(HASHED).chain((middle..range.end).take(HASHED)) {
+        let [y, z] = columns.get(index).unwrap_or_default();
         [y + 0.0, z + 0.0].map(f64::to_bits).hash(&mut hasher);
     }
     hasher.finish()
