@@ -9,7 +9,7 @@
 //!
 //! | rule | where |
 //! |---|---|
-//! | `column` | the file has a profile column |
+//! | `column` | the file has a profile column, and its labels separate profiles: x differs more from label to label than within one |
 //! | `row` | it is organised in rows, and x varies along every row by at most a tenth of the usual step between rows |
 //! | `x_value` | x takes few values, eight points or more for each on average; or the cloud has less than 1000 points |
 //! | `x_pitch_mm` | else; slabs of about a hundred points, their thickness the next 1, 2, 2.5 or 5·10ⁿ mm below |
