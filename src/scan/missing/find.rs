@@ -225,7 +225,7 @@ fn repeated_heights(sample: &Sample) -> Vec<Pattern> {
         // quiet the surface: erf(q / (2√2 σ)) < 1/2.
         count > next as f64
             && (binomial_evidence(count, count + around.max(next) as f64, noise.most_of_one_value()) > needed
-                || noise.is_ordered && single_jumps(sample, candidate.z, noise.spread) as f64 * LN_2 > needed
+                || noise.is_ordered && single_jumps(sample, candidate.z, noise.jump) as f64 * LN_2 > needed
                 || noise.is_beyond(candidate.z) && count * LN_2 > needed)
     };
     let missing = candidates.iter().filter(|candidate| is_missing(candidate));
@@ -279,8 +279,8 @@ struct Noise {
     is_ordered: bool,
     /// Step of the lattice of values, mm.
     step: f64,
-    /// Spread of z over the scan, as a standard deviation (from the median absolute deviation).
-    spread: f64,
+    /// Difference of z that no neighbours on a surface have, mm.
+    jump: f64,
     /// All but a hundredth at either end.
     range: [f64; 2],
     /// Larger extent of y and z, likewise.
@@ -308,7 +308,9 @@ impl Noise {
         let (local, alternates) = local_scatter(sample, is_left_out);
         let is_ordered = local < 0.25 * spread;
         let sigma = if is_ordered && alternates { local } else { 0.0 };
-        Self { sigma, is_ordered, step, spread, range, width: extent(range).max(extent(across)) }
+        // Farther than the points of the scan spread, and than noise (4 σ, once in 16 000 points) and lattice can throw.
+        let jump = spread + 4.0 * (local + step);
+        Self { sigma, is_ordered, step, jump, range, width: extent(range).max(extent(across)) }
     }
 
     /// Share of a level surface's points in its most frequent value, at most: the step in the middle of a normal
