@@ -1,5 +1,7 @@
 //! Field files and simulated scans with missing values in every place are cleaned; scans without any stay as they are.
 
+#![expect(clippy::print_stdout, reason = "a test says what it skipped")]
+
 use super::*;
 use crate::scan::decode::{Format, FormatClaims, Limits, Request, decode, find_format};
 use crate::scan::synthetic::{Part, Sampling, Surroundings, make};
