@@ -37,7 +37,11 @@ pub(super) fn measure(scan: &Scan, settings: &Settings, progress: &Progress) -> 
     let estimate = in_frame(scan, settings, None, progress);
     match &estimate.outcome {
         Outcome::Accepted(_) => with_tilt(estimate, settings),
-        Outcome::Refused(refusal) if no_axis_along_x(refusal) => elsewhere(scan, estimate, settings, progress),
+        Outcome::Refused(refusal) if no_axis_along_x(refusal) && scan.grouping() == Grouping::SharedX => {
+            let found = anywhere(scan, settings, &Progress::default());
+            if matches!(found.outcome, Outcome::Refused(Refusal::NoCylinder { .. })) { estimate } else { found }
+        }
+        Outcome::Refused(refusal) if no_axis_along_x(refusal) => elsewhere(scan, estimate, settings),
         Outcome::Refused(_) => estimate,
     }
 }
@@ -78,7 +82,7 @@ fn no_axis_along_x(refusal: &Refusal) -> bool {
 }
 
 /// Looks elsewhere after no axis was found along the rail.
-fn elsewhere(scan: &Scan, along_rail: Estimate, settings: &Settings, progress: &Progress) -> Estimate {
+fn elsewhere(scan: &Scan, along_rail: Estimate, settings: &Settings) -> Estimate {
     let found = detected(scan, settings, None);
     let explains_most = |found: &&Detected| found.share >= MAJORITY && tilt_deg(found) > settings.tilt_max_deg;
     let Some(found) = found.first().filter(explains_most) else { return along_rail };
@@ -89,7 +93,7 @@ fn elsewhere(scan: &Scan, along_rail: Estimate, settings: &Settings, progress: &
             Estimate { outcome, ..along_rail }
         }
         Orientation::Auto | Orientation::Any => {
-            let estimate = about(scan, found, settings, progress);
+            let estimate = about(scan, found, settings, &Progress::default());
             if matches!(estimate.outcome, Outcome::Accepted(_)) { estimate } else { along_rail }
         }
     }

@@ -14,6 +14,7 @@ mod columns;
 pub mod decode;
 pub mod encode;
 mod huge_pages;
+pub mod missing;
 mod rule;
 pub mod slice;
 pub mod synthetic;
@@ -56,6 +57,8 @@ pub enum Grouping {
     /// From the file, the sensor or the caller.
     #[default]
     Given,
+    /// From the x that points share, which may as well be the lattice of another sensor.
+    SharedX,
     /// The points came without profiles and were grouped so that there are some.
     Chosen,
 }

@@ -9,7 +9,7 @@
 //!
 //! | rule | where |
 //! |---|---|
-//! | `column` | the file has a profile column |
+//! | `column` | the file has a profile column, and its labels separate profiles: x differs more from label to label than within one |
 //! | `row` | it is organised in rows, and x varies along every row by at most a tenth of the usual step between rows |
 //! | `x_value` | x takes few values, eight points or more for each on average; or the cloud has less than 1000 points |
 //! | `x_pitch_mm` | else; slabs of about a hundred points, their thickness the next 1, 2, 2.5 or 5·10ⁿ mm below |
@@ -142,8 +142,7 @@ pub fn slice(cloud: Cloud, request: &SliceRequest, limits: &Limits) -> Result<Sc
         cloud = place::cut_to(&cloud, region)?;
     }
     let (key, rule) = choose::choose_key(&cloud, request.rule.as_ref(), limits)?;
-    let is_chosen = request.rule.is_none() && !choose::tells_profiles(&cloud);
-    let grouping = if is_chosen { Grouping::Chosen } else { Grouping::Given };
+    let grouping = if request.rule.is_some() { Grouping::Given } else { choose::grouping(&cloud) };
     Ok(group::group(cloud, key, rule, limits)?.with_grouping(grouping))
 }
 

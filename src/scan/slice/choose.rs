@@ -3,7 +3,7 @@
 
 use super::SliceError;
 use crate::scan::decode::Limits;
-use crate::scan::{Cloud, Labels, ProfileRule, Stripe};
+use crate::scan::{Cloud, Grouping, Labels, ProfileRule, Stripe};
 
 /// Spread of x along a row, in steps between rows, up to which a row is a profile.
 const ROW_SPREAD_MAX: f64 = 0.1;
@@ -53,21 +53,39 @@ pub(super) fn choose_key(
         Some(ProfileRule::XPitch(Some(pitch))) => by_pitch(cloud, *pitch, limits),
         Some(ProfileRule::XPitch(None)) => Ok(by_chosen_pitch(cloud, limits)),
         None => match &cloud.labels {
-            Labels::Column(_) => by_column(cloud, None),
+            Labels::Column(_) if labels_are_profiles(cloud) => by_column(cloud, None),
+            Labels::Column(name) => {
+                let (key, rule) = by_x(cloud, limits);
+                let reason = format!("the column {name} does not separate profiles");
+                let rule = match rule.strip_suffix(')') {
+                    Some(rule) => format!("{rule}; {reason})"),
+                    None => format!("{rule} ({reason})"),
+                };
+                Ok((key, rule))
+            }
             Labels::Row if rows_are_profiles(&cloud.stripes) => Ok(by_row()),
-            _ if x_is_discrete(cloud) => Ok(by_value()),
-            _ if cloud.columns.len() < SLAB_POINTS_MIN => Ok((Key::X, format!("{} (chosen)", ProfileRule::XValue))),
-            _ => Ok(by_chosen_pitch(cloud, limits)),
+            _ => Ok(by_x(cloud, limits)),
         },
     }
 }
 
-/// Whether the file says which points make a profile: by a column, by its rows, or by an x that profiles share.
-pub(super) fn tells_profiles(cloud: &Cloud) -> bool {
+/// Where the grouping of a cloud comes from when no rule was asked for.
+pub(super) fn grouping(cloud: &Cloud) -> Grouping {
     match &cloud.labels {
-        Labels::Column(_) => true,
-        Labels::Row if rows_are_profiles(&cloud.stripes) => true,
-        Labels::Row | Labels::None => x_is_discrete(cloud),
+        Labels::Column(_) if labels_are_profiles(cloud) => Grouping::Given,
+        Labels::Row if rows_are_profiles(&cloud.stripes) => Grouping::Given,
+        _ if x_is_discrete(cloud) => Grouping::SharedX,
+        _ => Grouping::Chosen,
+    }
+}
+
+fn by_x(cloud: &Cloud, limits: &Limits) -> (Key, String) {
+    if x_is_discrete(cloud) {
+        return by_value();
+    }
+    match cloud.columns.len() < SLAB_POINTS_MIN {
+        true => (Key::X, format!("{} (chosen)", ProfileRule::XValue)),
+        false => by_chosen_pitch(cloud, limits),
     }
 }
 
@@ -141,6 +159,74 @@ fn round(value: f64, fits: impl Fn(f64, f64) -> bool, better: impl Fn(f64, f64) 
     };
     let steps = (decade - 1..=decade + 1).flat_map(|exponent| [1.0, 2.0, 2.5, 5.0].map(|step| power(exponent, step)));
     steps.filter(|step| fits(*step, value)).reduce(better).unwrap_or(value)
+}
+
+/// Whether the labels of a column separate profiles: half of a label's points lie closer to the label's x than half of the
+/// labels lie to each other, and a label is not several planes of many points.
+///
+/// Medians, because single points of a profile may have any x. A laser plane that is not square to the rail spreads the x of
+/// a profile, but gives every point its own.
+fn labels_are_profiles(cloud: &Cloud) -> bool {
+    let labels_count = cloud.stripes.chunk_by(|a, b| a.label == b.label).count();
+    if labels_count == cloud.stripes.len() && labels_count > 1 {
+        // One x under every label, as in most files.
+        let is_sorted = cloud.stripes.is_sorted_by(|a, b| a.label < b.label);
+        if is_sorted {
+            return true;
+        }
+    }
+    let mut pieces = some_pieces(&cloud.stripes);
+    pieces.sort_unstable_by(|a, b| a.label.total_cmp(&b.label).then(a.x.total_cmp(&b.x)));
+    let (mut within, mut middles, mut most_shares) = (Vec::new(), Vec::new(), Vec::new());
+    for label in pieces.chunk_by(|a, b| a.label == b.label) {
+        let middle = median(label.iter().map(|piece| (piece.x, piece.points)).collect());
+        let most = label.chunk_by(|a, b| a.x == b.x).map(points_of).fold(0.0, f64::max);
+        within.extend(label.iter().map(|piece| ((piece.x - middle).abs(), piece.points)));
+        middles.push((middle, 1.0));
+        most_shares.push((most / points_of(label), 1.0));
+    }
+    let within = median(within);
+    let middle = median(middles.clone());
+    let between = median(middles.iter().map(|(x, weight)| ((x - middle).abs(), *weight)).collect());
+    let is_together = within == 0.0 || within < between;
+    is_together && !(median(most_shares) <= 0.5 && x_is_discrete(cloud))
+}
+
+/// Points of one label and x.
+#[derive(Debug, Clone, Copy)]
+struct Piece {
+    label: f64,
+    x: f64,
+    points: f64,
+}
+
+fn points_of(pieces: &[Piece]) -> f64 {
+    pieces.iter().map(|piece| piece.points).sum()
+}
+
+/// The stripes, of very many an even choice: medians need no more.
+fn some_pieces(stripes: &[Stripe]) -> Vec<Piece> {
+    const PIECES_MAX: usize = 1 << 18;
+    // An odd step, so that it does not keep in step with profiles of an even number of points.
+    let step = (stripes.len() / PIECES_MAX + 1) | 1;
+    let piece = |index: usize| {
+        let stripe = stripes.get(index)?;
+        let start = index.checked_sub(1).and_then(|before| stripes.get(before)).map_or(0, |before| before.end);
+        Some(Piece { label: stripe.label + 0.0, x: stripe.x, points: stripe.end.saturating_sub(start) as f64 })
+    };
+    (0..stripes.len()).step_by(step).filter_map(piece).collect()
+}
+
+/// The value that half of the weight lies below; 0 of nothing.
+fn median(mut weighted: Vec<(f64, f64)>) -> f64 {
+    weighted.sort_unstable_by(|(a, _), (b, _)| a.total_cmp(b));
+    let half = 0.5 * weighted.iter().map(|(_, weight)| weight).sum::<f64>();
+    let mut sum = 0.0;
+    let middle = weighted.iter().find(|(_, weight)| {
+        sum += weight;
+        sum >= half
+    });
+    middle.map_or(0.0, |(value, _)| *value)
 }
 
 /// Whether x varies little along every row against the usual step between rows.

@@ -57,6 +57,44 @@ fn the_rule_is_chosen_from_what_the_cloud_is() {
     }
 }
 
+/// Labels of tiles of five lines, a constant, the number of a laser beam, and a turn angle.
+#[test]
+fn a_column_that_does_not_separate_profiles_is_passed_over_and_named() {
+    let points = |label: &dyn Fn(u32) -> u32, x: &dyn Fn(u32) -> f64| -> Vec<_> {
+        (0..1600).map(|i| (f64::from(label(i)), x(i), f64::from(i % 40))).collect()
+    };
+    let lines = |i: u32| f64::from(i / 40) * 2.5;
+    let anywhere = |i: u32| f64::from(i * 7919 % 1600) * 0.0625;
+    for (points, rule, profiles) in [
+        (points(&|i| i / 200, &lines), "x_value (the column frame does not separate profiles)", 40),
+        (points(&|_| 1, &lines), "x_value (the column frame does not separate profiles)", 40),
+        (points(&|i| i % 4, &anywhere), "x_pitch_mm=5 (chosen; the column frame does not separate profiles)", 21),
+        (points(&|i| i / 40, &|i| f64::from(i % 40)), "x_value (the column frame does not separate profiles)", 40),
+    ] {
+        let scan = sliced(cloud(column(), &points), None).expect("slices");
+        assert_eq!((scan.rule(), scan.stations().len()), (rule, profiles));
+        assert_eq!(sliced(cloud(column(), &points), Some("column")).expect("slices").rule(), "column=frame");
+    }
+}
+
+/// Profiles whose points have an x each, wild points, profiles out of order, and a stage that stands still.
+#[test]
+fn a_column_that_separates_profiles_is_used_whatever_x_does_within() {
+    let points = |x: &dyn Fn(u32, u32) -> f64| -> Vec<_> {
+        (0..1600).map(|i| (f64::from(i / 40), x(i / 40, i % 40), f64::from(i % 40))).collect()
+    };
+    for points in [
+        points(&|profile, point| f64::from(profile) * 2.0 + f64::from(point) * 0.351),
+        points(&|profile, point| if point == 0 { 9999.0 } else { f64::from(profile) }),
+        points(&|profile, point| if point % 4 == 0 { 0.0 } else { f64::from(profile) + 50.0 }),
+        points(&|profile, _| f64::from(profile * 7 % 40)),
+        points(&|_, _| 1.0),
+    ] {
+        let scan = sliced(cloud(column(), &points), None).expect("slices");
+        assert_eq!((scan.rule(), scan.stations().len()), ("column=frame", 40));
+    }
+}
+
 #[test]
 fn a_rule_that_is_asked_for_is_used_and_named() {
     for (rule, name) in [
