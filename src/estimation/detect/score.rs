@@ -19,6 +19,9 @@ const VOLUME: f64 = PI / 6.0;
 /// Area of a plane through the middle of the ball.
 const PLANE_AREA: f64 = PI / 4.0;
 
+/// Widest tolerance of a cylinder, in radii.
+const TOLERANCE_RADII: f64 = 0.6;
+
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Score {
     /// −ln of the probability of so much agreement by chance.
@@ -59,12 +62,20 @@ pub(super) fn score(surface: &Surface, points: &[Vector3<f64>]) -> Score {
         Surface::Cylinder(cylinder) => points.iter().for_each(|point| tally(cylinder.distance(point))),
         Surface::Plane(_) => points.iter().for_each(|point| tally(surface.distance(point))),
     }
+    // The points near a thin tube's axis, inside and outside of it alike, are a bundle and no surface.
+    let widest = match surface {
+        Surface::Cylinder(cylinder) => TOLERANCE_RADII * cylinder.radius,
+        Surface::Plane(_) => 1.0,
+    };
     let (taken, per_distance) = (freedom(surface), chance_per_distance(surface));
     let mut best = Score { evidence: 0.0, tolerance: 0.0, count: 0 };
     let mut count = 0;
     for (place, bin) in bins.iter().enumerate() {
         count += bin;
         let tolerance = f64::from_bits((FIRST_BIN + place as u64 + 1) << 51);
+        if tolerance > widest {
+            break;
+        }
         let evidence = evidence(count as f64 - taken, points.len() as f64 - taken, per_distance * tolerance);
         if evidence > best.evidence {
             best = Score { evidence, tolerance, count };

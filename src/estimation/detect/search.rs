@@ -5,7 +5,7 @@ use super::patch;
 use super::sample::quantile;
 use super::score::{Score, score};
 use super::settle::{Radii, Settled, settle};
-use super::surface::{Cylinder, Plane, Surface};
+use super::surface::{Cylinder, Surface};
 use super::tree::Tree;
 use crate::estimation::robust;
 use nalgebra::Vector3;
@@ -41,12 +41,27 @@ const POINTS_MIN: usize = 6;
 /// Draws in one round; rounds are fixed so that the result does not depend on threads.
 const ROUND: usize = 48;
 const ROUNDS_MAX: usize = 16;
+/// Share of the draws about a point of a surface that show it: most sizes of patches do.
+const SUITED: f64 = 0.25;
+/// Points of the patches on which a surface is followed, with these rounds of re-weighting.
+const GROWN_POINTS: usize = 40;
+const GROWING_ROUNDS: usize = 4;
+/// How often a window may be opened again, and what it must add to the evidence.
+const OPENED: usize = 3;
+const GAINED: f64 = 1e-3;
+/// Points whose neighbours are compared with a surface, and the neighbours of each.
+const RESOLUTION_POINTS: usize = 96;
+const RESOLUTION_NEIGHBOURS: usize = 8;
+/// Least share of the mean squared distance that must be scatter among neighbours.
+const RESOLVED: f64 = 1.0 / 25.0;
+/// A scatter below this share of the size of the cloud is rounding and says nothing.
+const ROUNDING: f64 = 1e-7;
 /// Points for the first look at a surface.
 const SIEVE_POINTS: usize = 1024;
 /// Surfaces of a round that are refined, with these rounds of re-weighting.
 const REFINED: usize = 6;
-const REFINING_ROUNDS: usize = 12;
-const SETTLING_ROUNDS: usize = 60;
+const REFINING_ROUNDS: usize = 8;
+const SETTLING_ROUNDS: usize = 40;
 /// Chance of missing the best surface.
 const MISS: f64 = 1e-3;
 /// Every level of the neighbourhoods has a quarter of the points of the one before, so its patches are twice as wide,
@@ -60,7 +75,7 @@ const OTHERS_MAX: usize = 4;
 /// A shorter arc, rad (11°), is a bent plane: profiles are refused below 15°.
 const ARC_MIN: f64 = 0.2;
 /// A tube that is rougher than this share of its radius is a bundle of points.
-const ROUGHNESS_MAX: f64 = 1.0 / 3.0;
+const ROUGHNESS_MAX: f64 = 1.0 / 2.0;
 /// Share of the points that an extent covers.
 const COVERED: f64 = 0.98;
 
@@ -80,6 +95,7 @@ pub(super) fn cylinders(points: &[Vector3<f64>], wanted: &Wanted) -> Vec<Found> 
             break;
         }
         let Some(best) = best(&rest, wanted, stage as u64) else { break };
+        if std::env::var("D").is_ok() { eprintln!("stage {stage} rest {} {:?} sigma {:.5} {:?} {:?}", rest.len(), best.settled.surface, best.settled.sigma, best.score, report(&best, &rest, wanted).map(|r| (r.arc, r.extent))); }
         found.extend(report(&best, &rest, wanted));
         // Generously, so that the rim of the noise is not taken for a surface of its own.
         let reach = 2.0 * robust::TUKEY_C * best.settled.sigma;
@@ -99,38 +115,36 @@ fn best(points: &[Vector3<f64>], wanted: &Wanted, stage: u64) -> Option<Scored> 
     let sieve = points.get(..points.len().min(SIEVE_POINTS))?;
     let mut best: Option<Scored> = None;
     for round in 0..ROUNDS_MAX {
-        let drawn: Vec<Vec<(Surface, Score)>> = (0..ROUND)
+        let drawn: Vec<Vec<Scored>> = (0..ROUND)
             .into_par_iter()
             .map(|draw| {
                 let seed = (stage << 32) + (round * ROUND + draw) as u64;
                 let mut chance = ChaCha8Rng::seed_from_u64(seed);
-                let patch = draw_patch(points, &levels, &mut chance);
-                let surfaces = patch::surfaces(&patch, wanted.radii).into_iter();
-                let possible = surfaces.filter(|surface| is_wanted(surface, wanted));
-                possible.map(|surface| (surface, score(&surface, sieve))).collect()
+                let surfaces = draw_surfaces(points, &levels, wanted, &mut chance);
+                let scored = |settled: Settled| Scored { settled, score: score(&settled.surface, sieve) };
+                surfaces.into_iter().map(scored).collect()
             })
             .collect();
-        let mut drawn: Vec<(Surface, Score)> = drawn.into_iter().flatten().collect();
-        drawn.sort_by(|(_, a), (_, b)| b.evidence.total_cmp(&a.evidence));
+        let mut drawn: Vec<Scored> = drawn.into_iter().flatten().collect();
+        drawn.sort_by(|a, b| b.score.evidence.total_cmp(&a.score.evidence));
         drawn.truncate(REFINED);
-        let refined: Vec<Scored> =
-            drawn.par_iter().filter_map(|(surface, score)| refine(surface, score, sieve, points, wanted)).collect();
+        let refined: Vec<Scored> = drawn.par_iter().filter_map(|one| refine(one, points, wanted)).collect();
         for one in refined {
-            if best.is_none_or(|best| one.score.evidence > best.score.evidence) {
+            let better = best.is_none_or(|best| one.score.evidence > best.score.evidence);
+            if better && is_resolved(&one.settled, sieve, levels.first()?) {
                 best = Some(one);
             }
         }
         let share = best.map_or(0.0, |best| best.score.count as f64 / points.len() as f64);
-        // A patch about a point of the surface shows it on one of the levels.
-        let chance = share / (2 * levels.len()) as f64;
+        let chance = share * SUITED;
         if ((round + 1) * ROUND) as f64 * (-chance).ln_1p() < MISS.ln() {
             break;
         }
     }
-    let best = best?;
-    rivals(&best, points, wanted).into_iter().chain([best]).max_by(|a, b| {
-        a.score.evidence.total_cmp(&b.score.evidence)
-    })
+    let best = settled_on(&best?, points, wanted, SETTLING_ROUNDS)?;
+    let rivals = rivals(&best, points, wanted).into_iter();
+    let resolved = rivals.filter(|rival| levels.first().is_some_and(|all| is_resolved(&rival.settled, sieve, all)));
+    resolved.chain([best]).max_by(|a, b| a.score.evidence.total_cmp(&b.score.evidence))
 }
 
 fn is_wanted(surface: &Surface, wanted: &Wanted) -> bool {
@@ -153,73 +167,121 @@ fn levels(points: &[Vector3<f64>]) -> Vec<Tree> {
     levels
 }
 
-/// Some of the points about a random one.
-fn draw_patch(points: &[Vector3<f64>], levels: &[Tree], chance: &mut ChaCha8Rng) -> Vec<Vector3<f64>> {
+/// The surfaces of the points about a random one, each followed to where it ends.
+fn draw_surfaces(
+    points: &[Vector3<f64>],
+    levels: &[Tree],
+    wanted: &Wanted,
+    chance: &mut ChaCha8Rng,
+) -> Vec<Settled> {
     let seed = points.get(chance.random_range(0..points.len().max(1)));
-    let level = levels.get(chance.random_range(0..levels.len().max(1)));
+    let first = chance.random_range(0..levels.len().max(1));
     let count = PATCH_POINTS.get(chance.random_range(0..PATCH_POINTS.len())).copied().unwrap_or(POINTS_MIN);
-    let Some((seed, level)) = seed.zip(level) else { return Vec::new() };
+    let Some((seed, level)) = seed.zip(levels.get(first)) else { return Vec::new() };
     let mut patch = level.nearest(seed, count);
     // Half of the draws leave points out: where foreign points lie scattered among the others, few are clean more often.
     if chance.random_range(0..2_u32) == 0 {
-        let kept = (patch.len() / 2).max(POINTS_MIN + 1).min(patch.len());
         let count = patch.len();
+        let kept = (count / 2).max(POINTS_MIN + 1).min(count);
         for place in 0..kept {
             patch.swap(place, chance.random_range(place..count));
         }
         patch.truncate(kept);
     }
-    patch
+    let surfaces = patch::surfaces(&patch, wanted.radii);
+    let freed = patch.len() as f64 / (patch.len() as f64 - 5.0).max(1.0);
+    let wider: Vec<Vec<Vector3<f64>>> =
+        levels.iter().skip(first + 1).map(|level| level.nearest(seed, GROWN_POINTS)).collect();
+    let grown = surfaces.into_iter().map(|settled| {
+        let settled = Settled { sigma: settled.sigma * freed.sqrt(), ..settled };
+        grow(settled, &wider, wanted.radii)
+    });
+    grown.filter(|settled| is_wanted(&settled.surface, wanted)).collect()
 }
 
-/// Settled on a few points, then on all, and wider again as long as this adds evidence.
-fn refine(
-    surface: &Surface,
-    first: &Score,
-    sieve: &[Vector3<f64>],
-    points: &[Vector3<f64>],
-    wanted: &Wanted,
-) -> Option<Scored> {
-    let rough = settle(*surface, sieve, 2.0 * first.tolerance, wanted.radii, REFINING_ROUNDS);
-    let rough = rough.map_or(*surface, |settled| settled.surface);
-    let scores = [rough, *surface].map(|surface| (surface, score(&surface, points)));
-    let (surface, score) = scores.into_iter().max_by(|(_, a), (_, b)| a.evidence.total_cmp(&b.evidence))?;
-    settled_on(&surface, &score, points, wanted)
+/// The surface settled on wider and wider patches, as long as it holds half of them: a direction that is known poorly from
+/// the first patch becomes known well enough for the whole surface.
+fn grow(mut settled: Settled, wider: &[Vec<Vector3<f64>>], radii: Radii) -> Settled {
+    for patch in wider {
+        let window = 2.0 * robust::TUKEY_C * settled.sigma;
+        let Some(next) = settle(settled.surface, patch, window, radii, GROWING_ROUNDS) else { break };
+        let reach = robust::TUKEY_C * next.sigma;
+        let on = patch.iter().filter(|point| next.surface.distance(point).abs() < reach).count();
+        if 2 * on < patch.len() {
+            break;
+        }
+        settled = next;
+    }
+    settled
 }
 
-fn settled_on(surface: &Surface, first: &Score, points: &[Vector3<f64>], wanted: &Wanted) -> Option<Scored> {
+/// Whether a surface is as fine as its points. Where neighbours agree far better with each other than with the surface, it
+/// is an envelope of other surfaces: seen coarsely enough, everything is a plane or a large cylinder.
+fn is_resolved(settled: &Settled, sieve: &[Vector3<f64>], all: &Tree) -> bool {
+    let q = resolution(settled, sieve, all);
+    if std::env::var("Q").is_ok() { eprintln!("  q {q:.4} of sigma {:.5} {:?}", settled.sigma, settled.surface); }
+    settled.sigma < ROUNDING || q >= RESOLVED
+}
+
+fn resolution(settled: &Settled, sieve: &[Vector3<f64>], all: &Tree) -> f64 {
+    let reach = robust::TUKEY_C * settled.sigma;
+    let (mut local, mut freedom, mut total, mut count) = (0.0, 0.0, 0.0, 0.0);
+    let on = sieve.iter().filter(|point| settled.surface.distance(point).abs() < reach);
+    for point in on.take(RESOLUTION_POINTS) {
+        let around = all.nearest(point, RESOLUTION_NEIGHBOURS);
+        let distances = || around.iter().map(|p| settled.surface.distance(p)).filter(|d| d.abs() < reach);
+        let (found, sum) = distances().fold((0.0, 0.0), |(n, sum), d| (n + 1.0, sum + d));
+        let mean = sum / found;
+        local += distances().map(|d| (d - mean).powi(2)).sum::<f64>();
+        freedom += found - 1.0;
+        total += distances().map(|d| d * d).sum::<f64>();
+        count += found;
+    }
+    (local / f64::max(freedom, 1.0)) / (total / f64::max(count, 1.0))
+}
+
+/// Settled on some of the points near it.
+fn refine(one: &Scored, points: &[Vector3<f64>], wanted: &Wanted) -> Option<Scored> {
+    let window = (2.0 * one.score.tolerance).min(3.0 * robust::TUKEY_C * one.settled.sigma);
+    let mut near = near(&one.settled.surface, points, 2.0 * window);
+    near.truncate(SIEVE_POINTS);
+    let settled = settle(one.settled.surface, &near, window, wanted.radii, REFINING_ROUNDS)?;
+    let scored = Scored { settled, score: score(&settled.surface, points) };
+    is_wanted(&settled.surface, wanted).then_some(scored)
+}
+
+/// Settled on all points, and wider again as long as this adds evidence.
+fn settled_on(start: &Scored, points: &[Vector3<f64>], wanted: &Wanted, rounds: usize) -> Option<Scored> {
     let mut best: Option<Scored> = None;
-    let mut next = (*surface, *first);
-    for _ in 0..4 {
-        let (surface, tolerance) = (next.0, next.1.tolerance);
-        let Some(settled) = settle(surface, points, 2.0 * tolerance, wanted.radii, SETTLING_ROUNDS) else { break };
-        if !is_wanted(&settled.surface, wanted) {
+    let mut next = *start;
+    for _ in 0..OPENED {
+        let window = 2.0 * next.score.tolerance;
+        let near = near(&next.settled.surface, points, 2.0 * window);
+        let Some(settled) = settle(next.settled.surface, &near, window, wanted.radii, rounds) else { break };
+        next = Scored { settled, score: score(&settled.surface, points) };
+        let gained = best.is_none_or(|best| next.score.evidence > best.score.evidence * (1.0 + GAINED));
+        if !gained || !is_wanted(&settled.surface, wanted) {
             break;
         }
-        let score = score(&settled.surface, points);
-        let gained = best.is_none_or(|best| score.evidence > best.score.evidence * (1.0 + 1e-9));
-        if !gained {
-            break;
-        }
-        best = Some(Scored { settled, score });
-        next = (settled.surface, score);
+        best = Some(next);
     }
     best
 }
 
+fn near(surface: &Surface, points: &[Vector3<f64>], reach: f64) -> Vec<Vector3<f64>> {
+    points.iter().filter(|point| surface.distance(point).abs() < reach).copied().collect()
+}
+
 /// What else the points on a surface could be: the plane of a cylinder, the cylinders of a plane.
 fn rivals(best: &Scored, points: &[Vector3<f64>], wanted: &Wanted) -> Vec<Scored> {
-    let reach = 2.0 * best.score.tolerance;
-    let on = points.iter().filter(|point| best.settled.surface.distance(point).abs() < reach);
-    let some: Vec<Vector3<f64>> = on.take(SIEVE_POINTS / 4).copied().collect();
-    let surfaces = match best.settled.surface {
-        Surface::Cylinder(_) => {
-            Plane::through(some.iter().map(|p| (1.0, *p))).map(Surface::Plane).into_iter().collect()
-        }
-        Surface::Plane(_) => patch::surfaces(&some, wanted.radii),
-    };
-    let possible = surfaces.into_iter().filter(|surface| is_wanted(surface, wanted));
-    possible.filter_map(|surface| settled_on(&surface, &score(&surface, points), points, wanted)).collect()
+    let mut on = near(&best.settled.surface, points, 2.0 * best.score.tolerance);
+    on.truncate(SIEVE_POINTS / 4);
+    let surfaces = patch::surfaces(&on, wanted.radii).into_iter();
+    let is_plane = |surface: &Surface| matches!(surface, Surface::Plane(_));
+    let others = surfaces.filter(|other| is_plane(&other.surface) != is_plane(&best.settled.surface));
+    let scored = |settled: Settled| Scored { settled, score: score(&settled.surface, points) };
+    let settled = others.map(scored).filter_map(|other| settled_on(&other, points, wanted, REFINING_ROUNDS));
+    settled.filter(|other| is_wanted(&other.settled.surface, wanted)).collect()
 }
 
 /// The surface as a cylinder that can be reported.

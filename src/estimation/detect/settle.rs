@@ -23,7 +23,7 @@ pub(super) struct Settled {
 /// The window never shrinks faster than this in one round, so that the fit can follow.
 const SHRINK: f64 = 0.5;
 /// Steps below this share of their own standard deviation change nothing any more.
-const SETTLED: f64 = 1e-4;
+const SETTLED: f64 = 1e-3;
 /// A scatter below this share of the size of the cloud is rounding.
 const SCATTER_FLOOR: f64 = 1e-12;
 /// Damping relative to the diagonal of the normal matrix: more than rounding, less than the worst conditioned arcs.
@@ -134,7 +134,7 @@ pub(super) fn settle(
         squared.extend(near.filter(|squared| *squared < window * window));
         sigma = robust::sigma(&squared, &mut scratch).max(SCATTER_FLOOR);
         let wanted = (robust::TUKEY_C * sigma).clamp(window * SHRINK, window);
-        let settled = moved < SETTLED * sigma && (wanted - window).abs() < SETTLED * window;
+        let settled = moved < SETTLED * sigma && window - wanted < SETTLED * window;
         window = wanted;
         if settled {
             break;
