@@ -46,9 +46,8 @@ const SUITED: f64 = 0.25;
 /// Points of the patches on which a surface is followed, with these rounds of re-weighting.
 const GROWN_POINTS: usize = 40;
 const GROWING_ROUNDS: usize = 4;
-/// How often a window may be opened again, and what it must add to the evidence.
+/// How often a window may be opened.
 const OPENED: usize = 3;
-const GAINED: f64 = 1e-3;
 /// Points whose neighbours are compared with a surface, and the neighbours of each.
 const RESOLUTION_POINTS: usize = 96;
 const RESOLUTION_NEIGHBOURS: usize = 8;
@@ -74,8 +73,8 @@ const PATCH_POINTS: [usize; 3] = [12, 24, 40];
 const OTHERS_MAX: usize = 4;
 /// A shorter arc, rad (11°), is a bent plane: profiles are refused below 15°.
 const ARC_MIN: f64 = 0.2;
-/// A tube that is rougher than this share of its radius is a bundle of points.
-const ROUGHNESS_MAX: f64 = 1.0 / 2.0;
+/// Rougher than these shares of its radius, a tube is a bundle of points: where the radius is known, and where it is not.
+const ROUGHNESS_MAX: [f64; 2] = [0.5, 0.25];
 /// Share of the points that an extent covers.
 const COVERED: f64 = 0.98;
 
@@ -86,7 +85,8 @@ struct Scored {
     score: Score,
 }
 
-/// The cylinders of points in random order within a cloud of size 1, best first.
+/// The cylinders of points in random order within a cloud of size 1. Each has the most evidence among the points that the
+/// ones before it leave.
 pub(super) fn cylinders(points: &[Vector3<f64>], wanted: &Wanted) -> Vec<Found> {
     let mut rest = points.to_vec();
     let mut found: Vec<Found> = Vec::new();
@@ -105,7 +105,6 @@ pub(super) fn cylinders(points: &[Vector3<f64>], wanted: &Wanted) -> Vec<Found> 
             break;
         }
     }
-    found.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     found
 }
 
@@ -250,7 +249,7 @@ fn refine(one: &Scored, points: &[Vector3<f64>], wanted: &Wanted) -> Option<Scor
     is_wanted(&settled.surface, wanted).then_some(scored)
 }
 
-/// Settled on all points, and wider again as long as this adds evidence.
+/// Settled on all points, and again with a wider window where that shows more evidence.
 fn settled_on(start: &Scored, points: &[Vector3<f64>], wanted: &Wanted, rounds: usize) -> Option<Scored> {
     let mut best: Option<Scored> = None;
     let mut next = *start;
@@ -259,11 +258,14 @@ fn settled_on(start: &Scored, points: &[Vector3<f64>], wanted: &Wanted, rounds: 
         let near = near(&next.settled.surface, points, 2.0 * window);
         let Some(settled) = settle(next.settled.surface, &near, window, wanted.radii, rounds) else { break };
         next = Scored { settled, score: score(&settled.surface, points) };
-        let gained = best.is_none_or(|best| next.score.evidence > best.score.evidence * (1.0 + GAINED));
+        let gained = best.is_none_or(|best| next.score.evidence > best.score.evidence);
         if !gained || !is_wanted(&settled.surface, wanted) {
             break;
         }
         best = Some(next);
+        if 2.0 * next.score.tolerance <= window {
+            break;
+        }
     }
     best
 }
@@ -300,8 +302,9 @@ fn report(best: &Scored, points: &[Vector3<f64>], wanted: &Wanted) -> Option<Fou
     };
     let arc = arc(on.iter().map(angle));
     let Radii([least, most]) = wanted.radii;
+    let [known, unknown] = ROUGHNESS_MAX;
     let found = arc >= ARC_MIN
-        && sigma <= ROUGHNESS_MAX * cylinder.radius
+        && sigma <= if most.is_finite() { known } else { unknown } * cylinder.radius
         && (least..=most).contains(&cylinder.radius)
         && on.len() >= POINTS_MIN;
     found.then_some(Found { cylinder, sigma, count: on.len(), extent, arc, evidence: best.score.evidence })
