@@ -96,7 +96,7 @@ fn algebraic(patch: &[Vector3<f64>], middle: Vector3<f64>, direction: Vector3<f6
 }
 
 /// The cylinder with the nearest radius that is looked for, which still passes the points where it did.
-fn with_radius_within(cylinder: Cylinder, middle: Vector3<f64>, Radii([least, most]): Radii) -> Cylinder {
+pub(super) fn with_radius_within(cylinder: Cylinder, middle: Vector3<f64>, Radii([least, most]): Radii) -> Cylinder {
     let radius = cylinder.radius.clamp(least, most);
     let outward = middle - cylinder.based_at(&middle).point;
     let point = cylinder.point - outward * ((radius - cylinder.radius) / cylinder.radius);

@@ -3,7 +3,7 @@
 
 use super::patch;
 use super::sample::quantile;
-use super::score::{Score, score};
+use super::score::{Score, score, significant};
 use super::settle::{Radii, Settled, settle};
 use super::surface::{Cylinder, Surface};
 use super::tree::Tree;
@@ -55,6 +55,8 @@ const RESOLUTION_NEIGHBOURS: usize = 8;
 const RESOLVED: f64 = 1.0 / 25.0;
 /// A scatter below this share of the size of the cloud is rounding and says nothing.
 const ROUNDING: f64 = 1e-7;
+/// The search itself leaves the radius free: with a known one it would settle on the flanks of other surfaces.
+const FREE: Radii = Radii([0.0, f64::INFINITY]);
 /// Points for the first look at a surface.
 const SIEVE_POINTS: usize = 1024;
 /// Surfaces of a round that are refined, with these rounds of re-weighting.
@@ -70,11 +72,13 @@ const LEVEL_POINTS_MIN: usize = 32;
 /// Points of a patch.
 const PATCH_POINTS: [usize; 3] = [12, 24, 40];
 /// Surfaces beyond the cylinders wanted that may be taken out on the way.
-const OTHERS_MAX: usize = 4;
+const OTHERS_MAX: usize = 6;
 /// A shorter arc, rad (11°), is a bent plane: profiles are refused below 15°.
 const ARC_MIN: f64 = 0.2;
 /// Rougher than these shares of its radius, a tube is a bundle of points: where the radius is known, and where it is not.
 const ROUGHNESS_MAX: [f64; 2] = [0.5, 0.25];
+/// With a known radius the scatter may be so much larger: what that adds is then no larger than the scatter.
+const MISFIT_MAX: f64 = std::f64::consts::SQRT_2;
 /// Share of the points that an extent covers.
 const COVERED: f64 = 0.98;
 
@@ -95,6 +99,9 @@ pub(super) fn cylinders(points: &[Vector3<f64>], wanted: &Wanted) -> Vec<Found> 
             break;
         }
         let Some(best) = best(&rest, wanted, stage as u64) else { break };
+        if best.score.evidence <= significant(&best.settled.surface, rest.len()) {
+            break;
+        }
         if std::env::var("D").is_ok() { eprintln!("stage {stage} rest {} {:?} sigma {:.5} {:?} {:?}", rest.len(), best.settled.surface, best.settled.sigma, best.score, report(&best, &rest, wanted).map(|r| (r.arc, r.extent))); }
         found.extend(report(&best, &rest, wanted));
         // Generously, so that the rim of the noise is not taken for a surface of its own.
@@ -187,23 +194,23 @@ fn draw_surfaces(
         }
         patch.truncate(kept);
     }
-    let surfaces = patch::surfaces(&patch, wanted.radii);
+    let surfaces = patch::surfaces(&patch, FREE);
     let freed = patch.len() as f64 / (patch.len() as f64 - 5.0).max(1.0);
     let wider: Vec<Vec<Vector3<f64>>> =
         levels.iter().skip(first + 1).map(|level| level.nearest(seed, GROWN_POINTS)).collect();
     let grown = surfaces.into_iter().map(|settled| {
         let settled = Settled { sigma: settled.sigma * freed.sqrt(), ..settled };
-        grow(settled, &wider, wanted.radii)
+        grow(settled, &wider)
     });
     grown.filter(|settled| is_wanted(&settled.surface, wanted)).collect()
 }
 
 /// The surface settled on wider and wider patches, as long as it holds half of them: a direction that is known poorly from
 /// the first patch becomes known well enough for the whole surface.
-fn grow(mut settled: Settled, wider: &[Vec<Vector3<f64>>], radii: Radii) -> Settled {
+fn grow(mut settled: Settled, wider: &[Vec<Vector3<f64>>]) -> Settled {
     for patch in wider {
         let window = 2.0 * robust::TUKEY_C * settled.sigma;
-        let Some(next) = settle(settled.surface, patch, window, radii, GROWING_ROUNDS) else { break };
+        let Some(next) = settle(settled.surface, patch, window, FREE, GROWING_ROUNDS) else { break };
         let reach = robust::TUKEY_C * next.sigma;
         let on = patch.iter().filter(|point| next.surface.distance(point).abs() < reach).count();
         if 2 * on < patch.len() {
@@ -244,7 +251,7 @@ fn refine(one: &Scored, points: &[Vector3<f64>], wanted: &Wanted) -> Option<Scor
     let window = (2.0 * one.score.tolerance).min(3.0 * robust::TUKEY_C * one.settled.sigma);
     let mut near = near(&one.settled.surface, points, 2.0 * window);
     near.truncate(SIEVE_POINTS);
-    let settled = settle(one.settled.surface, &near, window, wanted.radii, REFINING_ROUNDS)?;
+    let settled = settle(one.settled.surface, &near, window, FREE, REFINING_ROUNDS)?;
     let scored = Scored { settled, score: score(&settled.surface, points) };
     is_wanted(&settled.surface, wanted).then_some(scored)
 }
@@ -256,7 +263,7 @@ fn settled_on(start: &Scored, points: &[Vector3<f64>], wanted: &Wanted, rounds: 
     for _ in 0..OPENED {
         let window = 2.0 * next.score.tolerance;
         let near = near(&next.settled.surface, points, 2.0 * window);
-        let Some(settled) = settle(next.settled.surface, &near, window, wanted.radii, rounds) else { break };
+        let Some(settled) = settle(next.settled.surface, &near, window, FREE, rounds) else { break };
         next = Scored { settled, score: score(&settled.surface, points) };
         let gained = best.is_none_or(|best| next.score.evidence > best.score.evidence);
         if !gained || !is_wanted(&settled.surface, wanted) {
@@ -278,7 +285,7 @@ fn near(surface: &Surface, points: &[Vector3<f64>], reach: f64) -> Vec<Vector3<f
 fn rivals(best: &Scored, points: &[Vector3<f64>], wanted: &Wanted) -> Vec<Scored> {
     let mut on = near(&best.settled.surface, points, 2.0 * best.score.tolerance);
     on.truncate(SIEVE_POINTS / 4);
-    let surfaces = patch::surfaces(&on, wanted.radii).into_iter();
+    let surfaces = patch::surfaces(&on, FREE).into_iter();
     let is_plane = |surface: &Surface| matches!(surface, Surface::Plane(_));
     let others = surfaces.filter(|other| is_plane(&other.surface) != is_plane(&best.settled.surface));
     let scored = |settled: Settled| Scored { settled, score: score(&settled.surface, points) };
@@ -286,10 +293,25 @@ fn rivals(best: &Scored, points: &[Vector3<f64>], wanted: &Wanted) -> Vec<Scored
     settled.filter(|other| is_wanted(&other.settled.surface, wanted)).collect()
 }
 
-/// The surface as a cylinder that can be reported.
-fn report(best: &Scored, points: &[Vector3<f64>], wanted: &Wanted) -> Option<Found> {
+/// The surface as a cylinder of a radius that is looked for.
+fn with_wanted_radius(best: &Scored, points: &[Vector3<f64>], radii: Radii) -> Option<Settled> {
     let Surface::Cylinder(cylinder) = best.settled.surface else { return None };
-    let sigma = best.settled.sigma;
+    let Radii([least, most]) = radii;
+    if (least..=most).contains(&cylinder.radius) {
+        return Some(best.settled);
+    }
+    let reach = robust::TUKEY_C * best.settled.sigma;
+    let on = near(&best.settled.surface, points, reach);
+    let middle = on.iter().sum::<Vector3<f64>>() / on.len().max(1) as f64;
+    let start = Surface::Cylinder(patch::with_radius_within(cylinder, middle, radii));
+    let settled = settle(start, &on, 2.0 * reach, radii, SETTLING_ROUNDS)?;
+    (settled.sigma <= MISFIT_MAX * best.settled.sigma).then_some(settled)
+}
+
+/// What is reported of a surface, where it is a cylinder that is looked for.
+fn report(best: &Scored, points: &[Vector3<f64>], wanted: &Wanted) -> Option<Found> {
+    let Settled { surface, sigma } = with_wanted_radius(best, points, wanted.radii)?;
+    let Surface::Cylinder(cylinder) = surface else { return None };
     let reach = robust::TUKEY_C * sigma;
     let on: Vec<&Vector3<f64>> = points.iter().filter(|point| cylinder.distance(point).abs() < reach).collect();
     let middle = quantile(on.iter().map(|point| cylinder.along(point)), 0.5)?;
@@ -301,11 +323,10 @@ fn report(best: &Scored, points: &[Vector3<f64>], wanted: &Wanted) -> Option<Fou
         from.dot(&f).atan2(from.dot(&e))
     };
     let arc = arc(on.iter().map(angle));
-    let Radii([least, most]) = wanted.radii;
+    let Radii([_, most]) = wanted.radii;
     let [known, unknown] = ROUGHNESS_MAX;
     let found = arc >= ARC_MIN
         && sigma <= if most.is_finite() { known } else { unknown } * cylinder.radius
-        && (least..=most).contains(&cylinder.radius)
         && on.len() >= POINTS_MIN;
     found.then_some(Found { cylinder, sigma, count: on.len(), extent, arc, evidence: best.score.evidence })
 }
