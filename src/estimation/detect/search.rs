@@ -75,8 +75,12 @@ const PATCH_POINTS: [usize; 3] = [12, 24, 40];
 const OTHERS_MAX: usize = 6;
 /// A shorter arc, rad (11°), is a bent plane: profiles are refused below 15°.
 const ARC_MIN: f64 = 0.2;
-/// Rougher than these shares of its radius, a tube is a bundle of points: where the radius is known, and where it is not.
-const ROUGHNESS_MAX: [f64; 2] = [0.5, 0.25];
+/// A tube that is rougher than this share of its radius is a bundle of points;
+const ROUGHNESS_MAX: f64 = 0.25;
+/// where the radius is known, a bundle is taken for a rod of this roughness,
+const ROD_ROUGHNESS_MAX: f64 = 0.5;
+/// if it is so many radii long that its length gives the direction.
+const ROD_LENGTH_MIN: f64 = 20.0;
 /// With a known radius the scatter may be so much larger: what that adds is then no larger than the scatter.
 const MISFIT_MAX: f64 = std::f64::consts::SQRT_2;
 /// Share of the points that an extent covers.
@@ -323,10 +327,11 @@ fn report(best: &Scored, points: &[Vector3<f64>], wanted: &Wanted) -> Option<Fou
         from.dot(&f).atan2(from.dot(&e))
     };
     let arc = arc(on.iter().map(angle));
-    let Radii([_, most]) = wanted.radii;
-    let [known, unknown] = ROUGHNESS_MAX;
+    let (Radii([_, most]), [low, high]) = (wanted.radii, extent);
+    let is_rod = most.is_finite() && high - low >= ROD_LENGTH_MIN * cylinder.radius;
+    let roughness_max = if is_rod { ROD_ROUGHNESS_MAX } else { ROUGHNESS_MAX };
     let found = arc >= ARC_MIN
-        && sigma <= if most.is_finite() { known } else { unknown } * cylinder.radius
+        && sigma <= roughness_max * cylinder.radius
         && on.len() >= POINTS_MIN;
     found.then_some(Found { cylinder, sigma, count: on.len(), extent, arc, evidence: best.score.evidence })
 }
