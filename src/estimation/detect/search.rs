@@ -102,11 +102,10 @@ pub(super) fn cylinders(points: &[Vector3<f64>], wanted: &Wanted) -> Vec<Found> 
         if rest.len() < POINTS_MIN || found.len() >= wanted.most {
             break;
         }
-        let Some(best) = best(&rest, wanted, stage as u64) else { break };
+        let Some(best) = best(&rest, stage as u64) else { break };
         if best.score.evidence <= significant(&best.settled.surface, rest.len()) {
             break;
         }
-        if std::env::var("D").is_ok() { eprintln!("stage {stage} rest {} {:?} sigma {:.5} {:?} {:?}", rest.len(), best.settled.surface, best.settled.sigma, best.score, report(&best, &rest, wanted).map(|r| (r.arc, r.extent))); }
         found.extend(report(&best, &rest, wanted));
         // Generously, so that the rim of the noise is not taken for a surface of its own.
         let reach = 2.0 * robust::TUKEY_C * best.settled.sigma;
@@ -120,7 +119,7 @@ pub(super) fn cylinders(points: &[Vector3<f64>], wanted: &Wanted) -> Vec<Found> 
 }
 
 /// The surface with the most evidence.
-fn best(points: &[Vector3<f64>], wanted: &Wanted, stage: u64) -> Option<Scored> {
+fn best(points: &[Vector3<f64>], stage: u64) -> Option<Scored> {
     let levels = levels(points);
     let sieve = points.get(..points.len().min(SIEVE_POINTS))?;
     let mut best: Option<Scored> = None;
@@ -130,7 +129,7 @@ fn best(points: &[Vector3<f64>], wanted: &Wanted, stage: u64) -> Option<Scored> 
             .map(|draw| {
                 let seed = (stage << 32) + (round * ROUND + draw) as u64;
                 let mut chance = ChaCha8Rng::seed_from_u64(seed);
-                let surfaces = draw_surfaces(points, &levels, wanted, &mut chance);
+                let surfaces = draw_surfaces(points, &levels, &mut chance);
                 let scored = |settled: Settled| Scored { settled, score: score(&settled.surface, sieve) };
                 surfaces.into_iter().map(scored).collect()
             })
@@ -138,7 +137,7 @@ fn best(points: &[Vector3<f64>], wanted: &Wanted, stage: u64) -> Option<Scored> 
         let mut drawn: Vec<Scored> = drawn.into_iter().flatten().collect();
         drawn.sort_by(|a, b| b.score.evidence.total_cmp(&a.score.evidence));
         drawn.truncate(REFINED);
-        let refined: Vec<Scored> = drawn.par_iter().filter_map(|one| refine(one, points, wanted)).collect();
+        let refined: Vec<Scored> = drawn.par_iter().filter_map(|one| refine(one, points)).collect();
         for one in refined {
             let better = best.is_none_or(|best| one.score.evidence > best.score.evidence);
             if better && is_resolved(&one.settled, sieve, levels.first()?) {
@@ -151,17 +150,10 @@ fn best(points: &[Vector3<f64>], wanted: &Wanted, stage: u64) -> Option<Scored> 
             break;
         }
     }
-    let best = settled_on(&best?, points, wanted, SETTLING_ROUNDS)?;
-    let rivals = rivals(&best, points, wanted).into_iter();
+    let best = settled_on(&best?, points, SETTLING_ROUNDS)?;
+    let rivals = rivals(&best, points).into_iter();
     let resolved = rivals.filter(|rival| levels.first().is_some_and(|all| is_resolved(&rival.settled, sieve, all)));
     resolved.chain([best]).max_by(|a, b| a.score.evidence.total_cmp(&b.score.evidence))
-}
-
-fn is_wanted(surface: &Surface, wanted: &Wanted) -> bool {
-    match (surface, wanted.along) {
-        (Surface::Cylinder(cylinder), Some((along, cos_min))) => cylinder.direction.dot(&along).abs() >= cos_min,
-        _ => true,
-    }
 }
 
 fn levels(points: &[Vector3<f64>]) -> Vec<Tree> {
@@ -178,12 +170,7 @@ fn levels(points: &[Vector3<f64>]) -> Vec<Tree> {
 }
 
 /// The surfaces of the points about a random one, each followed to where it ends.
-fn draw_surfaces(
-    points: &[Vector3<f64>],
-    levels: &[Tree],
-    wanted: &Wanted,
-    chance: &mut ChaCha8Rng,
-) -> Vec<Settled> {
+fn draw_surfaces(points: &[Vector3<f64>], levels: &[Tree], chance: &mut ChaCha8Rng) -> Vec<Settled> {
     let seed = points.get(chance.random_range(0..points.len().max(1)));
     let first = chance.random_range(0..levels.len().max(1));
     let count = PATCH_POINTS.get(chance.random_range(0..PATCH_POINTS.len())).copied().unwrap_or(POINTS_MIN);
@@ -202,11 +189,8 @@ fn draw_surfaces(
     let freed = patch.len() as f64 / (patch.len() as f64 - 5.0).max(1.0);
     let wider: Vec<Vec<Vector3<f64>>> =
         levels.iter().skip(first + 1).map(|level| level.nearest(seed, GROWN_POINTS)).collect();
-    let grown = surfaces.into_iter().map(|settled| {
-        let settled = Settled { sigma: settled.sigma * freed.sqrt(), ..settled };
-        grow(settled, &wider)
-    });
-    grown.filter(|settled| is_wanted(&settled.surface, wanted)).collect()
+    let grown = |settled: Settled| grow(Settled { sigma: settled.sigma * freed.sqrt(), ..settled }, &wider);
+    surfaces.into_iter().map(grown).collect()
 }
 
 /// The surface settled on wider and wider patches, as long as it holds half of them: a direction that is known poorly from
@@ -228,12 +212,6 @@ fn grow(mut settled: Settled, wider: &[Vec<Vector3<f64>>]) -> Settled {
 /// Whether a surface is as fine as its points. Where neighbours agree far better with each other than with the surface, it
 /// is an envelope of other surfaces: seen coarsely enough, everything is a plane or a large cylinder.
 fn is_resolved(settled: &Settled, sieve: &[Vector3<f64>], all: &Tree) -> bool {
-    let q = resolution(settled, sieve, all);
-    if std::env::var("Q").is_ok() { eprintln!("  q {q:.4} of sigma {:.5} {:?}", settled.sigma, settled.surface); }
-    settled.sigma < ROUNDING || q >= RESOLVED
-}
-
-fn resolution(settled: &Settled, sieve: &[Vector3<f64>], all: &Tree) -> f64 {
     let reach = robust::TUKEY_C * settled.sigma;
     let (mut local, mut freedom, mut total, mut count) = (0.0, 0.0, 0.0, 0.0);
     let on = sieve.iter().filter(|point| settled.surface.distance(point).abs() < reach);
@@ -241,27 +219,25 @@ fn resolution(settled: &Settled, sieve: &[Vector3<f64>], all: &Tree) -> f64 {
         let around = all.nearest(point, RESOLUTION_NEIGHBOURS);
         let distances = || around.iter().map(|p| settled.surface.distance(p)).filter(|d| d.abs() < reach);
         let (found, sum) = distances().fold((0.0, 0.0), |(n, sum), d| (n + 1.0, sum + d));
-        let mean = sum / found;
-        local += distances().map(|d| (d - mean).powi(2)).sum::<f64>();
+        local += distances().map(|d| (d - sum / found).powi(2)).sum::<f64>();
         freedom += found - 1.0;
         total += distances().map(|d| d * d).sum::<f64>();
         count += found;
     }
-    (local / f64::max(freedom, 1.0)) / (total / f64::max(count, 1.0))
+    settled.sigma < ROUNDING || local * count >= RESOLVED * total * freedom
 }
 
 /// Settled on some of the points near it.
-fn refine(one: &Scored, points: &[Vector3<f64>], wanted: &Wanted) -> Option<Scored> {
+fn refine(one: &Scored, points: &[Vector3<f64>]) -> Option<Scored> {
     let window = (2.0 * one.score.tolerance).min(3.0 * robust::TUKEY_C * one.settled.sigma);
     let mut near = near(&one.settled.surface, points, 2.0 * window);
     near.truncate(SIEVE_POINTS);
     let settled = settle(one.settled.surface, &near, window, FREE, REFINING_ROUNDS)?;
-    let scored = Scored { settled, score: score(&settled.surface, points) };
-    is_wanted(&settled.surface, wanted).then_some(scored)
+    Some(Scored { settled, score: score(&settled.surface, points) })
 }
 
 /// Settled on all points, and again with a wider window where that shows more evidence.
-fn settled_on(start: &Scored, points: &[Vector3<f64>], wanted: &Wanted, rounds: usize) -> Option<Scored> {
+fn settled_on(start: &Scored, points: &[Vector3<f64>], rounds: usize) -> Option<Scored> {
     let mut best: Option<Scored> = None;
     let mut next = *start;
     for _ in 0..OPENED {
@@ -270,7 +246,7 @@ fn settled_on(start: &Scored, points: &[Vector3<f64>], wanted: &Wanted, rounds: 
         let Some(settled) = settle(next.settled.surface, &near, window, FREE, rounds) else { break };
         next = Scored { settled, score: score(&settled.surface, points) };
         let gained = best.is_none_or(|best| next.score.evidence > best.score.evidence);
-        if !gained || !is_wanted(&settled.surface, wanted) {
+        if !gained {
             break;
         }
         best = Some(next);
@@ -286,15 +262,14 @@ fn near(surface: &Surface, points: &[Vector3<f64>], reach: f64) -> Vec<Vector3<f
 }
 
 /// What else the points on a surface could be: the plane of a cylinder, the cylinders of a plane.
-fn rivals(best: &Scored, points: &[Vector3<f64>], wanted: &Wanted) -> Vec<Scored> {
+fn rivals(best: &Scored, points: &[Vector3<f64>]) -> Vec<Scored> {
     let mut on = near(&best.settled.surface, points, 2.0 * best.score.tolerance);
     on.truncate(SIEVE_POINTS / 4);
     let surfaces = patch::surfaces(&on, FREE).into_iter();
     let is_plane = |surface: &Surface| matches!(surface, Surface::Plane(_));
     let others = surfaces.filter(|other| is_plane(&other.surface) != is_plane(&best.settled.surface));
     let scored = |settled: Settled| Scored { settled, score: score(&settled.surface, points) };
-    let settled = others.map(scored).filter_map(|other| settled_on(&other, points, wanted, REFINING_ROUNDS));
-    settled.filter(|other| is_wanted(&other.settled.surface, wanted)).collect()
+    others.map(scored).filter_map(|other| settled_on(&other, points, REFINING_ROUNDS)).collect()
 }
 
 /// The surface as a cylinder of a radius that is looked for.
@@ -330,7 +305,9 @@ fn report(best: &Scored, points: &[Vector3<f64>], wanted: &Wanted) -> Option<Fou
     let (Radii([_, most]), [low, high]) = (wanted.radii, extent);
     let is_rod = most.is_finite() && high - low >= ROD_LENGTH_MIN * cylinder.radius;
     let roughness_max = if is_rod { ROD_ROUGHNESS_MAX } else { ROUGHNESS_MAX };
-    let found = arc >= ARC_MIN
+    let is_along = wanted.along.is_none_or(|(along, cos_min)| cylinder.direction.dot(&along).abs() >= cos_min);
+    let found = is_along
+        && arc >= ARC_MIN
         && sigma <= roughness_max * cylinder.radius
         && on.len() >= POINTS_MIN;
     found.then_some(Found { cylinder, sigma, count: on.len(), extent, arc, evidence: best.score.evidence })
