@@ -90,8 +90,7 @@ fn algebraic(patch: &[Vector3<f64>], middle: Vector3<f64>, direction: Vector3<f6
     let c = (uu + vv) / count;
     let rest = (rr / count - c * c - (a2 * ur + b2 * vr) / count).max(0.0);
     let radius_squared = c + 0.25 * (a2 * a2 + b2 * b2);
-    let cylinder =
-        Cylinder { point: middle + (e * a2 + f * b2) * 0.5, direction, radius: radius_squared.sqrt() };
+    let cylinder = Cylinder { point: middle + (e * a2 + f * b2) * 0.5, direction, radius: radius_squared.sqrt() };
     (rest.is_finite() && radius_squared > 0.0).then_some((rest / (4.0 * radius_squared), cylinder))
 }
 

@@ -306,10 +306,7 @@ fn report(best: &Scored, points: &[Vector3<f64>], wanted: &Wanted) -> Option<Fou
     let is_rod = most.is_finite() && high - low >= ROD_LENGTH_MIN * cylinder.radius;
     let roughness_max = if is_rod { ROD_ROUGHNESS_MAX } else { ROUGHNESS_MAX };
     let is_along = wanted.along.is_none_or(|(along, cos_min)| cylinder.direction.dot(&along).abs() >= cos_min);
-    let found = is_along
-        && arc >= ARC_MIN
-        && sigma <= roughness_max * cylinder.radius
-        && on.len() >= POINTS_MIN;
+    let found = is_along && arc >= ARC_MIN && sigma <= roughness_max * cylinder.radius && on.len() >= POINTS_MIN;
     found.then_some(Found { cylinder, sigma, count: on.len(), extent, arc, evidence: best.score.evidence })
 }
 
