@@ -36,13 +36,12 @@ fn cloud(path: &Path, unit: Unit) -> Vec<[f64; 3]> {
     points
 }
 
-/// The numbers of a text, those of a line that has fewer than three left out.
+/// The last three numbers of every line that has three.
 fn rows(path: &Path, scale: f64) -> Vec<[f64; 3]> {
     let text = fs::read_to_string(path).expect("the file is there");
     let row = |line: &str| {
-        let cells = line.split([',', '\t', ' ']);
-        let numbers: Vec<f64> = cells.filter_map(|cell| cell.trim().parse().ok()).collect();
-        (numbers.len() == 3).then(|| [numbers[0] * scale, numbers[1] * scale, numbers[2] * scale])
+        let numbers: Vec<f64> = line.split([',', '\t', ' ']).filter_map(|cell| cell.trim().parse().ok()).collect();
+        numbers.last_chunk::<3>().map(|last| last.map(|v| v * scale))
     };
     text.lines().filter_map(row).collect()
 }
