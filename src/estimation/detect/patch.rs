@@ -46,7 +46,7 @@ pub(super) fn surfaces(patch: &[Vector3<f64>], radii: Radii) -> Vec<Settled> {
     for start in kept {
         let start = Surface::Cylinder(with_radius_within(start, middle, radii));
         let window = 2.0 * patch.iter().map(|p| start.distance(p).abs()).fold(0.0, f64::max);
-        found.extend(settle(start, patch, window, radii, ROUNDS));
+        found.extend(settle(start, patch, [window, 0.0], radii, ROUNDS));
     }
     found
 }

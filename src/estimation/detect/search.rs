@@ -46,8 +46,8 @@ const SUITED: f64 = 0.25;
 /// Points of the patches on which a surface is followed, with these rounds of re-weighting.
 const GROWN_POINTS: usize = 40;
 const GROWING_ROUNDS: usize = 4;
-/// How often a window may be opened.
-const OPENED: usize = 3;
+/// How often a window may follow the tolerance.
+const FOLLOWED: usize = 4;
 /// Points whose neighbours are compared with a surface, and the neighbours of each.
 const RESOLUTION_POINTS: usize = 96;
 const RESOLUTION_NEIGHBOURS: usize = 8;
@@ -186,11 +186,9 @@ fn draw_surfaces(points: &[Vector3<f64>], levels: &[Tree], chance: &mut ChaCha8R
         patch.truncate(kept);
     }
     let surfaces = patch::surfaces(&patch, FREE);
-    let freed = patch.len() as f64 / (patch.len() as f64 - 5.0).max(1.0);
     let wider: Vec<Vec<Vector3<f64>>> =
         levels.iter().skip(first + 1).map(|level| level.nearest(seed, GROWN_POINTS)).collect();
-    let grown = |settled: Settled| grow(Settled { sigma: settled.sigma * freed.sqrt(), ..settled }, &wider);
-    surfaces.into_iter().map(grown).collect()
+    surfaces.into_iter().map(|settled| grow(settled, &wider)).collect()
 }
 
 /// The surface settled on wider and wider patches, as long as it holds half of them: a direction that is known poorly from
@@ -198,7 +196,7 @@ fn draw_surfaces(points: &[Vector3<f64>], levels: &[Tree], chance: &mut ChaCha8R
 fn grow(mut settled: Settled, wider: &[Vec<Vector3<f64>>]) -> Settled {
     for patch in wider {
         let window = 2.0 * robust::TUKEY_C * settled.sigma;
-        let Some(next) = settle(settled.surface, patch, window, FREE, GROWING_ROUNDS) else { break };
+        let Some(next) = settle(settled.surface, patch, [window, 0.0], FREE, GROWING_ROUNDS) else { break };
         let reach = robust::TUKEY_C * next.sigma;
         let on = patch.iter().filter(|point| next.surface.distance(point).abs() < reach).count();
         if 2 * on < patch.len() {
@@ -232,25 +230,25 @@ fn refine(one: &Scored, points: &[Vector3<f64>]) -> Option<Scored> {
     let window = (2.0 * one.score.tolerance).min(3.0 * robust::TUKEY_C * one.settled.sigma);
     let mut near = near(&one.settled.surface, points, 2.0 * window);
     near.truncate(SIEVE_POINTS);
-    let settled = settle(one.settled.surface, &near, window, FREE, REFINING_ROUNDS)?;
+    let settled = settle(one.settled.surface, &near, [window, 0.0], FREE, REFINING_ROUNDS)?;
     Some(Scored { settled, score: score(&settled.surface, points) })
 }
 
-/// Settled on all points, and again with a wider window where that shows more evidence.
+/// Settled on all points, with a window that follows the tolerance of the most evidence, as long as there is more of it.
 fn settled_on(start: &Scored, points: &[Vector3<f64>], rounds: usize) -> Option<Scored> {
     let mut best: Option<Scored> = None;
     let mut next = *start;
-    for _ in 0..OPENED {
+    for _ in 0..FOLLOWED {
         let window = 2.0 * next.score.tolerance;
         let near = near(&next.settled.surface, points, 2.0 * window);
-        let Some(settled) = settle(next.settled.surface, &near, window, FREE, rounds) else { break };
+        let Some(settled) = settle(next.settled.surface, &near, [window, 0.5 * window], FREE, rounds) else { break };
         next = Scored { settled, score: score(&settled.surface, points) };
         let gained = best.is_none_or(|best| next.score.evidence > best.score.evidence);
         if !gained {
             break;
         }
         best = Some(next);
-        if 2.0 * next.score.tolerance <= window {
+        if 2.0 * next.score.tolerance == window {
             break;
         }
     }
@@ -283,7 +281,7 @@ fn with_wanted_radius(best: &Scored, points: &[Vector3<f64>], radii: Radii) -> O
     let on = near(&best.settled.surface, points, reach);
     let middle = on.iter().sum::<Vector3<f64>>() / on.len().max(1) as f64;
     let start = Surface::Cylinder(patch::with_radius_within(cylinder, middle, radii));
-    let settled = settle(start, &on, 2.0 * reach, radii, SETTLING_ROUNDS)?;
+    let settled = settle(start, &on, [2.0 * reach, 0.0], radii, SETTLING_ROUNDS)?;
     (settled.sigma <= MISFIT_MAX * best.settled.sigma).then_some(settled)
 }
 

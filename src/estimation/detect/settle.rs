@@ -22,6 +22,8 @@ pub(super) struct Settled {
 
 /// The window never shrinks faster than this in one round, so that the fit can follow.
 const SHRINK: f64 = 0.5;
+/// Parameters that the points are fitted by.
+const PARAMETERS: f64 = 5.0;
 /// Steps below this share of their own standard deviation change nothing any more.
 const SETTLED: f64 = 1e-3;
 /// A scatter below this share of the size of the cloud is rounding.
@@ -100,15 +102,16 @@ fn solve(normal: &Matrix5, gradient: &Vector5) -> Option<Vector5> {
     step.iter().all(|v| v.is_finite()).then_some(step)
 }
 
-/// Settles from `start`, first with the points within `window`.
+/// Settles from `start`, first with the points within the wider of two windows. The other one is the narrowest to which it
+/// shrinks: as many points as parameters can be met exactly, and would seem to have no scatter.
 pub(super) fn settle(
     start: Surface,
     points: &[Vector3<f64>],
-    window: f64,
+    [widest, narrowest]: [f64; 2],
     radii: Radii,
     rounds: usize,
 ) -> Option<Settled> {
-    let (mut surface, mut window) = (start, window);
+    let (mut surface, mut window) = (start, widest);
     let mut sigma = window / robust::TUKEY_C;
     let (mut squared, mut scratch) = (Vec::with_capacity(points.len()), Vec::new());
     for _ in 0..rounds {
@@ -137,8 +140,10 @@ pub(super) fn settle(
         squared.clear();
         let near = points.iter().map(|point| surface.distance(point).powi(2));
         squared.extend(near.filter(|squared| *squared < window * window));
-        sigma = robust::sigma(&squared, &mut scratch).max(SCATTER_FLOOR);
-        let wanted = (robust::TUKEY_C * sigma).clamp(window * SHRINK, window);
+        let count = squared.len() as f64;
+        let freed = count / (count - PARAMETERS).max(1.0);
+        sigma = (robust::sigma(&squared, &mut scratch) * freed.sqrt()).max(SCATTER_FLOOR);
+        let wanted = (robust::TUKEY_C * sigma).max(window * SHRINK).max(narrowest).min(window);
         let settled = moved < SETTLED * sigma && window - wanted < SETTLED * window;
         window = wanted;
         if settled {
@@ -174,7 +179,7 @@ mod tests {
         let truth = Cylinder { point: Vector3::zeros(), direction: Vector3::z(), radius: 1.0 };
         let points: Vec<Vector3<f64>> =
             (0..60).map(|i| f64::from(i)).map(|i| Vector3::new(i.cos(), i.sin(), 0.1 * i)).collect();
-        let found = settle(Surface::Cylinder(truth), &points, 2.0, Radii([1.1, 1.2]), 20).expect("settles");
+        let found = settle(Surface::Cylinder(truth), &points, [2.0, 0.0], Radii([1.1, 1.2]), 20).expect("settles");
         assert!(matches!(found.surface, Surface::Cylinder(Cylinder { radius: 1.1, .. })), "{found:?}");
     }
 }
