@@ -71,13 +71,15 @@ const THINNING: usize = 4;
 const LEVEL_POINTS_MIN: usize = 32;
 /// Points of a patch.
 const PATCH_POINTS: [usize; 3] = [12, 24, 40];
+/// Cylinders that are looked for at most, because every one of them takes its time.
+const CYLINDERS_MAX: usize = 16;
 /// Surfaces beyond the cylinders wanted that may be taken out on the way.
 const OTHERS_MAX: usize = 6;
 /// A shorter arc, rad (11°), is a bent plane: profiles are refused below 15°.
 const ARC_MIN: f64 = 0.2;
-/// A tube that is rougher than this share of its radius is a bundle of points;
+/// A tube that is rougher than this share of its radius is a bundle of points, and says nothing of a radius;
 const ROUGHNESS_MAX: f64 = 0.25;
-/// where the radius is known, a bundle is taken for a rod of this roughness,
+/// up to this roughness it is a rod whose radius may be known,
 const ROD_ROUGHNESS_MAX: f64 = 0.5;
 /// if it is so many radii long that its length gives the direction.
 const ROD_LENGTH_MIN: f64 = 20.0;
@@ -98,8 +100,9 @@ struct Scored {
 pub(super) fn cylinders(points: &[Vector3<f64>], wanted: &Wanted) -> Vec<Found> {
     let mut rest = points.to_vec();
     let mut found: Vec<Found> = Vec::new();
-    for stage in 0..wanted.most.saturating_add(OTHERS_MAX) {
-        if rest.len() < POINTS_MIN || found.len() >= wanted.most {
+    let most = wanted.most.min(CYLINDERS_MAX);
+    for stage in 0..most + OTHERS_MAX {
+        if rest.len() < POINTS_MIN || found.len() >= most {
             break;
         }
         let Some(best) = best(&rest, stage as u64) else { break };
@@ -140,7 +143,7 @@ fn best(points: &[Vector3<f64>], stage: u64) -> Option<Scored> {
         let refined: Vec<Scored> = drawn.par_iter().filter_map(|one| refine(one, points)).collect();
         for one in refined {
             let better = best.is_none_or(|best| one.score.evidence > best.score.evidence);
-            if better && is_resolved(&one.settled, sieve, levels.first()?) {
+            if better && is_surface(&one.settled, sieve, levels.first()?) {
                 best = Some(one);
             }
         }
@@ -152,8 +155,8 @@ fn best(points: &[Vector3<f64>], stage: u64) -> Option<Scored> {
     }
     let best = settled_on(&best?, points, SETTLING_ROUNDS)?;
     let rivals = rivals(&best, points).into_iter();
-    let resolved = rivals.filter(|rival| levels.first().is_some_and(|all| is_resolved(&rival.settled, sieve, all)));
-    resolved.chain([best]).max_by(|a, b| a.score.evidence.total_cmp(&b.score.evidence))
+    let surfaces = rivals.filter(|rival| levels.first().is_some_and(|all| is_surface(&rival.settled, sieve, all)));
+    surfaces.chain([best]).max_by(|a, b| a.score.evidence.total_cmp(&b.score.evidence))
 }
 
 fn levels(points: &[Vector3<f64>]) -> Vec<Tree> {
@@ -205,6 +208,21 @@ fn grow(mut settled: Settled, wider: &[Vec<Vector3<f64>>]) -> Settled {
         settled = next;
     }
     settled
+}
+
+fn is_surface(settled: &Settled, sieve: &[Vector3<f64>], all: &Tree) -> bool {
+    is_hollow(settled, sieve) && is_resolved(settled, sieve, all)
+}
+
+/// Whether a tube is wide enough for its roughness, or else long enough to be a rod.
+fn is_hollow(settled: &Settled, points: &[Vector3<f64>]) -> bool {
+    let Surface::Cylinder(cylinder) = settled.surface else { return true };
+    if settled.sigma <= ROUGHNESS_MAX * cylinder.radius {
+        return true;
+    }
+    let on = near(&settled.surface, points, robust::TUKEY_C * settled.sigma);
+    let [low, high] = shortest(on.iter().map(|point| cylinder.along(point)).collect());
+    settled.sigma <= ROD_ROUGHNESS_MAX * cylinder.radius && high - low >= ROD_LENGTH_MIN * cylinder.radius
 }
 
 /// Whether a surface is as fine as its points. Where neighbours agree far better with each other than with the surface, it
