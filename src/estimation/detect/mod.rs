@@ -15,6 +15,8 @@ mod score;
 mod search;
 mod settle;
 mod surface;
+#[cfg(test)]
+mod tests;
 mod tree;
 
 use nalgebra::Vector3;
@@ -66,14 +68,14 @@ pub struct Detected {
 #[must_use]
 pub fn detect(points: &[[f64; 3]], request: &Request) -> Vec<Detected> {
     let Some(sample) = Sample::take(points) else { return Vec::new() };
-    let nominal = request.nominal_radius_mm.map(|radius| radius / sample.size);
-    let radii = nominal.map_or([0.0, f64::INFINITY], |radius| {
-        [radius * (1.0 - request.nominal_reach), radius * (1.0 + request.nominal_reach)]
-    });
-    let along = request.along.and_then(|(direction, angle)| {
-        Some((Vector3::from(direction).try_normalize(0.0)?, angle.cos()))
-    });
-    let wanted = Wanted { radii: Radii(radii), along, most: request.most };
+    let nominal = |radius: f64| [1.0 - request.nominal_reach, 1.0 + request.nominal_reach].map(|v| v * radius);
+    let [least, most] = request.nominal_radius_mm.map_or([0.0, f64::INFINITY], nominal).map(|v| v / sample.size);
+    if !(least <= most && most > 0.0) {
+        return Vec::new();
+    }
+    let along =
+        request.along.and_then(|(direction, angle)| Some((Vector3::from(direction).try_normalize(0.0)?, angle.cos())));
+    let wanted = Wanted { radii: Radii([least.max(0.0), most]), along, most: request.most };
     search::cylinders(&sample.points, &wanted).iter().map(|found| detected(found, &sample)).collect()
 }
 

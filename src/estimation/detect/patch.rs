@@ -4,7 +4,7 @@
 //! directions finds the cylinder without normals and without a start: on small patches as on whole rings, on six points as
 //! on forty. Gauss-Newton steps on the distances follow, because ρ² − R² makes noisy short arcs too round.
 
-use super::settle::{Radii, settle};
+use super::settle::{Radii, Settled, settle};
 use super::surface::{self, Cylinder, Plane, Surface};
 use nalgebra::{Matrix3, Vector3};
 
@@ -13,36 +13,40 @@ use nalgebra::{Matrix3, Vector3};
 const TRIALS: usize = 2400;
 /// The golden angle spreads them evenly.
 const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
+/// A patch with so much of its mean squared distance from its plane left says nothing of a curvature.
+const ROUNDER: f64 = 0.7;
 /// Starts that are refined, with directions more than 25° apart.
 const STARTS: usize = 3;
 const COS_OTHER: f64 = 0.9;
 /// Rounds of re-weighting on a patch.
-const ROUNDS: usize = 8;
+const ROUNDS: usize = 6;
 /// The normal matrix of a circle is singular below: the points lie on a line.
 const SINGULAR: f64 = 1e-12;
 
-/// A plane and a few cylinders through a patch.
-pub(super) fn surfaces(patch: &[Vector3<f64>], radii: Radii) -> Vec<Surface> {
+/// A plane through a patch and, unless the patch is flat, a few cylinders.
+pub(super) fn surfaces(patch: &[Vector3<f64>], radii: Radii) -> Vec<Settled> {
     let Some(middle) = mean(patch) else { return Vec::new() };
     let moments: Matrix3<f64> = patch.iter().map(|p| (p - middle) * (p - middle).transpose()).sum();
     let Some(axes) = surface::principal(moments) else { return Vec::new() };
     let [.., normal] = axes;
-    let mut found = vec![Surface::Plane(Plane { point: middle, normal })];
+    let plane = Plane { point: middle, normal };
+    let off_plane = patch.iter().map(|p| (p - middle).dot(&normal).powi(2)).sum::<f64>() / patch.len() as f64;
+    let mut found = vec![Settled { surface: Surface::Plane(plane), sigma: off_plane.sqrt() }];
     let grid = TRIALS / patch.len().max(1);
     let mut starts: Vec<(f64, Cylinder)> =
         directions(axes, grid).filter_map(|direction| algebraic(patch, middle, direction)).collect();
     starts.sort_by(|(a, _), (b, _)| a.total_cmp(b));
     let mut kept: Vec<Cylinder> = Vec::with_capacity(STARTS);
-    for (_, start) in starts {
+    for (squared, start) in starts {
         let is_other = |kept: &Cylinder| kept.direction.dot(&start.direction).abs() < COS_OTHER;
-        if kept.len() < STARTS && kept.iter().all(is_other) {
+        if kept.len() < STARTS && squared < ROUNDER * off_plane && kept.iter().all(is_other) {
             kept.push(start);
         }
     }
     for start in kept {
         let start = Surface::Cylinder(with_radius_within(start, middle, radii));
         let window = 2.0 * patch.iter().map(|p| start.distance(p).abs()).fold(0.0, f64::max);
-        found.extend(settle(start, patch, window, radii, ROUNDS).map(|settled| settled.surface));
+        found.extend(settle(start, patch, [window, 0.0], radii, ROUNDS));
     }
     found
 }
@@ -86,13 +90,12 @@ fn algebraic(patch: &[Vector3<f64>], middle: Vector3<f64>, direction: Vector3<f6
     let c = (uu + vv) / count;
     let rest = (rr / count - c * c - (a2 * ur + b2 * vr) / count).max(0.0);
     let radius_squared = c + 0.25 * (a2 * a2 + b2 * b2);
-    let cylinder =
-        Cylinder { point: middle + (e * a2 + f * b2) * 0.5, direction, radius: radius_squared.sqrt() };
+    let cylinder = Cylinder { point: middle + (e * a2 + f * b2) * 0.5, direction, radius: radius_squared.sqrt() };
     (rest.is_finite() && radius_squared > 0.0).then_some((rest / (4.0 * radius_squared), cylinder))
 }
 
 /// The cylinder with the nearest radius that is looked for, which still passes the points where it did.
-fn with_radius_within(cylinder: Cylinder, middle: Vector3<f64>, Radii([least, most]): Radii) -> Cylinder {
+pub(super) fn with_radius_within(cylinder: Cylinder, middle: Vector3<f64>, Radii([least, most]): Radii) -> Cylinder {
     let radius = cylinder.radius.clamp(least, most);
     let outward = middle - cylinder.based_at(&middle).point;
     let point = cylinder.point - outward * ((radius - cylinder.radius) / cylinder.radius);
@@ -104,9 +107,9 @@ mod tests {
     use super::*;
     use std::f64::consts::TAU;
 
-    fn cylinder_of(surfaces: &[Surface]) -> Vec<Cylinder> {
-        let cylinder = |surface: &Surface| match surface {
-            Surface::Cylinder(cylinder) => Some(*cylinder),
+    fn cylinder_of(surfaces: &[Settled]) -> Vec<Cylinder> {
+        let cylinder = |settled: &Settled| match settled.surface {
+            Surface::Cylinder(cylinder) => Some(cylinder),
             Surface::Plane(_) => None,
         };
         surfaces.iter().filter_map(cylinder).collect()

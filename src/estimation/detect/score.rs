@@ -19,6 +19,13 @@ const VOLUME: f64 = PI / 6.0;
 /// Area of a plane through the middle of the ball.
 const PLANE_AREA: f64 = PI / 4.0;
 
+/// Bins of an octave.
+const OCTAVE: usize = 2;
+/// On a surface the points are denser than beside it, on either side and as wide.
+const DENSER: usize = 2;
+/// Widest tolerance of a cylinder, in radii.
+const TOLERANCE_RADII: f64 = 0.6;
+
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Score {
     /// −ln of the probability of so much agreement by chance.
@@ -59,18 +66,40 @@ pub(super) fn score(surface: &Surface, points: &[Vector3<f64>]) -> Score {
         Surface::Cylinder(cylinder) => points.iter().for_each(|point| tally(cylinder.distance(point))),
         Surface::Plane(_) => points.iter().for_each(|point| tally(surface.distance(point))),
     }
+    // The points near a thin tube's axis, inside and outside of it alike, are a bundle and no surface.
+    let widest = match surface {
+        Surface::Cylinder(cylinder) => TOLERANCE_RADII * cylinder.radius,
+        Surface::Plane(_) => 1.0,
+    };
     let (taken, per_distance) = (freedom(surface), chance_per_distance(surface));
+    let within: Vec<usize> = bins
+        .iter()
+        .scan(0, |count, bin| {
+            *count += bin;
+            Some(*count)
+        })
+        .collect();
     let mut best = Score { evidence: 0.0, tolerance: 0.0, count: 0 };
-    let mut count = 0;
-    for (place, bin) in bins.iter().enumerate() {
-        count += bin;
+    for (place, &count) in within.iter().enumerate() {
         let tolerance = f64::from_bits((FIRST_BIN + place as u64 + 1) << 51);
+        if tolerance > widest {
+            break;
+        }
+        let beside = within.get(place + OCTAVE).or(within.last()).map_or(0, |both| both - count);
         let evidence = evidence(count as f64 - taken, points.len() as f64 - taken, per_distance * tolerance);
-        if evidence > best.evidence {
+        if count >= DENSER * beside && evidence > best.evidence {
             best = Score { evidence, tolerance, count };
         }
     }
     best
+}
+
+/// The evidence above which a surface among so many points is no chance: as many surfaces pass through points as there are
+/// ways to choose those that determine one.
+pub(super) fn significant(surface: &Surface, points_count: usize) -> f64 {
+    let taken = freedom(surface);
+    let choices = |i: u32| ((points_count as f64 - f64::from(i)) / f64::from(i + 1)).max(1.0).ln();
+    (0..taken as u32).map(choices).sum()
 }
 
 /// −ln of the bound of the probability that `count` or more of `all` points have a property of probability `chance`.

@@ -3,9 +3,9 @@
 
 use super::patch;
 use super::sample::quantile;
-use super::score::{Score, score};
+use super::score::{Score, score, significant};
 use super::settle::{Radii, Settled, settle};
-use super::surface::{Cylinder, Plane, Surface};
+use super::surface::{Cylinder, Surface};
 use super::tree::Tree;
 use crate::estimation::robust;
 use nalgebra::Vector3;
@@ -41,12 +41,28 @@ const POINTS_MIN: usize = 6;
 /// Draws in one round; rounds are fixed so that the result does not depend on threads.
 const ROUND: usize = 48;
 const ROUNDS_MAX: usize = 16;
+/// Share of the draws about a point of a surface that show it: most sizes of patches do.
+const SUITED: f64 = 0.25;
+/// Points of the patches on which a surface is followed, with these rounds of re-weighting.
+const GROWN_POINTS: usize = 40;
+const GROWING_ROUNDS: usize = 4;
+/// How often a window may follow the tolerance.
+const FOLLOWED: usize = 4;
+/// Points whose neighbours are compared with a surface, and the neighbours of each.
+const RESOLUTION_POINTS: usize = 96;
+const RESOLUTION_NEIGHBOURS: usize = 8;
+/// Least share of the mean squared distance that must be scatter among neighbours.
+const RESOLVED: f64 = 1.0 / 25.0;
+/// A scatter below this share of the size of the cloud is rounding and says nothing.
+const ROUNDING: f64 = 1e-7;
+/// The search itself leaves the radius free: with a known one it would settle on the flanks of other surfaces.
+const FREE: Radii = Radii([0.0, f64::INFINITY]);
 /// Points for the first look at a surface.
 const SIEVE_POINTS: usize = 1024;
 /// Surfaces of a round that are refined, with these rounds of re-weighting.
 const REFINED: usize = 6;
-const REFINING_ROUNDS: usize = 12;
-const SETTLING_ROUNDS: usize = 60;
+const REFINING_ROUNDS: usize = 8;
+const SETTLING_ROUNDS: usize = 40;
 /// Chance of missing the best surface.
 const MISS: f64 = 1e-3;
 /// Every level of the neighbourhoods has a quarter of the points of the one before, so its patches are twice as wide,
@@ -55,12 +71,20 @@ const THINNING: usize = 4;
 const LEVEL_POINTS_MIN: usize = 32;
 /// Points of a patch.
 const PATCH_POINTS: [usize; 3] = [12, 24, 40];
+/// Cylinders that are looked for at most, because every one of them takes its time.
+const CYLINDERS_MAX: usize = 16;
 /// Surfaces beyond the cylinders wanted that may be taken out on the way.
-const OTHERS_MAX: usize = 4;
+const OTHERS_MAX: usize = 6;
 /// A shorter arc, rad (11°), is a bent plane: profiles are refused below 15°.
 const ARC_MIN: f64 = 0.2;
-/// A tube that is rougher than this share of its radius is a bundle of points.
-const ROUGHNESS_MAX: f64 = 1.0 / 3.0;
+/// A tube that is rougher than this share of its radius is a bundle of points, and says nothing of a radius;
+const ROUGHNESS_MAX: f64 = 0.25;
+/// up to this roughness it is a rod whose radius may be known,
+const ROD_ROUGHNESS_MAX: f64 = 0.5;
+/// if it is so many radii long that its length gives the direction.
+const ROD_LENGTH_MIN: f64 = 20.0;
+/// With a known radius the scatter may be so much larger: what that adds is then no larger than the scatter.
+const MISFIT_MAX: f64 = std::f64::consts::SQRT_2;
 /// Share of the points that an extent covers.
 const COVERED: f64 = 0.98;
 
@@ -71,15 +95,20 @@ struct Scored {
     score: Score,
 }
 
-/// The cylinders of points in random order within a cloud of size 1, best first.
+/// The cylinders of points in random order within a cloud of size 1. Each has the most evidence among the points that the
+/// ones before it leave.
 pub(super) fn cylinders(points: &[Vector3<f64>], wanted: &Wanted) -> Vec<Found> {
     let mut rest = points.to_vec();
     let mut found: Vec<Found> = Vec::new();
-    for stage in 0..wanted.most.saturating_add(OTHERS_MAX) {
-        if rest.len() < POINTS_MIN || found.len() >= wanted.most {
+    let most = wanted.most.min(CYLINDERS_MAX);
+    for stage in 0..most + OTHERS_MAX {
+        if rest.len() < POINTS_MIN || found.len() >= most {
             break;
         }
-        let Some(best) = best(&rest, wanted, stage as u64) else { break };
+        let Some(best) = best(&rest, stage as u64) else { break };
+        if best.score.evidence <= significant(&best.settled.surface, rest.len()) {
+            break;
+        }
         found.extend(report(&best, &rest, wanted));
         // Generously, so that the rim of the noise is not taken for a surface of its own.
         let reach = 2.0 * robust::TUKEY_C * best.settled.sigma;
@@ -89,55 +118,45 @@ pub(super) fn cylinders(points: &[Vector3<f64>], wanted: &Wanted) -> Vec<Found> 
             break;
         }
     }
-    found.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     found
 }
 
 /// The surface with the most evidence.
-fn best(points: &[Vector3<f64>], wanted: &Wanted, stage: u64) -> Option<Scored> {
+fn best(points: &[Vector3<f64>], stage: u64) -> Option<Scored> {
     let levels = levels(points);
     let sieve = points.get(..points.len().min(SIEVE_POINTS))?;
     let mut best: Option<Scored> = None;
     for round in 0..ROUNDS_MAX {
-        let drawn: Vec<Vec<(Surface, Score)>> = (0..ROUND)
+        let drawn: Vec<Vec<Scored>> = (0..ROUND)
             .into_par_iter()
             .map(|draw| {
                 let seed = (stage << 32) + (round * ROUND + draw) as u64;
                 let mut chance = ChaCha8Rng::seed_from_u64(seed);
-                let patch = draw_patch(points, &levels, &mut chance);
-                let surfaces = patch::surfaces(&patch, wanted.radii).into_iter();
-                let possible = surfaces.filter(|surface| is_wanted(surface, wanted));
-                possible.map(|surface| (surface, score(&surface, sieve))).collect()
+                let surfaces = draw_surfaces(points, &levels, &mut chance);
+                let scored = |settled: Settled| Scored { settled, score: score(&settled.surface, sieve) };
+                surfaces.into_iter().map(scored).collect()
             })
             .collect();
-        let mut drawn: Vec<(Surface, Score)> = drawn.into_iter().flatten().collect();
-        drawn.sort_by(|(_, a), (_, b)| b.evidence.total_cmp(&a.evidence));
+        let mut drawn: Vec<Scored> = drawn.into_iter().flatten().collect();
+        drawn.sort_by(|a, b| b.score.evidence.total_cmp(&a.score.evidence));
         drawn.truncate(REFINED);
-        let refined: Vec<Scored> =
-            drawn.par_iter().filter_map(|(surface, score)| refine(surface, score, sieve, points, wanted)).collect();
+        let refined: Vec<Scored> = drawn.par_iter().filter_map(|one| refine(one, points)).collect();
         for one in refined {
-            if best.is_none_or(|best| one.score.evidence > best.score.evidence) {
+            let better = best.is_none_or(|best| one.score.evidence > best.score.evidence);
+            if better && is_surface(&one.settled, sieve, levels.first()?) {
                 best = Some(one);
             }
         }
         let share = best.map_or(0.0, |best| best.score.count as f64 / points.len() as f64);
-        // A patch about a point of the surface shows it on one of the levels.
-        let chance = share / (2 * levels.len()) as f64;
+        let chance = share * SUITED;
         if ((round + 1) * ROUND) as f64 * (-chance).ln_1p() < MISS.ln() {
             break;
         }
     }
-    let best = best?;
-    rivals(&best, points, wanted).into_iter().chain([best]).max_by(|a, b| {
-        a.score.evidence.total_cmp(&b.score.evidence)
-    })
-}
-
-fn is_wanted(surface: &Surface, wanted: &Wanted) -> bool {
-    match (surface, wanted.along) {
-        (Surface::Cylinder(cylinder), Some((along, cos_min))) => cylinder.direction.dot(&along).abs() >= cos_min,
-        _ => true,
-    }
+    let best = settled_on(&best?, points, SETTLING_ROUNDS)?;
+    let rivals = rivals(&best, points).into_iter();
+    let surfaces = rivals.filter(|rival| levels.first().is_some_and(|all| is_surface(&rival.settled, sieve, all)));
+    surfaces.chain([best]).max_by(|a, b| a.score.evidence.total_cmp(&b.score.evidence))
 }
 
 fn levels(points: &[Vector3<f64>]) -> Vec<Tree> {
@@ -153,79 +172,141 @@ fn levels(points: &[Vector3<f64>]) -> Vec<Tree> {
     levels
 }
 
-/// Some of the points about a random one.
-fn draw_patch(points: &[Vector3<f64>], levels: &[Tree], chance: &mut ChaCha8Rng) -> Vec<Vector3<f64>> {
+/// The surfaces of the points about a random one, each followed to where it ends.
+fn draw_surfaces(points: &[Vector3<f64>], levels: &[Tree], chance: &mut ChaCha8Rng) -> Vec<Settled> {
     let seed = points.get(chance.random_range(0..points.len().max(1)));
-    let level = levels.get(chance.random_range(0..levels.len().max(1)));
+    let first = chance.random_range(0..levels.len().max(1));
     let count = PATCH_POINTS.get(chance.random_range(0..PATCH_POINTS.len())).copied().unwrap_or(POINTS_MIN);
-    let Some((seed, level)) = seed.zip(level) else { return Vec::new() };
+    let Some((seed, level)) = seed.zip(levels.get(first)) else { return Vec::new() };
     let mut patch = level.nearest(seed, count);
     // Half of the draws leave points out: where foreign points lie scattered among the others, few are clean more often.
     if chance.random_range(0..2_u32) == 0 {
-        let kept = (patch.len() / 2).max(POINTS_MIN + 1).min(patch.len());
         let count = patch.len();
+        let kept = (count / 2).max(POINTS_MIN + 1).min(count);
         for place in 0..kept {
             patch.swap(place, chance.random_range(place..count));
         }
         patch.truncate(kept);
     }
-    patch
+    let surfaces = patch::surfaces(&patch, FREE);
+    let wider: Vec<Vec<Vector3<f64>>> =
+        levels.iter().skip(first + 1).map(|level| level.nearest(seed, GROWN_POINTS)).collect();
+    surfaces.into_iter().map(|settled| grow(settled, &wider)).collect()
 }
 
-/// Settled on a few points, then on all, and wider again as long as this adds evidence.
-fn refine(
-    surface: &Surface,
-    first: &Score,
-    sieve: &[Vector3<f64>],
-    points: &[Vector3<f64>],
-    wanted: &Wanted,
-) -> Option<Scored> {
-    let rough = settle(*surface, sieve, 2.0 * first.tolerance, wanted.radii, REFINING_ROUNDS);
-    let rough = rough.map_or(*surface, |settled| settled.surface);
-    let scores = [rough, *surface].map(|surface| (surface, score(&surface, points)));
-    let (surface, score) = scores.into_iter().max_by(|(_, a), (_, b)| a.evidence.total_cmp(&b.evidence))?;
-    settled_on(&surface, &score, points, wanted)
-}
-
-fn settled_on(surface: &Surface, first: &Score, points: &[Vector3<f64>], wanted: &Wanted) -> Option<Scored> {
-    let mut best: Option<Scored> = None;
-    let mut next = (*surface, *first);
-    for _ in 0..4 {
-        let (surface, tolerance) = (next.0, next.1.tolerance);
-        let Some(settled) = settle(surface, points, 2.0 * tolerance, wanted.radii, SETTLING_ROUNDS) else { break };
-        if !is_wanted(&settled.surface, wanted) {
+/// The surface settled on wider and wider patches, as long as it holds half of them: a direction that is known poorly from
+/// the first patch becomes known well enough for the whole surface.
+fn grow(mut settled: Settled, wider: &[Vec<Vector3<f64>>]) -> Settled {
+    for patch in wider {
+        let window = 2.0 * robust::TUKEY_C * settled.sigma;
+        let Some(next) = settle(settled.surface, patch, [window, 0.0], FREE, GROWING_ROUNDS) else { break };
+        let reach = robust::TUKEY_C * next.sigma;
+        let on = patch.iter().filter(|point| next.surface.distance(point).abs() < reach).count();
+        if 2 * on < patch.len() {
             break;
         }
-        let score = score(&settled.surface, points);
-        let gained = best.is_none_or(|best| score.evidence > best.score.evidence * (1.0 + 1e-9));
+        settled = next;
+    }
+    settled
+}
+
+fn is_surface(settled: &Settled, sieve: &[Vector3<f64>], all: &Tree) -> bool {
+    is_hollow(settled, sieve) && is_resolved(settled, sieve, all)
+}
+
+/// Whether a tube is wide enough for its roughness, or else long enough to be a rod.
+fn is_hollow(settled: &Settled, points: &[Vector3<f64>]) -> bool {
+    let Surface::Cylinder(cylinder) = settled.surface else { return true };
+    if settled.sigma <= ROUGHNESS_MAX * cylinder.radius {
+        return true;
+    }
+    let on = near(&settled.surface, points, robust::TUKEY_C * settled.sigma);
+    let [low, high] = shortest(on.iter().map(|point| cylinder.along(point)).collect());
+    settled.sigma <= ROD_ROUGHNESS_MAX * cylinder.radius && high - low >= ROD_LENGTH_MIN * cylinder.radius
+}
+
+/// Whether a surface is as fine as its points. Where neighbours agree far better with each other than with the surface, it
+/// is an envelope of other surfaces: seen coarsely enough, everything is a plane or a large cylinder.
+fn is_resolved(settled: &Settled, sieve: &[Vector3<f64>], all: &Tree) -> bool {
+    let reach = robust::TUKEY_C * settled.sigma;
+    let (mut local, mut freedom, mut total, mut count) = (0.0, 0.0, 0.0, 0.0);
+    let on = sieve.iter().filter(|point| settled.surface.distance(point).abs() < reach);
+    for point in on.take(RESOLUTION_POINTS) {
+        let around = all.nearest(point, RESOLUTION_NEIGHBOURS);
+        let distances = || around.iter().map(|p| settled.surface.distance(p)).filter(|d| d.abs() < reach);
+        let (found, sum) = distances().fold((0.0, 0.0), |(n, sum), d| (n + 1.0, sum + d));
+        local += distances().map(|d| (d - sum / found).powi(2)).sum::<f64>();
+        freedom += found - 1.0;
+        total += distances().map(|d| d * d).sum::<f64>();
+        count += found;
+    }
+    settled.sigma < ROUNDING || local * count >= RESOLVED * total * freedom
+}
+
+/// Settled on some of the points near it.
+fn refine(one: &Scored, points: &[Vector3<f64>]) -> Option<Scored> {
+    let window = (2.0 * one.score.tolerance).min(3.0 * robust::TUKEY_C * one.settled.sigma);
+    let mut near = near(&one.settled.surface, points, 2.0 * window);
+    near.truncate(SIEVE_POINTS);
+    let settled = settle(one.settled.surface, &near, [window, 0.0], FREE, REFINING_ROUNDS)?;
+    Some(Scored { settled, score: score(&settled.surface, points) })
+}
+
+/// Settled on all points, with a window that follows the tolerance of the most evidence, as long as there is more of it.
+fn settled_on(start: &Scored, points: &[Vector3<f64>], rounds: usize) -> Option<Scored> {
+    let mut best: Option<Scored> = None;
+    let mut next = *start;
+    for _ in 0..FOLLOWED {
+        let window = 2.0 * next.score.tolerance;
+        let near = near(&next.settled.surface, points, 2.0 * window);
+        let Some(settled) = settle(next.settled.surface, &near, [window, 0.5 * window], FREE, rounds) else { break };
+        next = Scored { settled, score: score(&settled.surface, points) };
+        let gained = best.is_none_or(|best| next.score.evidence > best.score.evidence);
         if !gained {
             break;
         }
-        best = Some(Scored { settled, score });
-        next = (settled.surface, score);
+        best = Some(next);
+        if 2.0 * next.score.tolerance == window {
+            break;
+        }
     }
     best
 }
 
-/// What else the points on a surface could be: the plane of a cylinder, the cylinders of a plane.
-fn rivals(best: &Scored, points: &[Vector3<f64>], wanted: &Wanted) -> Vec<Scored> {
-    let reach = 2.0 * best.score.tolerance;
-    let on = points.iter().filter(|point| best.settled.surface.distance(point).abs() < reach);
-    let some: Vec<Vector3<f64>> = on.take(SIEVE_POINTS / 4).copied().collect();
-    let surfaces = match best.settled.surface {
-        Surface::Cylinder(_) => {
-            Plane::through(some.iter().map(|p| (1.0, *p))).map(Surface::Plane).into_iter().collect()
-        }
-        Surface::Plane(_) => patch::surfaces(&some, wanted.radii),
-    };
-    let possible = surfaces.into_iter().filter(|surface| is_wanted(surface, wanted));
-    possible.filter_map(|surface| settled_on(&surface, &score(&surface, points), points, wanted)).collect()
+fn near(surface: &Surface, points: &[Vector3<f64>], reach: f64) -> Vec<Vector3<f64>> {
+    points.iter().filter(|point| surface.distance(point).abs() < reach).copied().collect()
 }
 
-/// The surface as a cylinder that can be reported.
-fn report(best: &Scored, points: &[Vector3<f64>], wanted: &Wanted) -> Option<Found> {
+/// What else the points on a surface could be: the plane of a cylinder, the cylinders of a plane.
+fn rivals(best: &Scored, points: &[Vector3<f64>]) -> Vec<Scored> {
+    let mut on = near(&best.settled.surface, points, 2.0 * best.score.tolerance);
+    on.truncate(SIEVE_POINTS / 4);
+    let surfaces = patch::surfaces(&on, FREE).into_iter();
+    let is_plane = |surface: &Surface| matches!(surface, Surface::Plane(_));
+    let others = surfaces.filter(|other| is_plane(&other.surface) != is_plane(&best.settled.surface));
+    let scored = |settled: Settled| Scored { settled, score: score(&settled.surface, points) };
+    others.map(scored).filter_map(|other| settled_on(&other, points, REFINING_ROUNDS)).collect()
+}
+
+/// The surface as a cylinder of a radius that is looked for.
+fn with_wanted_radius(best: &Scored, points: &[Vector3<f64>], radii: Radii) -> Option<Settled> {
     let Surface::Cylinder(cylinder) = best.settled.surface else { return None };
-    let sigma = best.settled.sigma;
+    let Radii([least, most]) = radii;
+    if (least..=most).contains(&cylinder.radius) {
+        return Some(best.settled);
+    }
+    let reach = robust::TUKEY_C * best.settled.sigma;
+    let on = near(&best.settled.surface, points, reach);
+    let middle = on.iter().sum::<Vector3<f64>>() / on.len().max(1) as f64;
+    let start = Surface::Cylinder(patch::with_radius_within(cylinder, middle, radii));
+    let settled = settle(start, &on, [2.0 * reach, 0.0], radii, SETTLING_ROUNDS)?;
+    (settled.sigma <= MISFIT_MAX * best.settled.sigma).then_some(settled)
+}
+
+/// What is reported of a surface, where it is a cylinder that is looked for.
+fn report(best: &Scored, points: &[Vector3<f64>], wanted: &Wanted) -> Option<Found> {
+    let Settled { surface, sigma } = with_wanted_radius(best, points, wanted.radii)?;
+    let Surface::Cylinder(cylinder) = surface else { return None };
     let reach = robust::TUKEY_C * sigma;
     let on: Vec<&Vector3<f64>> = points.iter().filter(|point| cylinder.distance(point).abs() < reach).collect();
     let middle = quantile(on.iter().map(|point| cylinder.along(point)), 0.5)?;
@@ -237,11 +318,11 @@ fn report(best: &Scored, points: &[Vector3<f64>], wanted: &Wanted) -> Option<Fou
         from.dot(&f).atan2(from.dot(&e))
     };
     let arc = arc(on.iter().map(angle));
-    let Radii([least, most]) = wanted.radii;
-    let found = arc >= ARC_MIN
-        && sigma <= ROUGHNESS_MAX * cylinder.radius
-        && (least..=most).contains(&cylinder.radius)
-        && on.len() >= POINTS_MIN;
+    let (Radii([_, most]), [low, high]) = (wanted.radii, extent);
+    let is_rod = most.is_finite() && high - low >= ROD_LENGTH_MIN * cylinder.radius;
+    let roughness_max = if is_rod { ROD_ROUGHNESS_MAX } else { ROUGHNESS_MAX };
+    let is_along = wanted.along.is_none_or(|(along, cos_min)| cylinder.direction.dot(&along).abs() >= cos_min);
+    let found = is_along && arc >= ARC_MIN && sigma <= roughness_max * cylinder.radius && on.len() >= POINTS_MIN;
     found.then_some(Found { cylinder, sigma, count: on.len(), extent, arc, evidence: best.score.evidence })
 }
 

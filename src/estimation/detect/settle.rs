@@ -22,8 +22,10 @@ pub(super) struct Settled {
 
 /// The window never shrinks faster than this in one round, so that the fit can follow.
 const SHRINK: f64 = 0.5;
+/// Parameters that the points are fitted by.
+const PARAMETERS: f64 = 5.0;
 /// Steps below this share of their own standard deviation change nothing any more.
-const SETTLED: f64 = 1e-4;
+const SETTLED: f64 = 1e-3;
 /// A scatter below this share of the size of the cloud is rounding.
 const SCATTER_FLOOR: f64 = 1e-12;
 /// Damping relative to the diagonal of the normal matrix: more than rounding, less than the worst conditioned arcs.
@@ -34,6 +36,8 @@ struct Equations {
     normal: Matrix5,
     gradient: Vector5,
     basis: [Vector3<f64>; 2],
+    /// Weighted mean of the points.
+    middle: Vector3<f64>,
 }
 
 impl Equations {
@@ -41,6 +45,7 @@ impl Equations {
         let [e, f] = cylinder.basis();
         let (mut normal, mut gradient) = (Matrix5::zeros(), Vector5::zeros());
         let cut_off_squared = window * window;
+        let (mut sum, mut weights) = (Vector3::zeros(), 0.0);
         for point in points {
             let from = point - cylinder.point;
             let (u, v) = (from.dot(&e), from.dot(&f));
@@ -55,9 +60,11 @@ impl Equations {
                 let weighted = row * weight;
                 normal.ger(1.0, &weighted, &row, 1.0);
                 gradient += weighted * distance;
+                sum += from * weight;
+                weights += weight;
             }
         }
-        Self { normal, gradient, basis: [e, f] }
+        Self { normal, gradient, basis: [e, f], middle: cylinder.point + sum / weights }
     }
 
     /// The step to the least squares, with the radius free as long as it stays within bounds.
@@ -95,15 +102,16 @@ fn solve(normal: &Matrix5, gradient: &Vector5) -> Option<Vector5> {
     step.iter().all(|v| v.is_finite()).then_some(step)
 }
 
-/// Settles from `start`, first with the points within `window`.
+/// Settles from `start`, first with the points within the wider of two windows. The other one is the narrowest to which it
+/// shrinks: as many points as parameters can be met exactly, and would seem to have no scatter.
 pub(super) fn settle(
     start: Surface,
     points: &[Vector3<f64>],
-    window: f64,
+    [widest, narrowest]: [f64; 2],
     radii: Radii,
     rounds: usize,
 ) -> Option<Settled> {
-    let (mut surface, mut window) = (start, window);
+    let (mut surface, mut window) = (start, widest);
     let mut sigma = window / robust::TUKEY_C;
     let (mut squared, mut scratch) = (Vec::with_capacity(points.len()), Vec::new());
     for _ in 0..rounds {
@@ -122,19 +130,21 @@ pub(super) fn settle(
                 turned * (points.len() as f64).sqrt()
             }
             Surface::Cylinder(cylinder) => {
-                *cylinder = cylinder.based_at(&middle(cylinder, points, window)?);
                 let equations = Equations::of(cylinder, points, window);
                 let step = equations.step(cylinder.radius, radii)?;
-                *cylinder = cylinder.moved(equations.basis, &step)?;
+                // Turns about the middle of the points and shifts are nearly independent.
+                *cylinder = cylinder.moved(equations.basis, &step)?.based_at(&equations.middle);
                 (equations.normal * step).dot(&step).abs().sqrt()
             }
         };
         squared.clear();
         let near = points.iter().map(|point| surface.distance(point).powi(2));
         squared.extend(near.filter(|squared| *squared < window * window));
-        sigma = robust::sigma(&squared, &mut scratch).max(SCATTER_FLOOR);
-        let wanted = (robust::TUKEY_C * sigma).clamp(window * SHRINK, window);
-        let settled = moved < SETTLED * sigma && (wanted - window).abs() < SETTLED * window;
+        let count = squared.len() as f64;
+        let freed = count / (count - PARAMETERS).max(1.0);
+        sigma = (robust::sigma(&squared, &mut scratch) * freed.sqrt()).max(SCATTER_FLOOR);
+        let wanted = (robust::TUKEY_C * sigma).max(window * SHRINK).max(narrowest).min(window);
+        let settled = moved < SETTLED * sigma && window - wanted < SETTLED * window;
         window = wanted;
         if settled {
             break;
@@ -143,9 +153,33 @@ pub(super) fn settle(
     Some(Settled { surface, sigma })
 }
 
-/// Mean of the points within `window` of a cylinder: turns about it and shifts are nearly independent.
-fn middle(cylinder: &Cylinder, points: &[Vector3<f64>], window: f64) -> Option<Vector3<f64>> {
-    let near = points.iter().filter(|point| cylinder.distance(point).abs() < window);
-    let (sum, count) = near.fold((Vector3::zeros(), 0_usize), |(sum, count), point| (sum + point, count + 1));
-    (count > 0).then(|| sum / count as f64)
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The change of a point's distance for a small step of each parameter.
+    #[test]
+    fn the_normal_equations_hold_the_derivatives_of_the_distance() {
+        let direction = Vector3::new(2.0, -3.0, 6.0) / 7.0;
+        let cylinder = Cylinder { point: Vector3::new(0.3, 0.1, -0.2), direction, radius: 0.4 };
+        let point = Vector3::new(0.7, 0.9, 0.2);
+        let distance = cylinder.distance(&point);
+        let equations = Equations::of(&cylinder, &[point], 1e6);
+        for index in 0..5 {
+            let step = Vector5::ith(index, 1e-6);
+            let moved = |step: &Vector5| cylinder.moved(equations.basis, step).expect("valid").distance(&point);
+            let slope = (moved(&step) - moved(&-step)) / 2e-6;
+            let expected = equations.gradient[index] / distance;
+            assert!((slope - expected).abs() < 1e-6, "{index}: {slope} {expected}");
+        }
+    }
+
+    #[test]
+    fn a_radius_out_of_bounds_ends_at_the_bound() {
+        let truth = Cylinder { point: Vector3::zeros(), direction: Vector3::z(), radius: 1.0 };
+        let points: Vec<Vector3<f64>> =
+            (0..60).map(|i| f64::from(i)).map(|i| Vector3::new(i.cos(), i.sin(), 0.1 * i)).collect();
+        let found = settle(Surface::Cylinder(truth), &points, [2.0, 0.0], Radii([1.1, 1.2]), 20).expect("settles");
+        assert!(matches!(found.surface, Surface::Cylinder(Cylinder { radius: 1.1, .. })), "{found:?}");
+    }
 }

@@ -58,8 +58,7 @@ impl Cylinder {
         let turn = turn_e.hypot(turn_f);
         let shortened = if turn > TURN_MAX { TURN_MAX / turn } else { 1.0 };
         let direction = (self.direction + (e * turn_e + f * turn_f) * shortened).normalize();
-        let moved =
-            Self { point: self.point + e * shift_e + f * shift_f, direction, radius: self.radius + grown };
+        let moved = Self { point: self.point + e * shift_e + f * shift_f, direction, radius: self.radius + grown };
         let finite = moved.point.iter().chain(moved.direction.iter()).all(|v| v.is_finite());
         (finite && moved.radius.is_finite() && moved.radius > 0.0).then_some(moved)
     }
