@@ -23,6 +23,7 @@ mod refusal;
 mod robust;
 mod section_line;
 mod settings;
+mod student;
 mod type_b;
 mod unusable;
 mod warning;

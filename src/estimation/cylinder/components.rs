@@ -8,14 +8,14 @@
 //! 2n − 4, of which those count for τ in which the arc shows the centre: n − 2 on a short one.
 
 use super::sums::Sums;
+use crate::estimation::student::{TWO_SIGMA, coverage_ratio};
 use nalgebra::{Matrix2, Matrix3, Matrix5, Vector2, Vector3, Vector5};
 
 /// Where (y_ref, z_ref, R) begin among the parameters.
 const SECTION: usize = 2;
-/// Two-sided, 95.45 % and all but 1 in 10⁵, as quantiles of the normal distribution;
-const USUAL: f64 = 2.0;
+/// The normal quantile of all but 1 in 10⁵, two-sided,
 const FAR: f64 = 4.417;
-/// the latter is to be no more than this many standard uncertainties away.
+/// is to be no more than this many standard uncertainties away.
 const FAR_MAX: f64 = 5.0;
 /// Fewer degrees of freedom are counted as so many: nothing is known then.
 const FREEDOM_MIN: f64 = 4.0;
@@ -94,28 +94,8 @@ impl Section {
     }
 }
 
-/// So much wider than the normal distribution's is the interval of two standard uncertainties and that of five.
+/// How much wider than the normal distribution's both the interval of two standard uncertainties and that of five have to be.
 fn widening(freedom: f64) -> f64 {
     let freedom = freedom.max(FREEDOM_MIN);
-    (student(USUAL, freedom) / USUAL).max(student(FAR, freedom) / FAR_MAX)
-}
-
-/// The quantile of Student's distribution that belongs to the normal one's z (Wallace, Annals of Mathematical Statistics 30,
-/// 1959): √(ν (exp(c²/ν) − 1)) with c = z (8ν + 3)/(8ν + 1).
-fn student(z: f64, freedom: f64) -> f64 {
-    let c = z * (8.0 * freedom + 3.0) / (8.0 * freedom + 1.0);
-    (freedom * (c * c / freedom).exp_m1()).sqrt()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn students_quantiles_are_those_of_the_tables() {
-        // JCGM 100, table G.2, 95.45 %.
-        for (z, freedom, quantile) in [(2.0, 3.0, 3.31), (2.0, 10.0, 2.28), (2.0, 50.0, 2.05)] {
-            assert!((student(z, freedom) - quantile).abs() < 0.015 * quantile, "{freedom}");
-        }
-    }
+    coverage_ratio(freedom, TWO_SIGMA).max(coverage_ratio(freedom, FAR) * FAR / FAR_MAX)
 }

@@ -10,6 +10,7 @@
 use super::components;
 use super::step::{self, Hold};
 use super::sums::Sums;
+use crate::estimation::student::{TWO_SIGMA, coverage_ratio};
 use nalgebra::{Matrix5, Vector5};
 
 /// Above this share of the whole, a profile is taken out exactly, below by the first terms of the series.
@@ -49,7 +50,7 @@ pub(super) fn sandwich(normal: &Matrix5<f64>, profiles: &[Sums], hold: Hold) -> 
         let effective = if squares > 0.0 { sum * sum / squares } else { clusters_count };
         effective.min(clusters_count - LINE).max(1.0)
     });
-    let widen = Matrix5::from_diagonal(&freedom.map(student_over_normal));
+    let widen = Matrix5::from_diagonal(&freedom.map(|freedom| coverage_ratio(freedom, TWO_SIGMA)));
     let mut covariance = widen * scatter * widen * ((clusters_count - 1.0) / clusters_count.max(1.0));
     let few = freedom.map(|freedom| clusters_count < FEW || freedom < FEW_EFFECTIVE);
     if few.iter().any(|few| *few) {
@@ -79,26 +80,9 @@ fn without(
     step::invert(&(normal - own)).map_or(first, |rest| rest * gradient)
 }
 
-/// How much wider the interval of ± 2 standard uncertainties is by Student's t than by the normal distribution.
-///
-/// The expansion t = z + (z³ + z)/4ν + (5z⁵ + 16z³ + 3z)/96ν² + (3z⁷ + 19z⁵ + 17z³ − 15z)/384ν³ (Abramowitz and Stegun
-/// 26.7.5) at z = 2; below 2 degrees of freedom it falls short.
-fn student_over_normal(freedom: f64) -> f64 {
-    let per = 1.0 / freedom;
-    0.5 * (2.0 + per * (2.5 + per * (294.0 / 96.0 + per * 1098.0 / 384.0)))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn few_profiles_widen_the_interval_as_student_says() {
-        // Two-sided 95.45 % quantiles of the tables (JCGM 100, table G.2): 3.31, 2.87, 2.28, 2.05.
-        for (freedom, quantile) in [(3.0, 3.31), (4.0, 2.87), (10.0, 2.28), (50.0, 2.05)] {
-            assert!((2.0 * student_over_normal(freedom) - quantile).abs() < 0.01 * quantile, "{freedom}");
-        }
-    }
 
     #[test]
     fn the_series_takes_a_profile_out_as_the_inverse_does() {

@@ -6,6 +6,7 @@
 //! In: centres and radii of profiles. Out: axis, radius, covariance, weights. Must not know of points.
 
 use crate::estimation::robust;
+use crate::estimation::student::{TWO_SIGMA, coverage_ratio};
 use crate::estimation::type_b::Influence;
 use crate::geometry::AxisLine;
 use nalgebra::{Matrix2, Matrix5, Vector2, Vector5};
@@ -98,24 +99,6 @@ fn line(centres: &[Centre], weights: &[f64], middle: f64) -> Option<AxisLine> {
     [axis.p, axis.q, axis.y0, axis.z0].iter().all(|v| v.is_finite()).then_some(axis)
 }
 
-/// How much wider the 95 % interval of Student's t is than the normal one's.
-///
-/// Tabled for the few degrees of freedom where the expansion t = z + (z³ + z)/4ν + (5z⁵ + 16z³ + 3z)/96ν² (Abramowitz and
-/// Stegun 26.7.5) is not good enough.
-fn student_over_normal(freedom: usize) -> f64 {
-    const Z: f64 = 1.959_964;
-    match freedom {
-        0 | 1 => 12.7062 / Z,
-        2 => 4.3027 / Z,
-        3 => 3.1824 / Z,
-        _ => {
-            let per = 1.0 / freedom as f64;
-            let (z2, z4) = (Z * Z, Z.powi(4));
-            1.0 + per * (z2 + 1.0) / 4.0 + per * per * (5.0 * z4 + 16.0 * z2 + 3.0) / 96.0
-        }
-    }
-}
-
 /// What the scatter of the centres does to the line, and what a shift of each would.
 fn sensitivity(
     centres: &[Centre],
@@ -156,23 +139,10 @@ fn sensitivity(
     }
     let bread = hessian.try_inverse()?;
     // Two parameters a coordinate were taken from the centres that are left.
-    let freedom = student_over_normal(blocks.len().saturating_sub(2)).powi(2);
+    let freedom = coverage_ratio(blocks.len().saturating_sub(2) as f64, TWO_SIGMA).powi(2);
     let matrix = bread * scatter * bread.transpose() * freedom;
     let matrix = (matrix + matrix.transpose()) * 0.5;
     let influence = |(x, block): (f64, Matrix5<f64>)| Influence { x, effect: bread * block.fixed_columns::<2>(Y_REF) };
     let influences = blocks.into_iter().map(influence).collect();
     matrix.iter().all(|v| v.is_finite()).then_some((matrix, influences))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn few_profiles_widen_the_interval_as_student_says() {
-        // Two-sided 95 % quantiles of the tables: 2.776 for 4, 2.228 for 10, 1.984 for 100 degrees of freedom.
-        for (freedom, quantile) in [(1, 12.706), (4, 2.776), (10, 2.228), (100, 1.984)] {
-            assert!((student_over_normal(freedom) * 1.959_964 - quantile).abs() < 0.02 * quantile, "{freedom}");
-        }
-    }
 }
