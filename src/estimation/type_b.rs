@@ -92,18 +92,18 @@ impl TypeB {
     /// The lines that are not zero.
     pub(super) fn lines(&self, found: &Found, influences: &[Influence]) -> Vec<Line> {
         let straightness = (self.stage_straightness_mm > 0.0)
-            .then(|| Line::of_slopes("stage_straightness", &self.straightness(influences), &found.axis));
+            .then(|| Line::of_slopes(Line::STAGE_STRAIGHTNESS, &self.straightness(influences), &found.axis));
         straightness.into_iter().chain(self.of_whole_scan(found)).collect()
     }
 
     /// Those of them that move everything in the scan together with the axis.
     pub(super) fn of_whole_scan(&self, found: &Found) -> Vec<Line> {
         let extrinsics = (self.extrinsics_rotation_deg > 0.0 || self.extrinsics_position_mm > 0.0)
-            .then(|| Line::of_slopes("sensor_extrinsics", &self.extrinsics(found), &found.axis));
+            .then(|| Line::of_slopes(Line::SENSOR_EXTRINSICS, &self.extrinsics(found), &found.axis));
         let growth = self.temperature_sigma_k * self.expansion_per_k;
         let temperature = (growth > 0.0).then(|| {
             let [y, z] = found.axis.at(found.x_ref);
-            Line::of_shift("temperature", &(Vector5::new(0.0, 0.0, y, z, found.radius) * growth), &found.axis)
+            Line::of_shift(Line::TEMPERATURE, &(Vector5::new(0.0, 0.0, y, z, found.radius) * growth), &found.axis)
         });
         [extrinsics, temperature].into_iter().flatten().collect()
     }
@@ -163,7 +163,7 @@ mod tests {
     fn standard(type_b: TypeB, influences: &[Influence]) -> [f64; 5] {
         let lines = type_b.lines(&ALONG_X, influences);
         assert_eq!(lines.len(), 1);
-        Uncertainty::of(&lines).budget[0].standard
+        Uncertainty::of(&lines, &ALONG_X.axis, ALONG_X.x_ref).budget[0].standard
     }
 
     fn near(found: [f64; 5], expected: [f64; 5]) -> bool {

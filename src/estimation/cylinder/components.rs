@@ -22,8 +22,13 @@ const FREEDOM_MIN: f64 = 4.0;
 /// Vibration is told from the points' noise where centres are off by so many times the variance that radii make likely.
 const TOLD: f64 = 4.0;
 
-/// Of (p, q, y_ref, z_ref, R); `None` where the profiles are too few or show too little each.
-pub(super) fn variances(bread: &Matrix5<f64>, profiles: &[Sums], free: &Vector5<f64>) -> Option<Vector5<f64>> {
+/// Variances of (p, q, y_ref, z_ref, R), widened, and their degrees of freedom; `None` where the profiles are too few or show too
+/// little each.
+pub(super) fn variances(
+    bread: &Matrix5<f64>,
+    profiles: &[Sums],
+    free: &Vector5<f64>,
+) -> Option<(Vector5<f64>, Vector5<f64>)> {
     let sections: Vec<Section> = profiles.iter().filter_map(Section::of).collect();
     let count = sections.len() as f64;
     let [freedom_radius, freedom_centre] = [count - 1.0, 2.0 * count - 4.0];
@@ -54,14 +59,16 @@ pub(super) fn variances(bread: &Matrix5<f64>, profiles: &[Sums], free: &Vector5<
         let effect = bread * profile.normal.fixed_columns::<2>(SECTION);
         by_vibration += effect.component_mul(&effect).column_sum().component_mul(free);
     }
-    Some(by_noise.zip_map(&by_vibration, |by_noise, by_vibration| {
-        let (of_noise, of_vibration) = (noise * by_noise, vibration * by_vibration);
-        let variance = of_noise + of_vibration;
-        // Satterthwaite's.
+    let (of_noise, of_vibration) = (by_noise * noise, by_vibration * vibration);
+    // Satterthwaite's.
+    let freedom = of_noise.zip_map(&of_vibration, |of_noise, of_vibration| {
         let squared = of_noise.powi(2) / freedom_noise + of_vibration.powi(2) / freedom_vibration;
-        let freedom = if squared > 0.0 { variance * variance / squared } else { freedom_vibration };
-        variance * widening(freedom).powi(2)
-    }))
+        let freedom = if squared > 0.0 { (of_noise + of_vibration).powi(2) / squared } else { freedom_vibration };
+        freedom.max(1.0)
+    });
+    let variances =
+        (of_noise + of_vibration).zip_map(&freedom, |variance, freedom| variance * widening(freedom).powi(2));
+    Some((variances, freedom))
 }
 
 /// What one profile is off by, in its own section.

@@ -16,7 +16,8 @@ const RADIUS: usize = 4;
 /// What the data say, and what is known of the radius.
 pub(super) fn from_data(solution: &Solution, hold: Hold, settings: &Settings) -> Vec<Line> {
     let axis = solution.cylinder.axis();
-    let repeatability = Line::of_slopes(Line::REPEATABILITY, &solution.covariance, &axis);
+    let repeatability =
+        Line::of_slopes(Line::REPEATABILITY, &solution.covariance, &axis).with_freedom(solution.freedom);
     let radius = by_radius(solution, hold, settings).map(|shift| Line::of_shift(Line::NOMINAL_RADIUS, &shift, &axis));
     [Some(repeatability), radius].into_iter().flatten().collect()
 }

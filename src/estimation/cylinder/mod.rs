@@ -40,7 +40,7 @@ mod solve;
 mod step;
 mod sums;
 
-use super::budget::Line;
+use super::budget::{self, Line};
 use super::{
     EndFaces, Found, Outcome, Pose, Profile, Progress, RadiusRule, RadiusSource, Reason, Refusal, Settings,
     Uncertainty, Warning,
@@ -154,7 +154,8 @@ fn weigh(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(Pose,
     let mut warnings = form.map_or_else(Vec::new, |form| form.warnings);
     // The drawing vouches for the part: layers widen the answer and do not refuse it.
     warnings.extend(open.map(|open| open.warning()));
-    Ok((pose(solution, settings, Uncertainty::of(&lines)), warnings))
+    let uncertainty = Uncertainty::of(&lines, &solution.cylinder.axis(), solution.cylinder.x_ref);
+    Ok((pose(solution, settings, uncertainty), warnings))
 }
 
 /// Standard uncertainties beyond what is allowed.
@@ -167,7 +168,7 @@ struct Open {
 
 /// What these lines leave open, unless that is allowed.
 fn left_open(lines: &[Line], settings: &Settings) -> Option<Open> {
-    let [[deflection, ..], [_, pitch, ..], [_, _, y, ..], [_, _, _, z, _], _] = Uncertainty::of(lines).covariance;
+    let [[deflection, ..], [_, pitch, ..], [_, _, y, ..], [_, _, _, z, _], _] = budget::combined(lines);
     let (angle_deg, position_mm) = (deflection.max(pitch).sqrt().to_degrees(), y.max(z).sqrt());
     let (angle_max_deg, position_max_mm) = (settings.angle_uncertainty_max_deg, settings.position_uncertainty_max_mm);
     let known = angle_deg <= angle_max_deg && position_mm <= position_max_mm;

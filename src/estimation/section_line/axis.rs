@@ -26,8 +26,9 @@ pub(super) struct Fit {
     pub(super) axis: AxisLine,
     pub(super) x_ref: f64,
     pub(super) radius: f64,
-    /// Of (p, q, y_ref, z_ref, radius).
+    /// Of (p, q, y_ref, z_ref, radius), widened for its degrees of freedom.
     pub(super) covariance: Matrix5<f64>,
+    pub(super) freedom: f64,
     /// One a centre; 0 where it lies off the axis.
     pub(super) weights: Vec<f64>,
     /// How the line answers to the shift of a centre; one for each with a weight.
@@ -79,8 +80,11 @@ pub(super) fn fit(centres: &[Centre], reweighting: Reweighting) -> Option<Fit> {
     let x_ref = x_sum / used_count;
     let sum: f64 = weights.iter().sum();
     let radius = centres.iter().zip(&weights).map(|(c, w)| w * c.radius).sum::<f64>() / sum;
+    // Two parameters a coordinate were taken from the centres that are left.
+    let freedom = (used_count - 2.0).max(1.0);
     let (covariance, influences) = sensitivity(centres, &weights, &axis, x_ref, radius, cut_off)?;
-    Some(Fit { axis, x_ref, radius, covariance, weights, influences })
+    let covariance = covariance * coverage_ratio(freedom, TWO_SIGMA).powi(2);
+    Some(Fit { axis, x_ref, radius, covariance, freedom, weights, influences })
 }
 
 /// Weighted least squares of y and z on x.
@@ -138,9 +142,7 @@ fn sensitivity(
         blocks.push((c.x, block));
     }
     let bread = hessian.try_inverse()?;
-    // Two parameters a coordinate were taken from the centres that are left.
-    let freedom = coverage_ratio(blocks.len().saturating_sub(2) as f64, TWO_SIGMA).powi(2);
-    let matrix = bread * scatter * bread.transpose() * freedom;
+    let matrix = bread * scatter * bread.transpose();
     let matrix = (matrix + matrix.transpose()) * 0.5;
     let influence = |(x, block): (f64, Matrix5<f64>)| Influence { x, effect: bread * block.fixed_columns::<2>(Y_REF) };
     let influences = blocks.into_iter().map(influence).collect();

@@ -130,10 +130,10 @@ pub(super) fn pose(fit: &Fit, bias: Bias, settings: &Settings) -> Pose {
     // Position and radius are off together: the ellipse shrinks away from where it is seen.
     let shared = Vector5::new(0.0, 0.0, bias.y, bias.z, bias.radius);
     let mut lines = vec![
-        Line::of_slopes(Line::REPEATABILITY, &fit.covariance, &axis),
+        Line::of_slopes(Line::REPEATABILITY, &fit.covariance, &axis).with_freedom(Vector5::repeat(fit.freedom)),
         Line::of_shift(Line::FIT_BIAS, &shared, &axis),
     ];
     lines.extend(settings.type_b.lines(&Found { axis, x_ref, radius }, &fit.influences));
-    let (uncertainty, end_faces) = (Uncertainty::of(&lines), EndFaces::default());
+    let (uncertainty, end_faces) = (Uncertainty::of(&lines, &axis, x_ref), EndFaces::default());
     Pose { axis, x_ref, radius, radius_source: RadiusSource::Fitted, uncertainty, end_faces }
 }
