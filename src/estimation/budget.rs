@@ -163,8 +163,8 @@ mod tests {
 
     #[test]
     fn degrees_of_freedom_combine_as_in_the_example_of_the_gum() {
-        // JCGM 100, H.1.6: a standard uncertainty of 32 nm in all, of which five lines have 18, 24, 5, 8 and infinitely many
-        // degrees of freedom: 25 (18), 9.7 (25.6), 0 and 16.6 (50) beside 2.9 (2) give 16.7, which the GUM rounds down to 16.
+        // JCGM 100, H.1.6: standard uncertainties of 25, 9.7, 2.9 and 16.6 nm with 18, 25.6, 50 and 2 degrees of freedom
+        // together have 16.7.
         let lines =
             [(25.0, 18.0), (9.7, 25.6), (2.9, 50.0), (16.6, 2.0)].map(|(u, freedom): (f64, f64)| (u * u, freedom));
         let freedom = effective_freedom(lines.into_iter()).expect("finite");

@@ -17,6 +17,7 @@ mod conclude;
 mod cylinder;
 mod end_face;
 mod estimate;
+mod linearity;
 mod parts;
 mod progress;
 mod refusal;

@@ -23,6 +23,7 @@ mod judge;
 mod kernel;
 mod known;
 mod layers;
+mod linearity;
 mod model;
 mod narrow;
 mod patches;

@@ -8,6 +8,7 @@
 mod axis;
 mod bias;
 mod conic;
+mod linearity;
 mod section;
 mod verdict;
 
@@ -51,7 +52,13 @@ fn fit_axis(scan: &Scan, profiles: &mut [Profile], settings: &Settings) -> Outco
     let bias = typical_bias(scan, profiles, settings);
     match verdict::after_fitting(profiles, &fit.axis, bias, settings) {
         Some(refusal) => Outcome::Refused(refusal),
-        None => Outcome::Accepted(Box::new(verdict::pose(&fit, bias, settings))),
+        None => {
+            let patches = match settings.type_b.sensor_linearity_mm > 0.0 {
+                true => linearity::influences(scan, profiles, &fit, settings),
+                false => Vec::new(),
+            };
+            Outcome::Accepted(Box::new(verdict::pose(&fit, bias, &patches, settings)))
+        }
     }
 }
 
