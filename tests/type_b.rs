@@ -4,7 +4,7 @@
 #![expect(clippy::panic, clippy::expect_used, clippy::indexing_slicing, reason = "a test may fail")]
 
 use coaxis::estimation::{Method, Outcome, Pose, Progress, RadiusRule, Settings, TypeB, estimate};
-use coaxis::scan::synthetic::{Part, make};
+use coaxis::scan::synthetic::{Part, Truth, make};
 use coaxis::scan::{Columns, Scan};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -104,12 +104,126 @@ fn the_budget_has_a_line_for_everything_that_was_said_and_none_for_what_was_not(
     assert_eq!(sources(&Settings::default()), ["repeatability"]);
     let type_b = TypeB {
         stage_straightness_mm: 0.01,
+        sensor_linearity_mm: 0.01,
         extrinsics_position_mm: 0.01,
         temperature_sigma_k: 2.0,
         ..TypeB::default()
     };
-    let all = ["stage_straightness", "sensor_extrinsics", "temperature"];
+    let all = ["stage_straightness", "sensor_linearity", "sensor_extrinsics", "temperature"];
     assert_eq!(sources(&Settings { type_b, ..Settings::default() })[1..], all);
     let sections = Settings { type_b, method: Method::SectionLine, ..Settings::default() };
     assert_eq!(sources(&sections)[2..], all);
+}
+
+/// The scan as a sensor takes it whose z deviates by `deviation(y, z)` mm.
+fn distorted(scan: &Scan, deviation: impl Fn(f64, f64) -> f64) -> Scan {
+    let (mut y, mut z) = (Vec::new(), Vec::new());
+    for point in (0..scan.columns().len()).filter_map(|i| scan.columns().get(i)) {
+        y.push(point[0]);
+        z.push(point[1] + deviation(point[0], point[1]));
+    }
+    Scan::new(scan.stations().to_vec(), Columns::F64 { y, z }, "made".to_owned()).expect("valid")
+}
+
+/// A random function with standard deviation 1 and the correlation exp(−d²/2L²): white noise averaged with a Gaussian of the
+/// standard deviation L/√2, on a grid that is eight times as fine and interpolated.
+fn smooth_deviation(length: f64, seed: u64) -> impl Fn(f64) -> f64 {
+    let mut chance = ChaCha8Rng::seed_from_u64(seed);
+    let (step, reach) = (length / 8.0, 24_i32);
+    let cells_count = (800.0 / step) as usize;
+    let noise: Vec<f64> =
+        (0..cells_count + 2 * reach as usize + 1).map(|_| StandardNormal.sample(&mut chance)).collect();
+    let kernel: Vec<f64> = (-reach..=reach).map(|i| (-(f64::from(i) / 8.0).powi(2)).exp()).collect();
+    let norm = kernel.iter().map(|weight| weight * weight).sum::<f64>().sqrt();
+    let average = |noise: &[f64]| noise.iter().zip(&kernel).map(|(noise, weight)| noise * weight).sum::<f64>() / norm;
+    let values: Vec<f64> = noise.windows(kernel.len()).map(average).collect();
+    move |y: f64| {
+        let place = ((y + 400.0) / step).clamp(0.0, values.len() as f64 - 1.001);
+        let (below, share) = (place as usize, place.fract());
+        values[below] * (1.0 - share) + values[below + 1] * share
+    }
+}
+
+/// Expanded uncertainties (k = 2) of (deflection, pitch, y_ref, z_ref, radius), rad and mm.
+fn expanded(pose: &Pose) -> [f64; 5] {
+    [0, 1, 2, 3, 4].map(|index| 2.0 * pose.uncertainty.covariance[index][index].sqrt())
+}
+
+/// Errors of (deflection, pitch, y_ref, z_ref, radius), rad and mm.
+fn errors(pose: &Pose, truth: &Truth) -> [f64; 5] {
+    let [y, z] = pose.axis.at(truth.x_ref_mm);
+    [
+        pose.axis.deflection().radians() - truth.deflection_deg.to_radians(),
+        pose.axis.pitch().radians() - truth.pitch_deg.to_radians(),
+        y - truth.y_ref_mm,
+        z - truth.z_ref_mm,
+        pose.radius - truth.radius_mm,
+    ]
+}
+
+#[test]
+fn poses_scatter_as_the_linearity_of_the_sensor_says() {
+    let u = 0.02;
+    for (method, arc_deg, length, declared) in [
+        (Method::Cylinder, 120.0, 30.0, Some(30.0)),
+        (Method::Cylinder, 120.0, 150.0, Some(150.0)),
+        // A fifth of the width 2·200·sin 60°.
+        (Method::Cylinder, 120.0, 69.0, None),
+        (Method::Cylinder, 80.0, 60.0, Some(60.0)),
+        (Method::SectionLine, 150.0, 60.0, Some(60.0)),
+    ] {
+        let type_b = TypeB { sensor_linearity_mm: u, sensor_linearity_length_mm: declared, ..TypeB::default() };
+        let settings = Settings { method, type_b, ..Settings::default() };
+        let (mut squares, mut stated, mut within, mut accepted_count) = ([0.0; 5], [0.0; 5], [0; 5], 0_u32);
+        for seed in 0..SEEDS {
+            let part = Part { arc_deg, noise_sigma_mm: 0.05, points_count: 160, ..part(seed) };
+            let (scan, truth) = make(&part).expect("a part");
+            let deviation = smooth_deviation(length, seed);
+            let scan = distorted(&scan, |y, _| u * deviation(y));
+            // A large deviation over a short stretch may look like a layer on the part.
+            let Outcome::Accepted(pose) = estimate(&scan, &settings, &Progress::default()).outcome else { continue };
+            accepted_count += 1;
+            let (errors, line) = (errors(&pose, &truth), line(&pose, "sensor_linearity"));
+            for index in 0..5 {
+                within[index] += u32::from(errors[index].abs() <= expanded(&pose)[index]);
+                squares[index] += errors[index].powi(2);
+                stated[index] += line[index];
+            }
+        }
+        assert!(u64::from(accepted_count) + 3 >= SEEDS, "{accepted_count} accepted");
+        let count = f64::from(accepted_count);
+        let shares = within.map(|within| 100.0 * f64::from(within) / count);
+        println!("{method:?}, {arc_deg}°, {declared:?} mm: U contains {shares:.1?} %");
+        // 95.4 % of 150 scatters by 1.7 %; three of them are granted. What of the deviation shows in the residuals is in the
+        // repeatability as well, so there may be more.
+        assert!(shares.iter().all(|share| *share >= 90.0), "{method:?}, {length} mm: {shares:?}");
+        // Of y_ref and z_ref; slopes and, by sections, the radius answer to it by less than to noise and bias of the fit.
+        for index in [2, 3] {
+            let ratio = (squares[index] / count).sqrt() / (stated[index] / count);
+            println!("  seen over stated {ratio:.2}");
+            // As above for the straightness.
+            assert!((0.76..1.24).contains(&ratio), "{method:?}, {length} mm: seen over stated {ratio}");
+        }
+    }
+}
+
+#[test]
+fn a_bent_distance_scale_is_within_the_uncertainty_where_it_is_declared() {
+    // The surface is seen from 100 to 200 mm above the axis, over which the deviation grows by 0.06 mm.
+    let bent = |_: f64, z: f64| 0.02 * (z / 100.0).powi(2);
+    let contained_count = |sensor_linearity_mm: f64| {
+        let type_b = TypeB { sensor_linearity_mm, ..TypeB::default() };
+        let settings = Settings { type_b, ..Settings::default() };
+        let contained = |seed: &u64| {
+            let part = Part { profiles_count: 50, points_count: 160, arc_deg: 120.0, ..Part::smooth(*seed) };
+            let (scan, truth) = make(&part).expect("a part");
+            let pose = pose(&distorted(&scan, bent), &settings);
+            let errors = errors(&pose, &truth);
+            [2, 3, 4].iter().all(|&index| errors[index].abs() <= expanded(&pose)[index])
+        };
+        (0..60).filter(contained).count()
+    };
+    let (undeclared, declared) = (contained_count(0.0), contained_count(0.06));
+    println!("undeclared {undeclared} of 60, declared {declared} of 60");
+    assert!(undeclared <= 6 && declared == 60, "undeclared {undeclared} of 60, declared {declared} of 60");
 }

@@ -1,7 +1,9 @@
 //! A measurement as a table for a person at a terminal. Must not know how it was made, nor round anything that a program
 //! would read.
 
-use crate::http::{MeasurementDocument, PoseDocument, ReasonDocument, TallyDocument, UncertaintyDocument, VerdictName};
+use crate::http::{
+    MeasurementDocument, PoseDocument, ReasonDocument, ScopeDocument, TallyDocument, UncertaintyDocument, VerdictName,
+};
 use std::fmt::Write;
 
 /// The table of one measurement.
@@ -64,7 +66,11 @@ fn write_pose(text: &mut String, found: Option<(&PoseDocument, &UncertaintyDocum
         let (x, y, z) = (face.x_mm, face.y_mm, face.z_mm);
         writeln!(text, "  {quantity:<12} {x:>12.4} ± {half_width:.4} mm, there y {y:.4}, z {z:.4}")?;
     }
-    writeln!(text, "  x_ref        {:>12.4} mm; ± is the expanded uncertainty, k = 2", pose.x_ref_mm)
+    let scope = match uncertainty.scope {
+        ScopeDocument::Repeatability => " of the repeatability alone; calibration is not stated (type_b)",
+        ScopeDocument::Combined => "",
+    };
+    writeln!(text, "  x_ref        {:>12.4} mm; ± is the expanded uncertainty, k = 2{scope}", pose.x_ref_mm)
 }
 
 fn write_profiles(text: &mut String, counts: &TallyDocument) -> std::fmt::Result {

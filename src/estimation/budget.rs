@@ -1,7 +1,10 @@
-//! The uncertainty budget: lines of independent sources, each a covariance of its own, and what they make together (GUM,
-//! JCGM 100, 5.1: independent contributions add as variances). Must not know where a line comes from.
+//! The uncertainty budget: lines of independent sources, each a covariance of its own, and their combination (GUM, JCGM 100,
+//! 5.1: independent contributions add as variances; G.4: their degrees of freedom combine by Welch-Satterthwaite).
+//!
+//! The axis meets x = 0 at y_c0 = y_ref − x_ref·tan β, hence with j = ∂y_c0/∂β = −x_ref·(1 + tan² β) the variance
+//! var y_ref + j²·var β + 2·j·cov(β, y_ref); likewise z_c0 with the pitch.
 
-use super::{Component, Uncertainty};
+use super::{Component, Pose, Uncertainty};
 use crate::geometry::AxisLine;
 use nalgebra::{Matrix5, Vector5};
 
@@ -10,6 +13,8 @@ use nalgebra::{Matrix5, Vector5};
 pub(super) struct Line {
     source: &'static str,
     covariance: Matrix5<f64>,
+    /// Degrees of freedom of each variance; infinite where it does not come from repeated observations.
+    freedom: Vector5<f64>,
 }
 
 impl Line {
@@ -19,16 +24,28 @@ impl Line {
     pub(super) const FIT_BIAS: &'static str = "fit_bias";
     /// Of a part that is no straight cylinder.
     pub(super) const FORM: &'static str = "form";
-    /// Of layers that nobody can tell from the part.
+    /// Of layers that cannot be distinguished from the part.
     pub(super) const LAYERS: &'static str = "layers";
     /// Of a radius that is given.
     pub(super) const NOMINAL_RADIUS: &'static str = "nominal_radius";
+    /// Of the stage's travel.
+    pub(super) const STAGE_STRAIGHTNESS: &'static str = "stage_straightness";
+    /// Of the sensor's distance scale along the laser line.
+    pub(super) const SENSOR_LINEARITY: &'static str = "sensor_linearity";
+    /// Of the sensor's position and rotation in the rail frame.
+    pub(super) const SENSOR_EXTRINSICS: &'static str = "sensor_extrinsics";
+    /// Of the part's thermal expansion.
+    pub(super) const TEMPERATURE: &'static str = "temperature";
+
+    /// The lines that come from calibration.
+    const CALIBRATION: [&'static str; 4] =
+        [Self::STAGE_STRAIGHTNESS, Self::SENSOR_LINEARITY, Self::SENSOR_EXTRINSICS, Self::TEMPERATURE];
 
     /// From the covariance of the slopes (p, q, y_ref, z_ref, radius) about `axis`.
     pub(super) fn of_slopes(source: &'static str, covariance: &Matrix5<f64>, axis: &AxisLine) -> Self {
         let [by_p, by_q] = [axis.p, axis.q].map(|slope| 1.0 / (1.0 + slope * slope));
         let to_angles = Matrix5::from_diagonal(&Vector5::new(by_p, by_q, 1.0, 1.0, 1.0));
-        Self { source, covariance: to_angles * covariance * to_angles }
+        Self { source, covariance: to_angles * covariance * to_angles, freedom: Vector5::repeat(f64::INFINITY) }
     }
 
     /// From one number whose standard uncertainty moves (p, q, y_ref, z_ref, radius) by `shift`, all at once.
@@ -36,22 +53,124 @@ impl Line {
         Self::of_slopes(source, &(shift * shift.transpose()), axis)
     }
 
+    /// The same line where its variances come from repeated observations with these degrees of freedom.
+    pub(super) fn with_freedom(self, freedom: Vector5<f64>) -> Self {
+        Self { freedom, ..self }
+    }
+
     fn standard(&self) -> [f64; 5] {
         self.covariance.diagonal().map(|variance| variance.max(0.0).sqrt()).into()
     }
 }
 
+/// Factors on the deflection and the pitch in y_c0 and z_c0.
+fn levers(axis: &AxisLine, x_ref: f64) -> [f64; 2] {
+    [axis.p, axis.q].map(|slope| -x_ref * (1.0 + slope * slope))
+}
+
+/// Standard uncertainties of y_c0 and z_c0.
+fn standard_at_origin(covariance: [[f64; 5]; 5], axis: &AxisLine, x_ref: f64) -> [f64; 2] {
+    let [[deflection, _, deflection_y, ..], [_, pitch, _, pitch_z, _], [_, _, y, ..], [_, _, _, z, _], _] = covariance;
+    let [by_deflection, by_pitch] = levers(axis, x_ref);
+    // Rounding may leave a hair below zero where the terms nearly cancel.
+    let standard =
+        |j: f64, angle: f64, position: f64, both: f64| (position + j * j * angle + 2.0 * j * both).max(0.0).sqrt();
+    [standard(by_deflection, deflection, y, deflection_y), standard(by_pitch, pitch, z, pitch_z)]
+}
+
+/// Welch-Satterthwaite's effective degrees of freedom of a sum of variances, each with its own; `None` where infinite.
+///
+/// Satterthwaite's ν = 2 E²/Var holds for the sum as it is stated, so variances that Student's t has widened enter as
+/// widened ones.
+fn effective_freedom(variances: impl Iterator<Item = (f64, f64)> + Clone) -> Option<f64> {
+    let sum: f64 = variances.clone().map(|(variance, _)| variance).sum();
+    let scatter: f64 = variances.map(|(variance, freedom)| variance * variance / freedom).sum();
+    let freedom = sum * sum / scatter;
+    (scatter > 0.0 && freedom.is_finite()).then_some(freedom)
+}
+
+/// The covariance of independent lines together.
+pub(super) fn combined(lines: &[Line]) -> [[f64; 5]; 5] {
+    lines.iter().map(|line| line.covariance).sum::<Matrix5<f64>>().into()
+}
+
 impl Uncertainty {
-    /// What the lines make together.
-    pub(super) fn of(lines: &[Line]) -> Self {
-        let covariance: Matrix5<f64> = lines.iter().map(|line| line.covariance).sum();
-        let component = |line: &Line| Component { source: line.source.to_owned(), standard: line.standard() };
-        Self { covariance: covariance.into(), budget: lines.iter().map(component).collect() }
+    /// The same for other parameters of the same kind that follow from these by `jacobian`, about another axis. The degrees of
+    /// freedom are those of the parameter that each depends on most.
+    pub(super) fn transformed(&self, jacobian: &Matrix5<f64>, axis: &AxisLine, x_ref: f64) -> Self {
+        let turned = |own: [[f64; 5]; 5]| jacobian * Matrix5::from(own) * jacobian.transpose();
+        let component = |own: &Component| {
+            let covariance = own.covariance.map(turned);
+            let standard = covariance.map_or([0.0; 5], |covariance| {
+                covariance.diagonal().map(|variance| variance.max(0.0).sqrt()).into()
+            });
+            let standard_at_origin = covariance.map(|covariance| standard_at_origin(covariance.into(), axis, x_ref));
+            let covariance = covariance.map(Into::into);
+            Component { source: own.source.clone(), covariance, standard, standard_at_origin }
+        };
+        let freedom = |row: usize| {
+            let own = (0..5).max_by(|a, b| {
+                let share = |column: usize| {
+                    let variance = self.covariance.get(column).and_then(|row| row.get(column)).copied().unwrap_or(0.0);
+                    jacobian.get((row, column)).map_or(0.0, |by| by * by * variance)
+                };
+                share(*a).total_cmp(&share(*b))
+            });
+            own.and_then(|own| self.effective_freedom.get(own).copied().flatten())
+        };
+        let effective_freedom: [Option<f64>; 5] = std::array::from_fn(freedom);
+        let [deflection, pitch, ..] = effective_freedom;
+        Self {
+            covariance: turned(self.covariance).into(),
+            budget: self.budget.iter().map(component).collect(),
+            effective_freedom,
+            effective_freedom_at_origin: [deflection, pitch],
+        }
     }
 
-    /// The covariance of what is left when these of its lines are left out.
+    /// Combines the lines for an axis that is known about `x_ref`.
+    pub(super) fn of(lines: &[Line], axis: &AxisLine, x_ref: f64) -> Self {
+        let component = |line: &Line| Component {
+            source: line.source.to_owned(),
+            covariance: Some(line.covariance.into()),
+            standard: line.standard(),
+            standard_at_origin: Some(standard_at_origin(line.covariance.into(), axis, x_ref)),
+        };
+        let terms = |index: usize, factor: f64| {
+            let term = move |line: &Line| {
+                let variance = line.covariance.diagonal().get(index).map_or(0.0, |variance| variance.max(0.0));
+                (factor * factor * variance, line.freedom.get(index).copied().unwrap_or(f64::INFINITY))
+            };
+            lines.iter().map(term)
+        };
+        let [by_deflection, by_pitch] = levers(axis, x_ref);
+        Self {
+            covariance: combined(lines),
+            budget: lines.iter().map(component).collect(),
+            effective_freedom: [0, 1, 2, 3, 4].map(|index| effective_freedom(terms(index, 1.0))),
+            // Position and angle are nearly uncorrelated at x_ref, so they count as two contributions.
+            effective_freedom_at_origin: [(0, by_deflection, 2), (1, by_pitch, 3)]
+                .map(|(angle, lever, position)| effective_freedom(terms(angle, lever).chain(terms(position, 1.0)))),
+        }
+    }
+
+    /// The covariance that remains when these of its lines are left out.
     pub(super) fn without(&self, lines: &[Line]) -> Matrix5<f64> {
-        Matrix5::from(self.covariance) - lines.iter().map(|line| line.covariance).sum::<Matrix5<f64>>()
+        Matrix5::from(self.covariance) - Matrix5::from(combined(lines))
+    }
+
+    /// Whether the budget has a line from calibration (`type_b`); otherwise it covers what the scan itself shows.
+    #[must_use]
+    pub fn includes_calibration(&self) -> bool {
+        self.budget.iter().any(|line| Line::CALIBRATION.contains(&line.source.as_str()))
+    }
+}
+
+impl Pose {
+    /// Standard uncertainties of y and z where the axis meets x = 0, mm.
+    #[must_use]
+    pub fn standard_at_origin(&self) -> [f64; 2] {
+        standard_at_origin(self.uncertainty.covariance, &self.axis, self.x_ref)
     }
 }
 
@@ -62,16 +181,50 @@ mod tests {
     #[test]
     fn independent_lines_add_as_variances_and_slopes_become_angles() {
         let axis = AxisLine { p: 0.5, q: 0.0, y0: 0.0, z0: 0.0 };
-        let scatter = Line { source: "repeatability", covariance: Matrix5::from_diagonal_element(9e-6) };
+        let freedom = Vector5::repeat(7.0);
+        let scatter = Line { source: "repeatability", covariance: Matrix5::from_diagonal_element(9e-6), freedom };
         let shift = Line::of_shift("nominal_radius", &Vector5::new(0.005, 0.0, 0.0, 0.004, 0.0), &axis);
         let scatter_alone = scatter.covariance;
-        let uncertainty = Uncertainty::of(&[scatter, shift]);
-        let Uncertainty { covariance, budget } = &uncertainty;
+        let uncertainty = Uncertainty::of(&[scatter, shift], &axis, 10.0);
+        let Uncertainty { covariance, budget, .. } = &uncertainty;
         // d atan(p)/dp = 1/(1 + p²) = 0.8, so 0.005 becomes 0.004; with 0.003 beside it 3-4-5 makes 0.005.
         assert!((budget[1].standard[0] - 0.004).abs() < 1e-12);
         assert!((covariance[0][0].sqrt() - 0.005).abs() < 1e-12);
         assert!((covariance[3][3].sqrt() - 0.005).abs() < 1e-12);
         assert!((covariance[0][3] - 0.004 * 0.004).abs() < 1e-12, "one number moves both");
         assert!((uncertainty.without(&[shift]) - scatter_alone).norm() < 1e-18);
+    }
+
+    #[test]
+    fn degrees_of_freedom_combine_as_in_the_example_of_the_gum() {
+        // JCGM 100, H.1.6: standard uncertainties of 25, 9.7, 2.9 and 16.6 nm with 18, 25.6, 50 and 2 degrees of freedom
+        // together have 16.7.
+        let lines =
+            [(25.0, 18.0), (9.7, 25.6), (2.9, 50.0), (16.6, 2.0)].map(|(u, freedom): (f64, f64)| (u * u, freedom));
+        let freedom = effective_freedom(lines.into_iter()).expect("finite");
+        assert!((freedom - 16.7).abs() < 0.1, "{freedom}");
+        assert_eq!(effective_freedom([(1.0, f64::INFINITY)].into_iter()), None);
+        assert_eq!(effective_freedom([(0.0, 3.0)].into_iter()), None);
+    }
+
+    #[test]
+    fn the_origin_has_its_share_of_every_line() {
+        // A line through two points at x = 100 and 300, each known to 0.1 mm: 0.1·√2.5 mm at x = 0 (1.5² + 0.5² = 2.5).
+        let axis = AxisLine { p: 0.0, q: 0.0, y0: 0.0, z0: 0.0 };
+        let variances = Vector5::new(0.01 * 2.0 / 40_000.0, 0.0, 0.005, 0.0, 0.0);
+        let freedom = Vector5::repeat(8.0);
+        let scatter =
+            Line::of_slopes(Line::REPEATABILITY, &Matrix5::from_diagonal(&variances), &axis).with_freedom(freedom);
+        let moved = Line::of_shift(Line::SENSOR_EXTRINSICS, &Vector5::new(0.0, 0.0, 0.3, 0.4, 0.0), &axis);
+        let uncertainty = Uncertainty::of(&[scatter, moved], &axis, 200.0);
+        let at_origin = uncertainty.budget.iter().map(|line| line.standard_at_origin.expect("two numbers"));
+        for (found, expected) in at_origin.flatten().zip([0.1 * 2.5f64.sqrt(), 0.0, 0.3, 0.4]) {
+            assert!((found - expected).abs() < 1e-12, "{found} for {expected}");
+        }
+        // (0.02 + 0.005 + 0.09)² / ((0.02² + 0.005²)/8), mm⁴.
+        let freedom = uncertainty.effective_freedom_at_origin[0].expect("finite");
+        assert!((freedom - 0.115f64.powi(2) / (4.25e-4 / 8.0)).abs() < 1e-6, "{freedom}");
+        assert_eq!(uncertainty.effective_freedom_at_origin[1], None);
+        assert!(uncertainty.includes_calibration() && !Uncertainty::of(&[scatter], &axis, 0.0).includes_calibration());
     }
 }

@@ -60,6 +60,7 @@ fn general_warnings(
             .nominal_radius_mm
             .filter(differs)
             .map(|nominal_radius_mm| Warning::RadiusDiffers { radius_mm, nominal_radius_mm }),
+        (!settings.type_b.is_stated()).then_some(Warning::CalibrationNotStated),
     ]
     .into_iter()
     .flatten()

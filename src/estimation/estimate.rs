@@ -112,6 +112,14 @@ pub struct Uncertainty {
     pub covariance: [[f64; 5]; 5],
     /// What it is made of.
     pub budget: Vec<Component>,
+    /// Degrees of freedom of the standard uncertainties in the order above, combined over the budget by Welch-Satterthwaite
+    /// (JCGM 100, G.4); `None` where infinite, and in results that were stored without them. The covariance is already widened
+    /// for them.
+    #[serde(default)]
+    pub effective_freedom: [Option<f64>; 5],
+    /// The same for y and z where the axis meets x = 0.
+    #[serde(default)]
+    pub effective_freedom_at_origin: [Option<f64>; 2],
 }
 
 /// One line of the uncertainty budget.
@@ -119,8 +127,14 @@ pub struct Uncertainty {
 pub struct Component {
     /// What makes the result uncertain, e.g. `repeatability`.
     pub source: String,
+    /// Its covariance of (deflection, pitch, y_ref, z_ref, radius); `None` in records from before it was stored.
+    #[serde(default)]
+    pub covariance: Option<[[f64; 5]; 5]>,
     /// Standard uncertainties of (deflection, pitch, y_ref, z_ref, radius) in radians and millimetres.
     pub standard: [f64; 5],
+    /// Standard uncertainties of y and z where the axis meets x = 0, mm; `None` in results that were stored without them.
+    #[serde(default)]
+    pub standard_at_origin: Option<[f64; 2]>,
 }
 
 /// What became of one profile.
@@ -249,11 +263,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pose_that_was_kept_before_there_were_end_faces_is_read() {
+    fn a_pose_that_was_stored_before_there_were_end_faces_and_degrees_of_freedom_is_read() {
         let text = r#"{"axis": {"p": 0.0, "q": 0.0, "y0": 1.0, "z0": 2.0}, "x_ref": 3.0, "radius": 4.0,
             "radius_source": "fitted", "uncertainty": {"covariance": [[0, 0, 0, 0, 0], [0, 0, 0, 0, 0], [0, 0, 0, 0, 0],
-            [0, 0, 0, 0, 0], [0, 0, 0, 0, 0]], "budget": []}}"#;
+            [0, 0, 0, 0, 0], [0, 0, 0, 0, 0]],
+            "budget": [{"source": "repeatability", "standard": [0, 0, 0, 0, 0]}]}}"#;
         let pose: Pose = serde_json::from_str(text).expect("an old row");
         assert_eq!(pose.end_faces, EndFaces::default());
+        assert_eq!(pose.uncertainty.effective_freedom, [None; 5]);
+        assert_eq!(pose.uncertainty.budget[0].standard_at_origin, None);
     }
 }

@@ -1,26 +1,18 @@
 //! A pose that was found in the frame of its sections, in the coordinates of the scan.
 
-use super::Pose;
+use super::{Pose, Uncertainty};
 use crate::geometry::{Axis, AxisLine};
-use nalgebra::{Matrix3, Matrix5, Vector3, Vector5};
+use nalgebra::{Matrix2, Matrix3, Matrix5, Vector3, Vector5};
 
 /// The pose in the coordinates of the scan, by slopes and by where the axis meets planes x = const.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct OnRail {
     /// The axis.
     pub axis: AxisLine,
     /// The x of the point of the axis that is known best, mm.
     pub x_ref: f64,
-    /// What a change of the pose's own (deflection, pitch, y_ref, z_ref, radius) does to these.
-    pub jacobian: Matrix5<f64>,
-}
-
-impl OnRail {
-    /// A covariance of the pose's own numbers as one of these.
-    #[must_use]
-    pub fn covariance(&self, own: &Matrix5<f64>) -> Matrix5<f64> {
-        self.jacobian * own * self.jacobian.transpose()
-    }
+    /// How well deflection, pitch, y_ref, z_ref and radius are known.
+    pub uncertainty: Uncertainty,
 }
 
 impl Pose {
@@ -38,12 +30,34 @@ impl Pose {
     #[must_use]
     pub fn on_rail(&self) -> Option<OnRail> {
         if self.cut.is_none() {
-            return Some(OnRail { axis: self.axis, x_ref: self.x_ref, jacobian: Matrix5::identity() });
+            return Some(OnRail { axis: self.axis, x_ref: self.x_ref, uncertainty: self.uncertainty.clone() });
         }
         let placed = self.axis_in_scan();
         let axis = placed.line()?;
         let [x_ref, ..] = placed.point_mm;
-        Some(OnRail { axis, x_ref, jacobian: self.jacobian(&axis) })
+        let uncertainty = self.uncertainty.transformed(&self.jacobian(&axis), &axis, x_ref);
+        Some(OnRail { axis, x_ref, uncertainty })
+    }
+
+    /// Standard uncertainties of the axis square to itself, in the direction in which each is largest: of its direction, rad,
+    /// and of its point that is known best, mm.
+    #[must_use]
+    pub fn axis_standard(&self) -> [f64; 2] {
+        let [by_p, by_q] = [self.axis.p, self.axis.q];
+        // Square to the axis a change in y counts by the sine of the angle between Y and the axis; so does one in z, and the two
+        // together. Slopes beside the axis are small in its own frame, and within tilt_max_deg on the rail.
+        let n2 = 1.0 + by_p * by_p + by_q * by_q;
+        let square = Matrix2::new(1.0 + by_q * by_q, -by_p * by_q, -by_p * by_q, 1.0 + by_p * by_p) / n2;
+        let covariance = Matrix5::from(self.uncertainty.covariance);
+        let to_slopes = Matrix2::new(1.0 + by_p * by_p, 0.0, 0.0, 1.0 + by_q * by_q);
+        let turn = to_slopes * covariance.fixed_view::<2, 2>(0, 0) * to_slopes / n2;
+        let shift = covariance.fixed_view::<2, 2>(2, 2).into_owned();
+        [turn, shift].map(|own| {
+            // The largest eigenvalue of M·C, where the length of (u, w) square to the axis is (u, w) M (u, w)ᵀ.
+            let product = square * own;
+            let (half, determinant) = (0.5 * product.trace(), product.determinant());
+            (half + (half * half - determinant).max(0.0).sqrt()).max(0.0).sqrt()
+        })
     }
 
     /// How (deflection, pitch, y_ref, z_ref, radius) of `axis`, the same in the coordinates of the scan, follow from those of
@@ -88,10 +102,10 @@ impl Pose {
 mod tests {
     use super::*;
     use crate::estimation::section_cut::SectionCut;
-    use crate::estimation::{EndFaces, RadiusSource, Uncertainty};
+    use crate::estimation::{EndFaces, RadiusSource};
 
     fn pose(axis: AxisLine, cut: Option<SectionCut>) -> Pose {
-        let uncertainty = Uncertainty::of(&[]);
+        let uncertainty = Uncertainty::of(&[], &axis, 30.0);
         let (radius_source, end_faces) = (RadiusSource::Fitted, EndFaces::default());
         Pose { axis, x_ref: 30.0, cut, radius: 20.0, radius_source, uncertainty, end_faces }
     }
@@ -117,7 +131,7 @@ mod tests {
                 values(&Pose { radius: 20.0 + step[4], ..pose(axis, cut) })
             };
             let slope = (moved(1e-6) - moved(-1e-6)) / 2e-6;
-            assert!((slope - found.jacobian.column(index)).norm() < 1e-6, "{index}");
+            assert!((slope - here.jacobian(&found.axis).column(index)).norm() < 1e-6, "{index}");
         }
     }
 
@@ -125,6 +139,6 @@ mod tests {
     fn a_pose_of_the_rail_is_what_it_is() {
         let line = AxisLine { p: 0.1, q: 0.2, y0: 1.0, z0: 2.0 };
         let found = pose(line, None).on_rail().expect("on the rail");
-        assert_eq!((found.axis, found.x_ref, found.jacobian), (line, 30.0, Matrix5::identity()));
+        assert_eq!((found.axis, found.x_ref), (line, 30.0));
     }
 }

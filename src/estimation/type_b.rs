@@ -4,6 +4,7 @@
 
 use super::SettingError;
 use super::budget::Line;
+use super::linearity::{self, PatchInfluence};
 use crate::geometry::AxisLine;
 use nalgebra::{Matrix5, Matrix5x2, Vector3, Vector5};
 use serde::{Deserialize, Serialize};
@@ -16,6 +17,11 @@ pub struct TypeB {
     pub stage_straightness_mm: f64,
     /// Places of the rail that are this far apart are off independently; nearer ones share it, as exp(−distance/this), mm.
     pub stage_straightness_length_mm: f64,
+    /// Deviation of the sensor's distance from the true one at any place of the laser line, alike in every profile, mm.
+    pub sensor_linearity_mm: f64,
+    /// Places of the laser line this far apart have deviations with the correlation exp(−1/2), as exp(−distance²/2·this²), mm.
+    /// `None` takes a fifth of the width that is seen of the part, for which the effect on its position is about the largest.
+    pub sensor_linearity_length_mm: Option<f64>,
     /// Rotation of the coordinates of the scan against the rail frame, about each axis, degrees.
     pub extrinsics_rotation_deg: f64,
     /// Place of the coordinates of the scan in the rail frame, along each axis, mm.
@@ -31,6 +37,8 @@ impl Default for TypeB {
         Self {
             stage_straightness_mm: 0.0,
             stage_straightness_length_mm: 100.0,
+            sensor_linearity_mm: 0.0,
+            sensor_linearity_length_mm: None,
             extrinsics_rotation_deg: 0.0,
             extrinsics_position_mm: 0.0,
             temperature_sigma_k: 0.0,
@@ -64,13 +72,12 @@ impl TypeB {
     /// [`SettingError`] names the first value that is out of range.
     pub(super) fn check(&self) -> Result<(), SettingError> {
         let length = ("between 0 and 1000 mm", 0.0..=1000.0);
+        let correlation = ("between 1 and 100000 mm", 1.0..=1e5);
         let checks = [
             ("type_b.stage_straightness_mm", length.clone(), self.stage_straightness_mm),
-            (
-                "type_b.stage_straightness_length_mm",
-                ("between 1 and 100000 mm", 1.0..=1e5),
-                self.stage_straightness_length_mm,
-            ),
+            ("type_b.stage_straightness_length_mm", correlation.clone(), self.stage_straightness_length_mm),
+            ("type_b.sensor_linearity_mm", length.clone(), self.sensor_linearity_mm),
+            ("type_b.sensor_linearity_length_mm", correlation, self.sensor_linearity_length_mm.unwrap_or(1.0)),
             ("type_b.extrinsics_rotation_deg", ("between 0 and 10", 0.0..=10.0), self.extrinsics_rotation_deg),
             ("type_b.extrinsics_position_mm", length, self.extrinsics_position_mm),
             ("type_b.temperature_sigma_k", ("between 0 and 100", 0.0..=100.0), self.temperature_sigma_k),
@@ -89,21 +96,38 @@ impl TypeB {
         self.extrinsics_position_mm.powi(2) + rotation * rotation * (y * y + z * z) + (growth * x).powi(2)
     }
 
-    /// The lines that are not zero.
-    pub(super) fn lines(&self, found: &Found, influences: &[Influence]) -> Vec<Line> {
+    /// Whether any standard uncertainty is stated.
+    pub(super) fn is_stated(&self) -> bool {
+        let growth = self.temperature_sigma_k * self.expansion_per_k;
+        let stated = [
+            self.stage_straightness_mm,
+            self.sensor_linearity_mm,
+            self.extrinsics_rotation_deg,
+            self.extrinsics_position_mm,
+            growth,
+        ];
+        stated.iter().any(|standard| *standard > 0.0)
+    }
+
+    /// The lines that are not zero, from the answers to a shift of each profile and of each patch of the laser line.
+    pub(super) fn lines(&self, found: &Found, influences: &[Influence], patches: &[PatchInfluence]) -> Vec<Line> {
         let straightness = (self.stage_straightness_mm > 0.0)
-            .then(|| Line::of_slopes("stage_straightness", &self.straightness(influences), &found.axis));
-        straightness.into_iter().chain(self.of_whole_scan(found)).collect()
+            .then(|| Line::of_slopes(Line::STAGE_STRAIGHTNESS, &self.straightness(influences), &found.axis));
+        let linearity = (self.sensor_linearity_mm > 0.0).then(|| {
+            let covariance = linearity::covariance(patches, self.sensor_linearity_mm, self.sensor_linearity_length_mm);
+            Line::of_slopes(Line::SENSOR_LINEARITY, &covariance, &found.axis)
+        });
+        [straightness, linearity].into_iter().flatten().chain(self.of_whole_scan(found)).collect()
     }
 
     /// Those of them that move everything in the scan together with the axis.
     pub(super) fn of_whole_scan(&self, found: &Found) -> Vec<Line> {
         let extrinsics = (self.extrinsics_rotation_deg > 0.0 || self.extrinsics_position_mm > 0.0)
-            .then(|| Line::of_slopes("sensor_extrinsics", &self.extrinsics(found), &found.axis));
+            .then(|| Line::of_slopes(Line::SENSOR_EXTRINSICS, &self.extrinsics(found), &found.axis));
         let growth = self.temperature_sigma_k * self.expansion_per_k;
         let temperature = (growth > 0.0).then(|| {
             let [y, z] = found.axis.at(found.x_ref);
-            Line::of_shift("temperature", &(Vector5::new(0.0, 0.0, y, z, found.radius) * growth), &found.axis)
+            Line::of_shift(Line::TEMPERATURE, &(Vector5::new(0.0, 0.0, y, z, found.radius) * growth), &found.axis)
         });
         [extrinsics, temperature].into_iter().flatten().collect()
     }
@@ -161,9 +185,9 @@ mod tests {
         Found { axis: AxisLine { p: 0.0, q: 0.0, y0: 30.0, z0: -400.0 }, x_ref: 500.0, radius: 200.0 };
 
     fn standard(type_b: TypeB, influences: &[Influence]) -> [f64; 5] {
-        let lines = type_b.lines(&ALONG_X, influences);
+        let lines = type_b.lines(&ALONG_X, influences, &[]);
         assert_eq!(lines.len(), 1);
-        Uncertainty::of(&lines).budget[0].standard
+        Uncertainty::of(&lines, &ALONG_X.axis, ALONG_X.x_ref).budget[0].standard
     }
 
     fn near(found: [f64; 5], expected: [f64; 5]) -> bool {
@@ -186,7 +210,7 @@ mod tests {
 
     #[test]
     fn what_is_zero_has_no_line() {
-        assert_eq!(TypeB::default().lines(&ALONG_X, &line_through(&[0.0, 100.0])), []);
+        assert_eq!(TypeB::default().lines(&ALONG_X, &line_through(&[0.0, 100.0]), &[]), []);
     }
 
     #[test]

@@ -76,6 +76,13 @@ pub enum Warning {
     /// The method neither re-weights nor rejects.
     #[error("section_line_plain follows every clamp and hole; it is for comparison only")]
     NotRobust,
+    /// No standard uncertainty from calibration is stated.
+    #[error(
+        "the stated uncertainty covers only what the scan itself shows (repeatability): the straightness of the stage, the \
+         linearity and the mounting of the sensor and the temperature are not included. State them as type_b in the recipe or the \
+         configuration"
+    )]
+    CalibrationNotStated,
     /// An end face was asked for that the scan does not show.
     #[error(
         "the {} end face is not seen: the scan must go on beyond that end of the part, by two profiles or more that show the \
@@ -103,6 +110,7 @@ impl Warning {
             Self::Tapered { .. } => "tapered",
             Self::Bent { .. } => "bent",
             Self::NotRobust => "not_robust",
+            Self::CalibrationNotStated => "calibration_not_stated",
             Self::EndFaceNotSeen { .. } => "end_face_not_seen",
         }
     }

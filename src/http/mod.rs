@@ -38,7 +38,7 @@ mod server;
 mod status;
 
 pub use measurements::{
-    MeasurementDocument, PartDocument, PoseDocument, ProfileDocument, ReasonDocument, TallyDocument,
+    MeasurementDocument, PartDocument, PoseDocument, ProfileDocument, ReasonDocument, ScopeDocument, TallyDocument,
     UncertaintyDocument, VerdictName, profiles_csv,
 };
 pub use openapi::{COMMITTED, openapi_json};

@@ -58,6 +58,10 @@ pub(super) fn centres(estimate: &Estimate, subject: &Subject<'_>) -> String {
     let mut beyond = 0;
     match &estimate.outcome {
         Outcome::Accepted(pose) => {
+            if !pose.uncertainty.includes_calibration() {
+                let words = "calibration not stated: the uncertainty covers the repeatability alone";
+                svg.text([MARGIN, 67.0], Type::sized(11.0).colour(FAINT_INK), words);
+            }
             for direction in DIRECTIONS {
                 beyond +=
                     trend(&mut svg, direction, Area::new(direction.left, 92.0, WIDTH, 150.0), x, &centres, Some(pose));

@@ -74,7 +74,12 @@ impl Made {
     }
 
     fn estimate(&self) -> Estimate {
-        let uncertainty = Uncertainty { covariance: [[0.0; 5]; 5], budget: Vec::new() };
+        let uncertainty = Uncertainty {
+            covariance: [[0.0; 5]; 5],
+            budget: Vec::new(),
+            effective_freedom: [None; 5],
+            effective_freedom_at_origin: [None; 2],
+        };
         let (radius_source, end_faces) = (RadiusSource::Fitted, EndFaces::default());
         let pose = Pose { axis: self.axis, x_ref: 0.0, radius: RADIUS, radius_source, uncertainty, end_faces };
         made(Outcome::Accepted(Box::new(pose)), self.profiles())

@@ -198,6 +198,10 @@ mod tests {
         );
         let mut as_written_today = record();
         as_written_today["outcome"]["accepted"]["end_faces"] = json!({"asked": "none", "near": null, "far": null});
+        let uncertainty = &mut as_written_today["outcome"]["accepted"]["uncertainty"];
+        uncertainty["effective_freedom"] = json!([null, null, null, null, null]);
+        uncertainty["effective_freedom_at_origin"] = json!([null, null]);
+        uncertainty["budget"][0]["standard_at_origin"] = Value::Null;
         assert_eq!(serde_json::to_value(&measurement).expect("JSON"), as_written_today);
     }
 }

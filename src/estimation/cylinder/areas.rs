@@ -30,7 +30,7 @@ pub(super) fn widen(problem: &Problem<'_>, surface: &Surface, solution: &mut Sol
     let Some(bread) = solution.bread(hold) else { return };
     let strips = pulls(scan.stations().len(), &grid, surface, solution, &bread);
     let usual = variances(&strips, [1, CELLS]);
-    let mut factor = Vector5::repeat(1.0_f64);
+    let (mut factor, mut freedom) = (Vector5::repeat(1.0_f64), solution.freedom);
     for [blocks, sectors] in AREAS {
         // What a profile shares within the area is in the usual variance already (Cameron, Gelbach and Miller).
         let own = variances(&strips, [1, sectors]);
@@ -42,10 +42,15 @@ pub(super) fn widen(problem: &Problem<'_>, surface: &Surface, solution: &mut Sol
             let chance = shared <= CHANCE * own || shared - own <= (CHANCE - 1.0) * usual;
             if chance { 1.0 } else { 1.0 + thinned * (shared - own) / usual }
         });
+        let areas_count = (CELLS / blocks * (CELLS / sectors)) as f64;
+        let fewer = solution.freedom.map(|freedom| freedom.min(areas_count));
+        let widest = by_area.zip_map(&factor, |by_area, factor| by_area > factor);
+        freedom = widest.zip_zip_map(&fewer, &freedom, |widest, fewer, freedom| if widest { fewer } else { freedom });
         factor = factor.sup(&by_area);
     }
     let widen = Matrix5::from_diagonal(&factor.map(f64::sqrt));
     solution.covariance = widen * solution.covariance * widen;
+    solution.freedom = freedom;
 }
 
 /// What the points of each profile and sector do to the parameters, B Σ w·d·J, profile after profile.

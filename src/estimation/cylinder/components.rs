@@ -8,22 +8,27 @@
 //! 2n − 4, of which those count for τ in which the arc shows the centre: n − 2 on a short one.
 
 use super::sums::Sums;
+use crate::estimation::student::{TWO_SIGMA, coverage_ratio};
 use nalgebra::{Matrix2, Matrix3, Matrix5, Vector2, Vector3, Vector5};
 
 /// Where (y_ref, z_ref, R) begin among the parameters.
 const SECTION: usize = 2;
-/// Two-sided, 95.45 % and all but 1 in 10⁵, as quantiles of the normal distribution;
-const USUAL: f64 = 2.0;
+/// The normal quantile of all but 1 in 10⁵, two-sided,
 const FAR: f64 = 4.417;
-/// the latter is to be no more than this many standard uncertainties away.
+/// is to be no more than this many standard uncertainties away.
 const FAR_MAX: f64 = 5.0;
 /// Fewer degrees of freedom are counted as so many: nothing is known then.
 const FREEDOM_MIN: f64 = 4.0;
 /// Vibration is told from the points' noise where centres are off by so many times the variance that radii make likely.
 const TOLD: f64 = 4.0;
 
-/// Of (p, q, y_ref, z_ref, R); `None` where the profiles are too few or show too little each.
-pub(super) fn variances(bread: &Matrix5<f64>, profiles: &[Sums], free: &Vector5<f64>) -> Option<Vector5<f64>> {
+/// Variances of (p, q, y_ref, z_ref, R), widened, and their degrees of freedom; `None` where the profiles are too few or show too
+/// little each.
+pub(super) fn variances(
+    bread: &Matrix5<f64>,
+    profiles: &[Sums],
+    free: &Vector5<f64>,
+) -> Option<(Vector5<f64>, Vector5<f64>)> {
     let sections: Vec<Section> = profiles.iter().filter_map(Section::of).collect();
     let count = sections.len() as f64;
     let [freedom_radius, freedom_centre] = [count - 1.0, 2.0 * count - 4.0];
@@ -54,14 +59,16 @@ pub(super) fn variances(bread: &Matrix5<f64>, profiles: &[Sums], free: &Vector5<
         let effect = bread * profile.normal.fixed_columns::<2>(SECTION);
         by_vibration += effect.component_mul(&effect).column_sum().component_mul(free);
     }
-    Some(by_noise.zip_map(&by_vibration, |by_noise, by_vibration| {
-        let (of_noise, of_vibration) = (noise * by_noise, vibration * by_vibration);
-        let variance = of_noise + of_vibration;
-        // Satterthwaite's.
+    let (of_noise, of_vibration) = (by_noise * noise, by_vibration * vibration);
+    // Satterthwaite's.
+    let freedom = of_noise.zip_map(&of_vibration, |of_noise, of_vibration| {
         let squared = of_noise.powi(2) / freedom_noise + of_vibration.powi(2) / freedom_vibration;
-        let freedom = if squared > 0.0 { variance * variance / squared } else { freedom_vibration };
-        variance * widening(freedom).powi(2)
-    }))
+        let freedom = if squared > 0.0 { (of_noise + of_vibration).powi(2) / squared } else { freedom_vibration };
+        freedom.max(1.0)
+    });
+    let variances =
+        (of_noise + of_vibration).zip_map(&freedom, |variance, freedom| variance * widening(freedom).powi(2));
+    Some((variances, freedom))
 }
 
 /// What one profile is off by, in its own section.
@@ -94,28 +101,8 @@ impl Section {
     }
 }
 
-/// So much wider than the normal distribution's is the interval of two standard uncertainties and that of five.
+/// How much wider than the normal distribution's both the interval of two standard uncertainties and that of five have to be.
 fn widening(freedom: f64) -> f64 {
     let freedom = freedom.max(FREEDOM_MIN);
-    (student(USUAL, freedom) / USUAL).max(student(FAR, freedom) / FAR_MAX)
-}
-
-/// The quantile of Student's distribution that belongs to the normal one's z (Wallace, Annals of Mathematical Statistics 30,
-/// 1959): √(ν (exp(c²/ν) − 1)) with c = z (8ν + 3)/(8ν + 1).
-fn student(z: f64, freedom: f64) -> f64 {
-    let c = z * (8.0 * freedom + 3.0) / (8.0 * freedom + 1.0);
-    (freedom * (c * c / freedom).exp_m1()).sqrt()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn students_quantiles_are_those_of_the_tables() {
-        // JCGM 100, table G.2, 95.45 %.
-        for (z, freedom, quantile) in [(2.0, 3.0, 3.31), (2.0, 10.0, 2.28), (2.0, 50.0, 2.05)] {
-            assert!((student(z, freedom) - quantile).abs() < 0.015 * quantile, "{freedom}");
-        }
-    }
+    coverage_ratio(freedom, TWO_SIGMA).max(coverage_ratio(freedom, FAR) * FAR / FAR_MAX)
 }

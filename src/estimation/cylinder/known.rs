@@ -1,5 +1,6 @@
 //! How well a solution is known: the lines of its budget. Must not know how it was found, nor whether it is good enough.
 
+use super::linearity;
 use super::solve::Solution;
 use super::step::{self, Hold};
 use super::sums::Sums;
@@ -16,7 +17,8 @@ const RADIUS: usize = 4;
 /// What the data say, and what is known of the radius.
 pub(super) fn from_data(solution: &Solution, hold: Hold, settings: &Settings) -> Vec<Line> {
     let axis = solution.cylinder.axis();
-    let repeatability = Line::of_slopes(Line::REPEATABILITY, &solution.covariance, &axis);
+    let repeatability =
+        Line::of_slopes(Line::REPEATABILITY, &solution.covariance, &axis).with_freedom(solution.freedom);
     let radius = by_radius(solution, hold, settings).map(|shift| Line::of_shift(Line::NOMINAL_RADIUS, &shift, &axis));
     [Some(repeatability), radius].into_iter().flatten().collect()
 }
@@ -31,7 +33,11 @@ pub(super) fn from_layers(solution: &Solution) -> Option<Line> {
 pub(super) fn from_calibration(scan: &Scan, solution: &Solution, hold: Hold, settings: &Settings) -> Vec<Line> {
     let cylinder = &solution.cylinder;
     let found = Found { axis: cylinder.axis(), x_ref: cylinder.x_ref, radius: cylinder.radius };
-    settings.type_b.lines(&found, &influences(scan, solution, hold))
+    let patches = match settings.type_b.sensor_linearity_mm > 0.0 {
+        true => linearity::influences(scan, solution, hold),
+        false => Vec::new(),
+    };
+    settings.type_b.lines(&found, &influences(scan, solution, hold), &patches)
 }
 
 /// What a nominal radius that is off by its standard uncertainty does to (p, q, y_ref, z_ref, R).

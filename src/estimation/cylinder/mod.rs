@@ -23,6 +23,7 @@ mod judge;
 mod kernel;
 mod known;
 mod layers;
+mod linearity;
 mod model;
 mod narrow;
 mod moments;
@@ -152,7 +153,7 @@ fn weigh(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(Pose,
     let form = form::form(scan, solution, hold);
     lines.extend(form.iter().map(|form| Line::of_shift(Line::FORM, &form.shift, &solution.cylinder.axis())));
     lines.extend(known::from_calibration(scan, solution, hold, settings));
-    let uncertainty = Uncertainty::of(&lines);
+    let uncertainty = Uncertainty::of(&lines, &solution.cylinder.axis(), solution.cylinder.x_ref);
     if let Some(refusal) = limits::undetermined(&uncertainty, solution.cylinder.radius, settings) {
         return Err(refusal);
     }

@@ -9,7 +9,7 @@
 //! pass serve for the profiles: the gradients corrected to first order, the counts as they are, for such a step moves the
 //! surface by a few hundredths of σ at most.
 
-use super::covariance::sandwich;
+use super::covariance::{Scatter, sandwich};
 use super::kernel::{Curvature, Inner};
 use super::model::Cylinder;
 use super::profile::ProfilePoints;
@@ -42,8 +42,9 @@ pub(super) struct Problem<'a> {
 pub(super) struct Solution {
     pub(super) cylinder: Cylinder,
     pub(super) sigma: f64,
-    /// Of (p, q, y_ref, z_ref, R).
+    /// Of (p, q, y_ref, z_ref, R), and the degrees of freedom of its variances.
     pub(super) covariance: Matrix5<f64>,
+    pub(super) freedom: Vector5<f64>,
     /// One a station, at the solution.
     pub(super) profiles: Vec<Sums>,
     /// What lies within ε of it, one a station.
@@ -101,8 +102,9 @@ pub(super) fn solve(problem: &Problem<'_>, start: &Settled) -> Option<Solution> 
         cylinder = cylinder.moved(&step)?;
         if left((normal * step).dot(&step).abs() / (sigma * sigma), sums.weight) < SETTLED {
             profiles.iter_mut().for_each(|profile| profile.gradient += profile.normal * step);
-            let covariance = sandwich(&normal, &profiles, problem.hold)?;
-            return Some(Solution { cylinder, sigma, covariance, profiles, inner, passes_count, rivals: Vec::new() });
+            let Scatter { covariance, freedom } = sandwich(&normal, &profiles, problem.hold)?;
+            let rivals = Vec::new();
+            return Some(Solution { cylinder, sigma, covariance, freedom, profiles, inner, passes_count, rivals });
         }
     }
     None

@@ -8,7 +8,7 @@ use crate::estimation::{
 };
 use crate::geometry::{Axis, AxisLine};
 use crate::scan::Scan;
-use nalgebra::{Matrix5, Vector3};
+use nalgebra::{Matrix5, Vector3, Vector5};
 
 /// The whole measurement.
 pub(in crate::estimation) fn measure(scan: &Scan, settings: &Settings) -> Estimate {
@@ -21,22 +21,24 @@ pub(in crate::estimation) fn measure(scan: &Scan, settings: &Settings) -> Estima
         Ok(found) => {
             let extent = extent(&points, &found);
             let residuals = Residuals { sigma: found.sigma, inlier_ratio: 1.0 };
-            (outcome(&found, extent, settings), Some(residuals), extent[1] - extent[0])
+            (outcome(&found, points.len(), extent, settings), Some(residuals), extent[1] - extent[0])
         }
     };
     let conditioning = Conditioning { arc: None, axial_length, warnings: Vec::new() };
     Estimate { method: settings.method, outcome, profiles: Vec::new(), conditioning, residuals }
 }
 
-fn outcome(found: &GaussianCylinder, extent: [f64; 2], settings: &Settings) -> Outcome {
+fn outcome(found: &GaussianCylinder, points_count: usize, extent: [f64; 2], settings: &Settings) -> Outcome {
     let axis = Axis { point_mm: found.point, direction: found.direction };
     let cut = SectionCut::about(&axis, found.radius, extent);
     let Some((cut, covariance)) = cut.and_then(|cut| Some((cut, in_frame(found, &cut)?))) else {
         return Outcome::Refused(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm });
     };
     let along_x = AxisLine { p: 0.0, q: 0.0, y0: 0.0, z0: 0.0 };
-    let lines = [Line::of_slopes(Line::REPEATABILITY, &covariance, &along_x)];
-    let uncertainty = Uncertainty::of(&lines);
+    let freedom = (points_count as f64 - 5.0).max(1.0);
+    let repeatability = Line::of_slopes(Line::REPEATABILITY, &covariance, &along_x).with_freedom(Vector5::repeat(freedom));
+    let lines = [repeatability];
+    let uncertainty = Uncertainty::of(&lines, &along_x, 0.0);
     if let Some(refusal) = limits::undetermined(&uncertainty, found.radius, settings) {
         return Outcome::Refused(refusal);
     }

@@ -6,6 +6,7 @@
 //! In: centres and radii of profiles. Out: axis, radius, covariance, weights. Must not know of points.
 
 use crate::estimation::robust;
+use crate::estimation::student::{TWO_SIGMA, coverage_ratio};
 use crate::estimation::type_b::Influence;
 use crate::geometry::AxisLine;
 use nalgebra::{Matrix2, Matrix5, Vector2, Vector5};
@@ -25,8 +26,9 @@ pub(super) struct Fit {
     pub(super) axis: AxisLine,
     pub(super) x_ref: f64,
     pub(super) radius: f64,
-    /// Of (p, q, y_ref, z_ref, radius).
+    /// Of (p, q, y_ref, z_ref, radius), widened for its degrees of freedom.
     pub(super) covariance: Matrix5<f64>,
+    pub(super) freedom: f64,
     /// One a centre; 0 where it lies off the axis.
     pub(super) weights: Vec<f64>,
     /// How the line answers to the shift of a centre; one for each with a weight.
@@ -78,8 +80,11 @@ pub(super) fn fit(centres: &[Centre], reweighting: Reweighting) -> Option<Fit> {
     let x_ref = x_sum / used_count;
     let sum: f64 = weights.iter().sum();
     let radius = centres.iter().zip(&weights).map(|(c, w)| w * c.radius).sum::<f64>() / sum;
+    // Two parameters a coordinate were taken from the centres that are left.
+    let freedom = (used_count - 2.0).max(1.0);
     let (covariance, influences) = sensitivity(centres, &weights, &axis, x_ref, radius, cut_off)?;
-    Some(Fit { axis, x_ref, radius, covariance, weights, influences })
+    let covariance = covariance * coverage_ratio(freedom, TWO_SIGMA).powi(2);
+    Some(Fit { axis, x_ref, radius, covariance, freedom, weights, influences })
 }
 
 /// Weighted least squares of y and z on x.
@@ -96,24 +101,6 @@ fn line(centres: &[Centre], weights: &[f64], middle: f64) -> Option<AxisLine> {
     let (y, z) = (inverse.solve(&right_y), inverse.solve(&right_z));
     let axis = AxisLine::through([middle, y.x, z.x], y.y, z.y);
     [axis.p, axis.q, axis.y0, axis.z0].iter().all(|v| v.is_finite()).then_some(axis)
-}
-
-/// How much wider the 95 % interval of Student's t is than the normal one's.
-///
-/// Tabled for the few degrees of freedom where the expansion t = z + (z³ + z)/4ν + (5z⁵ + 16z³ + 3z)/96ν² (Abramowitz and
-/// Stegun 26.7.5) is not good enough.
-fn student_over_normal(freedom: usize) -> f64 {
-    const Z: f64 = 1.959_964;
-    match freedom {
-        0 | 1 => 12.7062 / Z,
-        2 => 4.3027 / Z,
-        3 => 3.1824 / Z,
-        _ => {
-            let per = 1.0 / freedom as f64;
-            let (z2, z4) = (Z * Z, Z.powi(4));
-            1.0 + per * (z2 + 1.0) / 4.0 + per * per * (5.0 * z4 + 16.0 * z2 + 3.0) / 96.0
-        }
-    }
 }
 
 /// What the scatter of the centres does to the line, and what a shift of each would.
@@ -155,24 +142,9 @@ fn sensitivity(
         blocks.push((c.x, block));
     }
     let bread = hessian.try_inverse()?;
-    // Two parameters a coordinate were taken from the centres that are left.
-    let freedom = student_over_normal(blocks.len().saturating_sub(2)).powi(2);
-    let matrix = bread * scatter * bread.transpose() * freedom;
+    let matrix = bread * scatter * bread.transpose();
     let matrix = (matrix + matrix.transpose()) * 0.5;
     let influence = |(x, block): (f64, Matrix5<f64>)| Influence { x, effect: bread * block.fixed_columns::<2>(Y_REF) };
     let influences = blocks.into_iter().map(influence).collect();
     matrix.iter().all(|v| v.is_finite()).then_some((matrix, influences))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn few_profiles_widen_the_interval_as_student_says() {
-        // Two-sided 95 % quantiles of the tables: 2.776 for 4, 2.228 for 10, 1.984 for 100 degrees of freedom.
-        for (freedom, quantile) in [(1, 12.706), (4, 2.776), (10, 2.228), (100, 1.984)] {
-            assert!((student_over_normal(freedom) * 1.959_964 - quantile).abs() < 0.02 * quantile, "{freedom}");
-        }
-    }
 }

@@ -8,6 +8,7 @@
 mod axis;
 mod bias;
 mod conic;
+mod linearity;
 mod section;
 mod verdict;
 
@@ -106,7 +107,13 @@ fn fit_axis(
     let bias = typical_bias(scan, along, profiles, settings);
     let outcome = match verdict::after_fitting(profiles, &fit.axis, bias, settings) {
         Some(refusal) => Outcome::Refused(refusal),
-        None => Outcome::Accepted(Box::new(verdict::pose(&fit, bias, settings))),
+        None => {
+            let patches = match settings.type_b.sensor_linearity_mm > 0.0 {
+                true => linearity::influences(scan, profiles, &fit, settings),
+                false => Vec::new(),
+            };
+            Outcome::Accepted(Box::new(verdict::pose(&fit, bias, &patches, settings)))
+        }
     };
     (outcome, Some(fit.axis))
 }

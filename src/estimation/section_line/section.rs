@@ -3,6 +3,7 @@
 //! why there is none. Must not know of other profiles.
 
 use super::conic::Conic;
+use crate::estimation::linearity::Patches;
 use crate::estimation::{Method, Reason, Section, Settings, robust};
 use crate::geometry::{Angle, SectionEllipse};
 use std::f64::consts::TAU;
@@ -11,6 +12,9 @@ use std::f64::consts::TAU;
 const SPREAD_FLOOR: f64 = 1e-9;
 /// Re-weighting has settled when the ellipse moves by less than this share of ε.
 const SETTLED: f64 = 1e-3;
+/// Shift of the points of a patch, in units of the profile's spread, by which derivatives are taken: its square is far below
+/// one, and rounding is far below it.
+const SHIFT: f64 = 1e-4;
 
 /// Room for one profile, kept between profiles.
 #[derive(Debug, Default)]
@@ -42,6 +46,30 @@ impl Bench {
         let ellipse = conic.ellipse().ok_or(Reason::NotConverged)?;
         conic.squared_distances(&self.y, &self.z, &mut self.squared);
         Ok(self.judge(&ellipse, normalisation, epsilon, iterations_count))
+    }
+
+    /// How centre y, centre z and semi-minor axis answer to a shift of the points of each patch in z, the weights unchanged.
+    /// Fits the profile as [`Self::fit`] does; empty where it has no ellipse.
+    pub(super) fn answers(&mut self, settings: &Settings, patches: &Patches) -> Vec<[f64; 3]> {
+        let Some(to) = self.normalise() else { return Vec::new() };
+        if self.reweight(settings, settings.epsilon_mm / to.scale).is_none() {
+            return Vec::new();
+        }
+        let places: Vec<usize> = self.y.iter().map(|y| patches.index(to.y + y * to.scale)).collect();
+        let mut shifted = self.z.clone();
+        let mut shape = |patch: usize, shift: f64| {
+            for ((shifted, z), place) in shifted.iter_mut().zip(&self.z).zip(&places) {
+                *shifted = if *place == patch { z + shift } else { *z };
+            }
+            let ellipse = Conic::fit(&self.y, &shifted, &self.weights)?.ellipse()?;
+            Some([ellipse.centre_y, ellipse.centre_z, ellipse.semi_minor])
+        };
+        let mut answer = |patch: usize| {
+            let ([y, z, radius], before) = shape(patch, SHIFT).zip(shape(patch, -SHIFT))?;
+            let [y_before, z_before, radius_before] = before;
+            Some([y - y_before, z - z_before, radius - radius_before].map(|change| change / (2.0 * SHIFT)))
+        };
+        (0..Patches::count()).map(|patch| answer(patch).unwrap_or_default()).collect()
     }
 
     /// Moves the points to their centroid and scales them to unit spread.

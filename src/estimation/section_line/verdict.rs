@@ -5,6 +5,7 @@ use super::axis::{Centre, Fit};
 use super::bias::Bias;
 use crate::estimation::budget::Line;
 use crate::estimation::conclude::{axial_length, median};
+use crate::estimation::linearity::PatchInfluence;
 use crate::estimation::type_b::Found;
 use crate::estimation::unusable::unusable;
 use crate::estimation::{
@@ -125,15 +126,15 @@ pub(super) fn mark_off_axis(profiles: &mut [Profile], fit: &Fit) {
 
 /// The pose with what is known of its uncertainty: the scatter of the profiles, what all of them are off alike, and what
 /// no scan shows of itself.
-pub(super) fn pose(fit: &Fit, bias: Bias, settings: &Settings) -> Pose {
+pub(super) fn pose(fit: &Fit, bias: Bias, patches: &[PatchInfluence], settings: &Settings) -> Pose {
     let Fit { axis, x_ref, radius, .. } = *fit;
     // Position and radius are off together: the ellipse shrinks away from where it is seen.
     let shared = Vector5::new(0.0, 0.0, bias.y, bias.z, bias.radius);
     let mut lines = vec![
-        Line::of_slopes(Line::REPEATABILITY, &fit.covariance, &axis),
+        Line::of_slopes(Line::REPEATABILITY, &fit.covariance, &axis).with_freedom(Vector5::repeat(fit.freedom)),
         Line::of_shift(Line::FIT_BIAS, &shared, &axis),
     ];
-    lines.extend(settings.type_b.lines(&Found { axis, x_ref, radius }, &fit.influences));
-    let (uncertainty, end_faces) = (Uncertainty::of(&lines), EndFaces::default());
+    lines.extend(settings.type_b.lines(&Found { axis, x_ref, radius }, &fit.influences, patches));
+    let (uncertainty, end_faces) = (Uncertainty::of(&lines, &axis, x_ref), EndFaces::default());
     Pose { axis, x_ref, cut: None, radius, radius_source: RadiusSource::Fitted, uncertainty, end_faces }
 }

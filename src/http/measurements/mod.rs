@@ -15,7 +15,7 @@ pub use parts::PartDocument;
 pub(super) use plots::{__path_get_plot, get_plot};
 pub(super) use profiles::{__path_list_profiles, list_profiles};
 pub use profiles::{ProfileDocument, profiles_csv};
-pub use uncertainty::UncertaintyDocument;
+pub use uncertainty::{ScopeDocument, UncertaintyDocument};
 
 use super::app::App;
 use super::command::{WaitSeconds, wait};

@@ -3,7 +3,7 @@
 
 use super::document::PoseDocument;
 use super::parts::pose;
-use super::uncertainty::UncertaintyDocument;
+use super::uncertainty::{ScopeDocument, UncertaintyDocument};
 use crate::estimation::Refusal;
 use crate::service::{Chosen, Measurement};
 use serde::Serialize;
@@ -51,6 +51,9 @@ pub(in super::super) struct PlcDocument {
     u_y_ref_um: Option<i64>,
     /// At the reference point, micrometres.
     u_z_ref_um: Option<i64>,
+    /// What the uncertainties include: 1 the repeatability alone, since no calibration is stated (`type_b`), 2 both.
+    #[schema(minimum = 1, maximum = 2)]
+    u_scope_code: Option<u8>,
     /// Profiles that passed.
     profiles_valid_count: u64,
     /// All profiles.
@@ -74,7 +77,8 @@ impl PlcDocument {
             Chosen::Whole(_) | Chosen::Part(..) => finding.and_then(|finding| finding.refusal()),
         };
         let pose = finding.and_then(pose);
-        let known = pose.map(|pose| UncertaintyDocument::from(pose).expanded);
+        let uncertainty = pose.map(UncertaintyDocument::from);
+        let known = uncertainty.as_ref().map(|uncertainty| uncertainty.expanded);
         let pose = pose.map(PoseDocument::from);
         let micro = |value: f64| whole(value * 1e6);
         let um = |value: f64| whole(value * 1e3);
@@ -99,6 +103,10 @@ impl PlcDocument {
             u_pitch_udeg: known.and_then(|known| up_micro(known.pitch_deg)),
             u_y_ref_um: known.and_then(|known| up_um(known.y_ref_mm)),
             u_z_ref_um: known.and_then(|known| up_um(known.z_ref_mm)),
+            u_scope_code: uncertainty.map(|uncertainty| match uncertainty.scope {
+                ScopeDocument::Repeatability => 1,
+                ScopeDocument::Combined => 2,
+            }),
             profiles_valid_count: tally.valid_count,
             profiles_total_count: tally.total_count,
             part: wide(part),
@@ -157,6 +165,7 @@ mod tests {
             u_pitch_udeg: most,
             u_y_ref_um: most,
             u_z_ref_um: most,
+            u_scope_code: Some(2),
             profiles_valid_count: 100_000,
             profiles_total_count: 100_000,
             part: 16,

@@ -1,10 +1,7 @@
 //! How well a pose is known, in the units of the document: expanded and standard uncertainties, the covariance they come
 //! from, the budget. Must not know how the covariance was found.
-//!
-//! Where the axis meets x = 0 follows from the reference point: `y_c0 = y_ref − x_ref·tan β`, hence with
-//! `j = ∂y_c0/∂β = −x_ref·(1 + tan² β)` the variance `var y_ref + j²·var β + 2·j·cov(β, y_ref)`; likewise z with pitch.
 
-use crate::estimation::{Component, Pose};
+use crate::estimation::{Component, Pose, Uncertainty};
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -14,6 +11,38 @@ const COVERAGE_FACTOR: f64 = 2.0;
 /// Rows and columns of the covariance.
 const ORDER: [&str; 5] = ["deflection_rad", "pitch_rad", "y_ref_mm", "z_ref_mm", "radius_mm"];
 
+/// What the uncertainties include.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+#[schema(as = UncertaintyScope)]
+pub enum ScopeDocument {
+    /// What the scan itself shows; no calibration is stated (`type_b`).
+    Repeatability,
+    /// That and the stated calibration.
+    Combined,
+}
+
+/// Effective degrees of freedom of each standard uncertainty, combined over the budget by Welch-Satterthwaite (JCGM 100, G.4).
+/// Null where infinite, and in measurements that were stored without them.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+#[schema(as = DegreesOfFreedom)]
+pub struct DegreesOfFreedomDocument {
+    /// Of the deflection.
+    pub deflection: Option<f64>,
+    /// Of the pitch.
+    pub pitch: Option<f64>,
+    /// Where the axis meets x = 0.
+    pub y_c0: Option<f64>,
+    /// Where the axis meets x = 0.
+    pub z_c0: Option<f64>,
+    /// At `x_ref_mm`.
+    pub y_ref: Option<f64>,
+    /// At `x_ref_mm`.
+    pub z_ref: Option<f64>,
+    /// Of the radius.
+    pub radius: Option<f64>,
+}
+
 /// How well a pose is known. The values beside `coverage_factor` are expanded: that many standard uncertainties.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 #[schema(as = Uncertainty)]
@@ -21,11 +50,16 @@ pub struct UncertaintyDocument {
     /// Expanded uncertainty over standard uncertainty.
     #[schema(example = 2.0)]
     pub coverage_factor: f64,
+    /// What the uncertainties include.
+    pub scope: ScopeDocument,
     /// The expanded uncertainties.
     #[serde(flatten)]
     pub expanded: UncertaintiesDocument,
     /// The same at one standard deviation.
     pub standard: UncertaintiesDocument,
+    /// Degrees of freedom of the standard uncertainties, which are already widened for them as Student's t requires: the coverage
+    /// factor holds whatever they are.
+    pub effective_degrees_of_freedom: DegreesOfFreedomDocument,
     /// What they come from.
     pub covariance: CovarianceDocument,
     /// What they are made of.
@@ -80,6 +114,10 @@ pub struct ComponentDocument {
     pub deflection_deg: f64,
     /// Of the pitch.
     pub pitch_deg: f64,
+    /// Where the axis meets x = 0; null in measurements that were stored without it.
+    pub y_c0_mm: Option<f64>,
+    /// Where the axis meets x = 0; null in measurements that were stored without it.
+    pub z_c0_mm: Option<f64>,
     /// At `x_ref_mm`.
     pub y_ref_mm: f64,
     /// At `x_ref_mm`.
@@ -93,8 +131,10 @@ impl From<&Pose> for UncertaintyDocument {
         let standard = UncertaintiesDocument::standard(pose);
         Self {
             coverage_factor: COVERAGE_FACTOR,
+            scope: ScopeDocument::from(&pose.uncertainty),
             expanded: standard.times(COVERAGE_FACTOR),
             standard,
+            effective_degrees_of_freedom: DegreesOfFreedomDocument::from(&pose.uncertainty),
             covariance: CovarianceDocument { order: ORDER, matrix: pose.uncertainty.covariance },
             budget: pose.uncertainty.budget.iter().map(ComponentDocument::from).collect(),
         }
@@ -103,23 +143,14 @@ impl From<&Pose> for UncertaintyDocument {
 
 impl UncertaintiesDocument {
     fn standard(pose: &Pose) -> Self {
-        let [
-            [deflection, _, deflection_y, _, _],
-            [_, pitch, _, pitch_z, _],
-            [_, _, y, _, _],
-            [_, _, _, z, _],
-            [_, _, _, _, radius],
-        ] = pose.uncertainty.covariance;
-        let lever = |slope: f64| -pose.x_ref * (1.0 + slope * slope);
-        let at_origin = |j: f64, angle: f64, position: f64, both: f64| {
-            // Rounding may leave a hair below zero where the two nearly cancel.
-            (position + j * j * angle + 2.0 * j * both).max(0.0).sqrt()
-        };
+        let [[deflection, ..], [_, pitch, ..], [_, _, y, ..], [_, _, _, z, _], [_, _, _, _, radius]] =
+            pose.uncertainty.covariance;
+        let [y_c0_mm, z_c0_mm] = pose.standard_at_origin();
         Self {
             deflection_deg: deflection.sqrt().to_degrees(),
             pitch_deg: pitch.sqrt().to_degrees(),
-            y_c0_mm: at_origin(lever(pose.axis.p), deflection, y, deflection_y),
-            z_c0_mm: at_origin(lever(pose.axis.q), pitch, z, pitch_z),
+            y_c0_mm,
+            z_c0_mm,
             y_ref_mm: y.sqrt(),
             z_ref_mm: z.sqrt(),
             radius_mm: radius.sqrt(),
@@ -143,13 +174,30 @@ impl UncertaintiesDocument {
     }
 }
 
+impl From<&Uncertainty> for ScopeDocument {
+    fn from(uncertainty: &Uncertainty) -> Self {
+        if uncertainty.includes_calibration() { Self::Combined } else { Self::Repeatability }
+    }
+}
+
+impl From<&Uncertainty> for DegreesOfFreedomDocument {
+    fn from(uncertainty: &Uncertainty) -> Self {
+        let [deflection, pitch, y_ref, z_ref, radius] = uncertainty.effective_freedom;
+        let [y_c0, z_c0] = uncertainty.effective_freedom_at_origin;
+        Self { deflection, pitch, y_c0, z_c0, y_ref, z_ref, radius }
+    }
+}
+
 impl From<&Component> for ComponentDocument {
-    fn from(Component { source, standard }: &Component) -> Self {
+    fn from(Component { source, standard, standard_at_origin }: &Component) -> Self {
         let [deflection, pitch, y_ref_mm, z_ref_mm, radius_mm] = *standard;
+        let (y_c0_mm, z_c0_mm) = standard_at_origin.map(|[y, z]| (y, z)).unzip();
         Self {
             source: source.clone(),
             deflection_deg: deflection.to_degrees(),
             pitch_deg: pitch.to_degrees(),
+            y_c0_mm,
+            z_c0_mm,
             y_ref_mm,
             z_ref_mm,
             radius_mm,
@@ -160,8 +208,17 @@ impl From<&Component> for ComponentDocument {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimation::{EndFaces, RadiusSource, Uncertainty};
+    use crate::estimation::{EndFaces, RadiusSource};
     use crate::geometry::AxisLine;
+
+    fn uncertainty(covariance: [[f64; 5]; 5]) -> Uncertainty {
+        Uncertainty {
+            covariance,
+            budget: Vec::new(),
+            effective_freedom: [Some(8.0), None, None, None, None],
+            effective_freedom_at_origin: [None; 2],
+        }
+    }
 
     /// A line through two points at x = 100 and x = 300, each known to 0.1 mm independently: at x_ref = 200 the
     /// position has 0.1/√2 mm, the slope 0.1·√2/200, and at x = 0 error propagation by hand gives
@@ -173,12 +230,15 @@ mod tests {
         covariance[0][0] = slope_u * slope_u;
         covariance[2][2] = y_u * y_u;
         let axis = AxisLine { p: 0.0, q: 0.0, y0: 0.0, z0: 0.0 };
-        let (uncertainty, end_faces) = (Uncertainty { covariance, budget: Vec::new() }, EndFaces::default());
+        let (uncertainty, end_faces) = (uncertainty(covariance), EndFaces::default());
         let pose =
             Pose { axis, x_ref: 200.0, radius: 1.0, radius_source: RadiusSource::Fitted, uncertainty, end_faces };
         let document = UncertaintyDocument::from(&pose);
         assert!((document.standard.y_c0_mm - 0.1 * 2.5f64.sqrt()).abs() < 1e-12);
         assert!((document.expanded.y_c0_mm - 0.2 * 2.5f64.sqrt()).abs() < 1e-12);
+        assert_eq!(document.scope, ScopeDocument::Repeatability);
+        let freedom = serde_json::to_value(document.effective_degrees_of_freedom).expect("JSON");
+        assert_eq!((&freedom["deflection"], &freedom["pitch"]), (&serde_json::json!(8.0), &serde_json::Value::Null));
     }
 
     /// The same two points with x_ref put at 100, where slope and position share the error of the first point:
@@ -190,7 +250,7 @@ mod tests {
         covariance[2][2] = 0.01;
         (covariance[0][2], covariance[2][0]) = (-0.01 / 200.0, -0.01 / 200.0);
         let axis = AxisLine { p: 0.0, q: 0.0, y0: 0.0, z0: 0.0 };
-        let (uncertainty, end_faces) = (Uncertainty { covariance, budget: Vec::new() }, EndFaces::default());
+        let (uncertainty, end_faces) = (uncertainty(covariance), EndFaces::default());
         let pose =
             Pose { axis, x_ref: 100.0, radius: 1.0, radius_source: RadiusSource::Fitted, uncertainty, end_faces };
         assert!((UncertaintyDocument::from(&pose).standard.y_c0_mm - 0.1 * 2.5f64.sqrt()).abs() < 1e-12);

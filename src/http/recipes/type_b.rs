@@ -15,6 +15,13 @@ pub struct TypeBDocument {
     /// Distance along the rail over which its deviation stays alike, as exp(−distance/this).
     #[schema(minimum = 1.0, maximum = 100000.0)]
     pub stage_straightness_length_mm: f64,
+    /// Deviation of the sensor's distance from the true one at any place of the laser line, alike in every profile.
+    #[schema(minimum = 0.0, maximum = 1000.0)]
+    pub sensor_linearity_mm: f64,
+    /// Distance along the laser line over which that deviation stays alike, as exp(−distance²/2·this²); null takes a fifth of the
+    /// width that is seen of the part, for which the effect is about the largest.
+    #[schema(minimum = 1.0, maximum = 100000.0)]
+    pub sensor_linearity_length_mm: Option<f64>,
     /// Rotation of the coordinates of the scan against the rail frame, about each axis.
     #[schema(minimum = 0.0, maximum = 10.0)]
     pub extrinsics_rotation_deg: f64,
@@ -40,6 +47,8 @@ impl From<TypeBDocument> for TypeB {
         Self {
             stage_straightness_mm: document.stage_straightness_mm,
             stage_straightness_length_mm: document.stage_straightness_length_mm,
+            sensor_linearity_mm: document.sensor_linearity_mm,
+            sensor_linearity_length_mm: document.sensor_linearity_length_mm,
             extrinsics_rotation_deg: document.extrinsics_rotation_deg,
             extrinsics_position_mm: document.extrinsics_position_mm,
             temperature_sigma_k: document.temperature_sigma_k,
@@ -53,6 +62,8 @@ impl From<TypeB> for TypeBDocument {
         Self {
             stage_straightness_mm: type_b.stage_straightness_mm,
             stage_straightness_length_mm: type_b.stage_straightness_length_mm,
+            sensor_linearity_mm: type_b.sensor_linearity_mm,
+            sensor_linearity_length_mm: type_b.sensor_linearity_length_mm,
             extrinsics_rotation_deg: type_b.extrinsics_rotation_deg,
             extrinsics_position_mm: type_b.extrinsics_position_mm,
             temperature_sigma_k: type_b.temperature_sigma_k,
