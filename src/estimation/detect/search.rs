@@ -40,7 +40,8 @@ pub(super) struct Found {
 const POINTS_MIN: usize = 6;
 /// Draws in one round; rounds are fixed so that the result does not depend on threads.
 const ROUND: usize = 48;
-const ROUNDS_MAX: usize = 16;
+/// So many show a surface of 5 % of the points, with the chance of missing it below: −ln MISS / (0.05 SUITED) = 553 draws.
+const ROUNDS_MAX: usize = 12;
 /// Share of the draws about a point of a surface that show it: most sizes of patches do.
 const SUITED: f64 = 0.25;
 /// Points of the patches on which a surface is followed, with these rounds of re-weighting.

@@ -70,7 +70,7 @@ impl Plane {
         let weight: f64 = points.clone().map(|(w, _)| w).sum();
         let point = points.clone().map(|(w, p)| p * w).sum::<Vector3<f64>>() / weight;
         let moments = points.map(|(w, p)| (p - point) * (p - point).transpose() * w).sum::<Matrix3<f64>>();
-        let [_, _, normal] = principal(&moments / weight)?;
+        let [_, _, normal] = principal(moments / weight)?;
         Some(Self { point, normal })
     }
 }
