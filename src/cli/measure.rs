@@ -2,7 +2,7 @@
 
 use super::config::Sources;
 use super::{FAILED, Outcome, OutputClosed, REFUSED, bar, complain, print, table};
-use crate::estimation::{EndFaceRule, Method};
+use crate::estimation::{EndFaceRule, Method, Orientation};
 use crate::http::{MeasurementDocument, profiles_csv};
 use crate::plot::{Picture, Subject, draw};
 use crate::scan::decode::{Format, Limits, Unit};
@@ -33,6 +33,13 @@ pub(super) struct Arguments {
     /// Radius that the drawing gives
     #[arg(long, value_name = "MM", allow_hyphen_values = true)]
     nominal_radius_mm: Option<f64>,
+    /// In which directions the axis is looked for: auto (along X if it lies there, else in any), rail (along X) or any
+    #[arg(long, value_name = "WHERE", value_parser = orientation)]
+    orientation: Option<Orientation>,
+    /// Value of x, y or z, in the unit of the file, that marks a point as missing; may be repeated. Such values are looked for
+    /// where none is given
+    #[arg(long = "missing", value_name = "VALUE", allow_hyphen_values = true)]
+    missing_values: Option<Vec<f64>>,
     /// Which end faces are measured: none, near, far or both
     #[arg(long, value_name = "WHICH", value_parser = end_face)]
     end_face: Option<EndFaceRule>,
@@ -87,6 +94,8 @@ impl Arguments {
             method: self.method,
             nominal_radius_mm: self.nominal_radius_mm,
             epsilon_mm: self.epsilon_mm,
+            orientation: self.orientation,
+            missing_values: self.missing_values.clone(),
             end_face: self.end_face,
             unit: self.unit,
             profile_by: self.profile_by.clone(),
@@ -199,6 +208,11 @@ fn write(path: &Path, text: &str) -> Result<(), Box<dyn Error>> {
 fn method(name: &str) -> Result<Method, String> {
     let names = || Method::ALL.map(Method::name).join(", ");
     Method::from_name(name).ok_or_else(|| format!("there is {}", names()))
+}
+
+fn orientation(name: &str) -> Result<Orientation, String> {
+    let names = || Orientation::ALL.map(Orientation::name).join(", ");
+    Orientation::from_name(name).ok_or_else(|| format!("there is {}", names()))
 }
 
 fn end_face(name: &str) -> Result<EndFaceRule, String> {

@@ -52,9 +52,15 @@ fn write_pose(text: &mut String, found: Option<(&PoseDocument, &UncertaintyDocum
         ("z at x = 0", pose.z_c0_mm, expanded.z_c0_mm, "mm"),
         ("y at x_ref", pose.y_ref_mm, expanded.y_ref_mm, "mm"),
         ("z at x_ref", pose.z_ref_mm, expanded.z_ref_mm, "mm"),
-        ("radius", pose.radius_mm, expanded.radius_mm, "mm"),
+        ("radius", Some(pose.radius_mm), Some(expanded.radius_mm), "mm"),
     ];
+    let [px, py, pz] = pose.axis.point_mm;
+    let [dx, dy, dz] = pose.axis.direction;
+    let (position, direction) = (expanded.axis_position_mm, expanded.axis_direction_deg);
+    writeln!(text, "  axis         ({px:.4}, {py:.4}, {pz:.4}) mm ± {position:.4} mm square to it")?;
+    writeln!(text, "  direction    ({dx:.6}, {dy:.6}, {dz:.6}) ± {direction:.4} °")?;
     for (quantity, value, half_width, unit) in rows {
+        let (Some(value), Some(half_width)) = (value, half_width) else { continue };
         writeln!(text, "  {quantity:<12} {value:>12.4} ± {half_width:.4} {unit}")?;
     }
     let ends = [
@@ -70,7 +76,10 @@ fn write_pose(text: &mut String, found: Option<(&PoseDocument, &UncertaintyDocum
         ScopeDocument::Repeatability => " of the repeatability alone; calibration is not stated (type_b)",
         ScopeDocument::Combined => "",
     };
-    writeln!(text, "  x_ref        {:>12.4} mm; ± is the expanded uncertainty, k = 2{scope}", pose.x_ref_mm)
+    if let Some(x_ref_mm) = pose.x_ref_mm {
+        writeln!(text, "  x_ref        {x_ref_mm:>12.4} mm")?;
+    }
+    writeln!(text, "  ± is the expanded uncertainty, k = 2{scope}")
 }
 
 fn write_profiles(text: &mut String, counts: &TallyDocument) -> std::fmt::Result {

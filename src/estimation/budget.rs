@@ -101,9 +101,8 @@ impl Uncertainty {
         let turned = |own: [[f64; 5]; 5]| jacobian * Matrix5::from(own) * jacobian.transpose();
         let component = |own: &Component| {
             let covariance = own.covariance.map(turned);
-            let standard = covariance.map_or([0.0; 5], |covariance| {
-                covariance.diagonal().map(|variance| variance.max(0.0).sqrt()).into()
-            });
+            let standard = covariance
+                .map_or([0.0; 5], |covariance| covariance.diagonal().map(|variance| variance.max(0.0).sqrt()).into());
             let standard_at_origin = covariance.map(|covariance| standard_at_origin(covariance.into(), axis, x_ref));
             let covariance = covariance.map(Into::into);
             Component { source: own.source.clone(), covariance, standard, standard_at_origin }

@@ -14,6 +14,7 @@
 //! The formulas stand in docs/estimation.md.
 
 mod budget;
+mod concave;
 mod conclude;
 mod cylinder;
 mod detect;

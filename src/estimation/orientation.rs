@@ -11,12 +11,16 @@
 
 use super::detect::{self, Detected};
 use super::section_cut::SectionCut;
-use super::{Estimate, FoundCylinder, Method, Orientation, Outcome, Pose, Progress, Refusal, Settings, Warning, in_frame, least_squares};
+use super::{
+    Estimate, FoundCylinder, Method, Orientation, Outcome, Pose, Progress, Refusal, Settings, Warning, concave,
+    in_frame, least_squares, robust,
+};
 use crate::geometry::Axis;
 use crate::scan::{Grouping, Scan};
 
-/// Surfaces that are looked for in a cloud, so that a refusal can list them.
-const SURFACES_MAX: usize = 8;
+/// Surfaces that are looked for in a cloud: two show whether there is a choice, more are listed where there is one.
+const SURFACES: usize = 2;
+const LISTED_MAX: usize = 8;
 /// A second surface with this share of the points of the first could be the part as well.
 const RIVAL: f64 = 0.5;
 /// Where profiles are given along the rail, an axis elsewhere has to explain most of the points.
@@ -31,6 +35,18 @@ pub(super) fn measure(scan: &Scan, settings: &Settings, progress: &Progress) -> 
     if settings.method == Method::LeastSquares {
         return with_tilt(least_squares::method::measure(scan, settings), settings);
     }
+    let mut estimate = in_orientation(scan, settings, progress);
+    let reach = estimate.residuals.map_or(0.0, |residuals| robust::TUKEY_C * residuals.sigma);
+    if let Outcome::Accepted(pose) = &estimate.outcome
+        && pose.cut.is_none()
+        && concave::is_concave(scan, pose, reach)
+    {
+        estimate.conditioning.warnings.push(Warning::ConcaveTowardsSensor);
+    }
+    estimate
+}
+
+fn in_orientation(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
     if settings.orientation == Orientation::Any || scan.grouping() == Grouping::Chosen {
         return anywhere(scan, settings, progress);
     }
@@ -83,7 +99,7 @@ fn no_axis_along_x(refusal: &Refusal) -> bool {
 
 /// Looks elsewhere after no axis was found along the rail.
 fn elsewhere(scan: &Scan, along_rail: Estimate, settings: &Settings) -> Estimate {
-    let found = detected(scan, settings, None);
+    let found = detected(scan, settings, None, 1);
     let explains_most = |found: &&Detected| found.share >= MAJORITY && tilt_deg(found) > settings.tilt_max_deg;
     let Some(found) = found.first().filter(explains_most) else { return along_rail };
     match settings.orientation {
@@ -103,17 +119,18 @@ fn elsewhere(scan: &Scan, along_rail: Estimate, settings: &Settings) -> Estimate
 fn anywhere(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
     let along_x = ([1.0, 0.0, 0.0], settings.tilt_max_deg.to_radians());
     let is_rail = settings.orientation == Orientation::Rail;
-    let found = detected(scan, settings, is_rail.then_some(along_x));
+    let along = is_rail.then_some(along_x);
+    let found = detected(scan, settings, along, SURFACES);
+    let found = if rivals(&found).len() > 1 { detected(scan, settings, along, LISTED_MAX) } else { found };
     match choose(&found, settings) {
         Ok(chosen) => about(scan, chosen, settings, progress),
         Err(refusal) => {
-            let beside = if is_rail { detected(scan, settings, None) } else { Vec::new() };
+            let beside = if is_rail { detected(scan, settings, None, 1) } else { Vec::new() };
             let beside = beside.first().filter(|found| found.share >= MAJORITY);
             let refusal = match (beside, refusal) {
-                (Some(beside), Refusal::NoCylinder { .. }) => Refusal::AxisNotAlongRail {
-                    angle_deg: tilt_deg(beside),
-                    tilt_max_deg: settings.tilt_max_deg,
-                },
+                (Some(beside), Refusal::NoCylinder { .. }) => {
+                    Refusal::AxisNotAlongRail { angle_deg: tilt_deg(beside), tilt_max_deg: settings.tilt_max_deg }
+                }
                 (_, refusal) => refusal,
             };
             // A scan that is refused is shown as it was given.
@@ -144,27 +161,26 @@ fn in_frame_refused(scan: &Scan, settings: &Settings, progress: &Progress) -> Es
 }
 
 /// The surfaces of a scan, the one with most points first.
-fn detected(scan: &Scan, settings: &Settings, along: Option<([f64; 3], f64)>) -> Vec<Detected> {
+fn detected(scan: &Scan, settings: &Settings, along: Option<([f64; 3], f64)>, most: usize) -> Vec<Detected> {
     let points_count = scan.points().len();
     let stride = points_count.div_ceil(SEARCHED_MAX).max(1);
     let all = scan.stations().iter().flat_map(|station| scan.points_of(station));
     let points: Vec<[f64; 3]> = all.step_by(stride).collect();
-    let request = detect::Request {
-        nominal_radius_mm: settings.nominal_radius_mm,
-        nominal_reach: 0.02,
-        along,
-        most: SURFACES_MAX,
-    };
+    let request = detect::Request { nominal_radius_mm: settings.nominal_radius_mm, nominal_reach: 0.02, along, most };
     detect::detect(&points, &request)
+}
+
+/// The surfaces that could be the part by the number of their points.
+fn rivals(found: &[Detected]) -> Vec<&Detected> {
+    let most = found.iter().map(|found| found.share).fold(0.0, f64::max);
+    found.iter().filter(|found| found.share >= RIVAL * most).collect()
 }
 
 /// The cylinder that is the part, where only one can be.
 fn choose<'a>(found: &'a [Detected], settings: &Settings) -> Result<&'a Detected, Refusal> {
     let no_cylinder = Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm };
-    let first = found.first().ok_or_else(|| no_cylinder.clone())?;
-    let is_rival = |other: &&Detected| other.share >= RIVAL * first.share;
     let along_rail = |found: &&Detected| tilt_deg(found) <= settings.tilt_max_deg;
-    let mut possible: Vec<&Detected> = found.iter().filter(is_rival).collect();
+    let mut possible = rivals(found);
     // Of several, those along the rail are meant.
     if settings.orientation != Orientation::Any && possible.iter().any(|found| along_rail(found)) {
         possible.retain(along_rail);

@@ -43,12 +43,18 @@ impl Pose {
     /// and of its point that is known best, mm.
     #[must_use]
     pub fn axis_standard(&self) -> [f64; 2] {
+        self.axis_standard_of(&self.uncertainty.covariance)
+    }
+
+    /// The same of one line of the budget.
+    #[must_use]
+    pub fn axis_standard_of(&self, covariance: &[[f64; 5]; 5]) -> [f64; 2] {
         let [by_p, by_q] = [self.axis.p, self.axis.q];
         // Square to the axis a change in y counts by the sine of the angle between Y and the axis; so does one in z, and the two
         // together. Slopes beside the axis are small in its own frame, and within tilt_max_deg on the rail.
         let n2 = 1.0 + by_p * by_p + by_q * by_q;
         let square = Matrix2::new(1.0 + by_q * by_q, -by_p * by_q, -by_p * by_q, 1.0 + by_p * by_p) / n2;
-        let covariance = Matrix5::from(self.uncertainty.covariance);
+        let covariance = Matrix5::from(*covariance);
         let to_slopes = Matrix2::new(1.0 + by_p * by_p, 0.0, 0.0, 1.0 + by_q * by_q);
         let turn = to_slopes * covariance.fixed_view::<2, 2>(0, 0) * to_slopes / n2;
         let shift = covariance.fixed_view::<2, 2>(2, 2).into_owned();

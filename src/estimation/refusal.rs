@@ -25,6 +25,15 @@ pub enum Refusal {
         /// Points in the scan.
         points_count: usize,
     },
+    /// Every profile has the same x.
+    #[error(
+        "all {profiles_count} profiles have the same x, so there is no travel between them; connect the encoder, export the travel of \
+         the stage (for a Gocator the Y of each frame), or check which column is x"
+    )]
+    TravelMissing {
+        /// Profiles in the scan.
+        profiles_count: usize,
+    },
     /// Every profile is a straight line.
     #[error(
         "the points of every profile lie on a straight line, so there is no curvature to find an axis from; check which \
@@ -241,6 +250,7 @@ impl Refusal {
         match self {
             Self::TooFewProfiles { .. } => "too_few_profiles",
             Self::PointsIdentical { .. } => "points_identical",
+            Self::TravelMissing { .. } => "travel_missing",
             Self::PointsCollinear { .. } => "points_collinear",
             Self::TooFewValidProfiles { .. } => "too_few_valid_profiles",
             Self::AxialLengthTooShort { .. } => "axial_length_too_short",

@@ -72,11 +72,8 @@ impl SectionCut {
         let is_kept = |[x, y, z]: &[f64; 3]| {
             (first..=last).contains(x) && (nearest * nearest..=farthest * farthest).contains(&(y * y + z * z))
         };
-        let points: Vec<[f64; 3]> = scan
-            .stations()
-            .iter()
-            .flat_map(|station| scan.points_of(station).map(placed).filter(is_kept))
-            .collect();
+        let points: Vec<[f64; 3]> =
+            scan.stations().iter().flat_map(|station| scan.points_of(station).map(placed).filter(is_kept)).collect();
         (!points.is_empty()).then_some(points)
     }
 }

@@ -172,7 +172,9 @@ pub struct Settings {
     /// Fewer valid profiles than this refuse the scan.
     pub profiles_min: u32,
     /// Valid profiles closer together than this along x refuse the scan.
-    pub axial_length_min_mm: f64,
+    ///
+    /// Where nobody says, the uncertainty of the direction decides alone.
+    pub axial_length_min_mm: Option<f64>,
     /// The radius that the drawing gives. `cylinder` looks for nothing else; the other methods warn of a radius far from it.
     pub nominal_radius_mm: Option<f64>,
     /// How `cylinder` treats the radius; anything but free needs the nominal one.
@@ -205,7 +207,7 @@ impl Default for Settings {
             points_min: 20,
             arc_min_deg: 60.0,
             profiles_min: 3,
-            axial_length_min_mm: 10.0,
+            axial_length_min_mm: None,
             nominal_radius_mm: None,
             radius: RadiusRule::default(),
             radius_sigma_mm: None,
@@ -264,7 +266,12 @@ impl Settings {
                 self.profiles_min.into(),
                 (2..=100_000).contains(&self.profiles_min),
             ),
-            ("axial_length_min_mm", positive, self.axial_length_min_mm, length(self.axial_length_min_mm)),
+            (
+                "axial_length_min_mm",
+                positive,
+                self.axial_length_min_mm.unwrap_or(1.0),
+                self.axial_length_min_mm.is_none_or(length),
+            ),
             (
                 "nominal_radius_mm",
                 positive,

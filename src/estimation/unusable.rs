@@ -15,6 +15,9 @@ pub(super) fn unusable(scan: &Scan, settings: &Settings) -> Option<Refusal> {
     if profiles_count < settings.profiles_min as usize {
         return Some(Refusal::TooFewProfiles { profiles_count, profiles_min: settings.profiles_min });
     }
+    if scan.is_planar() && scan.stations().first().map(|s| s.x) == scan.stations().last().map(|s| s.x) {
+        return Some(Refusal::TravelMissing { profiles_count });
+    }
     collinear(scan).then_some(Refusal::PointsCollinear { profiles_count })
 }
 

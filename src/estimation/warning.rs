@@ -4,7 +4,7 @@ use super::End;
 use serde::{Deserialize, Serialize};
 
 /// Something that a user of the pose should know.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case", tag = "code")]
 pub enum Warning {
     /// A free ellipse on a short arc is biased towards the sensor, and more profiles do not help.
@@ -34,6 +34,30 @@ pub enum Warning {
         elsewhere_count: usize,
         /// Profiles in the scan.
         profiles_count: usize,
+    },
+    /// A number of the file stands for points that were not measured.
+    #[error(
+        "{count} of {points_count} points have {value} and are taken as missing data; if that is a measured value, declare the values \
+         that mark missing points (missing_values, an empty list for none)"
+    )]
+    MissingValues {
+        /// What the points have in common, in the unit of the file.
+        value: String,
+        /// Points that have it.
+        count: u64,
+        /// Points of the file.
+        points_count: u64,
+    },
+    /// Profiles that are a copy of an earlier one.
+    #[error(
+        "{repeated_count} of {profiles_count} profiles repeat an earlier profile bit for bit and are left out: a sensor never \
+         measures the same noise twice, so check whether the export writes profiles twice or the sensor delivers old data"
+    )]
+    RepeatedProfiles {
+        /// Profiles that were left out.
+        repeated_count: u64,
+        /// Profiles of the file.
+        profiles_count: u64,
     },
     /// The axis lies elsewhere than along the rail.
     #[error(
@@ -105,6 +129,8 @@ impl Warning {
             Self::ShortArc { .. } => "short_arc",
             Self::RadiusDiffers { .. } => "radius_differs",
             Self::OnSomeProfiles { .. } => "on_some_profiles",
+            Self::MissingValues { .. } => "missing_values",
+            Self::RepeatedProfiles { .. } => "repeated_profiles",
             Self::AxisNotAlongRail { .. } => "axis_not_along_rail",
             Self::ConcaveTowardsSensor => "concave_towards_sensor",
             Self::Tapered { .. } => "tapered",

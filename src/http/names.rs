@@ -1,6 +1,6 @@
 //! The words that requests choose from, as closed sets: methods, formats, units. Each turns into the domain's own.
 
-use crate::estimation::{EndFaceRule, Method, RadiusRule};
+use crate::estimation::{EndFaceRule, Method, Orientation, RadiusRule};
 use crate::scan::decode::{Format, Unit};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -12,10 +12,25 @@ use utoipa::ToSchema;
 pub(super) enum MethodName {
     /// One robust fit of one cylinder to every point of every profile.
     Cylinder,
+    /// The Gaussian associated cylinder: unweighted least squares of the distances of all points.
+    LeastSquares,
     /// The published robust method.
     SectionLine,
     /// The same without re-weighting and without the inner-point rule; for comparison only.
     SectionLinePlain,
+}
+
+/// In which directions the axis is looked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+#[schema(as = Orientation)]
+pub(super) enum OrientationName {
+    /// Along X, the rail, if it lies there, else in any direction, with a warning.
+    Auto,
+    /// Along X within `tilt_max_deg`.
+    Rail,
+    /// In any direction.
+    Any,
 }
 
 /// How the radius is treated.
@@ -86,6 +101,7 @@ impl From<MethodName> for Method {
     fn from(name: MethodName) -> Self {
         match name {
             MethodName::Cylinder => Self::Cylinder,
+            MethodName::LeastSquares => Self::LeastSquares,
             MethodName::SectionLine => Self::SectionLine,
             MethodName::SectionLinePlain => Self::SectionLinePlain,
         }
@@ -96,8 +112,29 @@ impl From<Method> for MethodName {
     fn from(method: Method) -> Self {
         match method {
             Method::Cylinder => Self::Cylinder,
+            Method::LeastSquares => Self::LeastSquares,
             Method::SectionLine => Self::SectionLine,
             Method::SectionLinePlain => Self::SectionLinePlain,
+        }
+    }
+}
+
+impl From<OrientationName> for Orientation {
+    fn from(name: OrientationName) -> Self {
+        match name {
+            OrientationName::Auto => Self::Auto,
+            OrientationName::Rail => Self::Rail,
+            OrientationName::Any => Self::Any,
+        }
+    }
+}
+
+impl From<Orientation> for OrientationName {
+    fn from(orientation: Orientation) -> Self {
+        match orientation {
+            Orientation::Auto => Self::Auto,
+            Orientation::Rail => Self::Rail,
+            Orientation::Any => Self::Any,
         }
     }
 }

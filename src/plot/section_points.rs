@@ -76,8 +76,10 @@ pub(super) fn judge(y: &[f64], z: &[f64], section: &Section, epsilon: f64, metho
     // An exact profile has no spread; its points are no outliers for that.
     let reach = (TUKEY * section.sigma).max(1e-9);
     let weight = |r: f64| match method {
-        Method::SectionLine | Method::Cylinder if r.abs() < reach => (1.0 - (r / reach).powi(2)).powi(2),
-        Method::SectionLine | Method::Cylinder => 0.0,
+        Method::SectionLine | Method::Cylinder | Method::LeastSquares if r.abs() < reach => {
+            (1.0 - (r / reach).powi(2)).powi(2)
+        }
+        Method::SectionLine | Method::Cylinder | Method::LeastSquares => 0.0,
         Method::SectionLinePlain => 1.0,
     };
     let judged = y.iter().zip(z).map(|(&y, &z)| {

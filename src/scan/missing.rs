@@ -84,20 +84,21 @@ impl Removed {
 /// Rounds of the search: removing one value can reveal another one.
 const ROUNDS_MAX: usize = 4;
 
-/// Removes missing points and repeated profiles. `declared` are values in the unit of the file that mark a point as missing
-/// wherever x, y or z has one of them. Missing points add to [`Cloud::missing_count`]; a profile that loses all its points
+/// Removes missing points and repeated profiles. `declared` are the values, in the unit of the file, that mark a point as
+/// missing wherever x, y or z has one of them; where nothing is declared, such values are searched for. Missing points add to [`Cloud::missing_count`]; a profile that loses all its points
 /// becomes a blank, a repeated profile does not.
 ///
 /// The cloud may come back without a point where the declared values cover all of them.
 #[must_use]
-pub fn clean(cloud: Cloud, declared: &[f64]) -> (Cloud, Removed) {
+pub fn clean(cloud: Cloud, declared: Option<&[f64]>) -> (Cloud, Removed) {
     let mut cloud = cloud;
     let mut removed = Removed { points: cloud.columns.len() as u64, ..Removed::default() };
-    let declared: Vec<Pattern> = declared.iter().filter(|v| v.is_finite()).map(|v| Pattern::Any(*v)).collect();
-    if !declared.is_empty() {
+    if let Some(declared) = declared {
+        let declared: Vec<Pattern> = declared.iter().filter(|v| v.is_finite()).map(|v| Pattern::Any(*v)).collect();
         (cloud, removed.missing) = remove::remove(cloud, &declared);
     }
-    for _ in 0..ROUNDS_MAX {
+    let rounds = if declared.is_some() { 0 } else { ROUNDS_MAX };
+    for _ in 0..rounds {
         let found = find::find(&cloud);
         if found.is_empty() {
             break;

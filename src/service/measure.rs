@@ -2,8 +2,9 @@
 //! the same bits. In: a reader and a resolved recipe. Plain calculation: must not know store, clock or network.
 
 use super::Resolved;
-use crate::estimation::{Progress, ScanEstimate, estimate_parts};
+use crate::estimation::{Progress, ScanEstimate, Warning, estimate_parts};
 use crate::scan::decode::{DecodeError, Format, FormatClaims, Limits, Request, Unit, decode, find_format};
+use crate::scan::missing::{MissingKind, Removed, clean};
 use crate::scan::slice::{SliceError, slice};
 use crate::scan::{Cloud, Scan};
 use std::io::BufRead;
@@ -21,6 +22,8 @@ pub struct Prepared {
     pub points_count: u64,
     /// Points that the file marks as missing, besides.
     pub missing_count: u64,
+    /// Values that stand for missing points, and profiles that repeat an earlier one.
+    pub warnings: Vec<Warning>,
 }
 
 /// A scan that was estimated.
@@ -83,10 +86,27 @@ pub fn prepare(
 /// Points to profiles.
 fn cut(decoded: Decoded, resolved: &Resolved, limits: &Limits) -> Result<Prepared, MeasureError> {
     let Decoded { format, cloud } = decoded;
+    let (cloud, removed) = clean(cloud, resolved.missing_values.as_deref());
     let points_count = u64::try_from(cloud.columns.len()).unwrap_or(u64::MAX);
     let (unit, missing_count) = (cloud.unit, cloud.missing_count);
+    if points_count == 0 {
+        return Err(DecodeError::NoPoints { missing_count }.into());
+    }
     let scan = slice(cloud, &resolved.slicing, limits)?;
-    Ok(Prepared { format, unit, scan, points_count, missing_count })
+    Ok(Prepared { format, unit, scan, points_count, missing_count, warnings: warnings(&removed) })
+}
+
+/// What a user should know of the points that were removed; what was declared needs no word.
+fn warnings(removed: &Removed) -> Vec<Warning> {
+    let found = removed.missing.iter().filter(|missing| !matches!(missing.kind, MissingKind::Declared(_)));
+    let missing = found.map(|missing| Warning::MissingValues {
+        value: missing.to_string(),
+        count: missing.count,
+        points_count: removed.points,
+    });
+    let (repeated_count, profiles_count) = (removed.repeated_profiles, removed.profiles);
+    let repeated = (repeated_count > 0).then_some(Warning::RepeatedProfiles { repeated_count, profiles_count });
+    missing.chain(repeated).collect()
 }
 
 /// Points to an estimate.
@@ -100,6 +120,7 @@ pub fn measure(
     progress: &Progress,
 ) -> Result<Measured, MeasureError> {
     let prepared = cut(decoded, resolved, limits)?;
-    let estimate = estimate_parts(&prepared.scan, &resolved.settings, &resolved.parts, progress);
+    let mut estimate = estimate_parts(&prepared.scan, &resolved.settings, &resolved.parts, progress);
+    estimate.warn(&prepared.warnings);
     Ok(Measured { prepared, estimate })
 }

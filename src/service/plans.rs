@@ -146,14 +146,16 @@ impl Service {
         let taken = self.taking_of(&measurement).await?;
         self.check_fresh(side, taken.at)?;
         check_in_place(side, &taken, from)?;
-        let plan = find_path(side, from, pose, &request).await?;
+        let measured = pose.on_rail().ok_or(ServiceError::PoseMissing { measurement_id: measurement.id.clone() })?;
+        let measured = PartPose { axis: measured.axis, x_ref: measured.x_ref };
+        let plan = find_path(side, from, measured, &request).await?;
         let plan = StoredPlan {
             id: self.clock.new_id("p-"),
             created_at: self.clock.now(),
             expires_at: taken.at.saturating_add(max_age(side)).unwrap_or(taken.at),
             measurement_id: measurement.id.clone(),
-            measured: pose.axis,
-            x_ref: pose.x_ref,
+            measured: measured.axis,
+            x_ref: measured.x_ref,
             target: request.target,
             speed_ratio: request.speed_ratio,
             plan,
@@ -288,11 +290,10 @@ fn check_in_place(side: &CellSide, taken: &Taking, now: Pair<Position>) -> Resul
 async fn find_path(
     side: &CellSide,
     from: Pair<Position>,
-    pose: &Pose,
+    measured: PartPose,
     request: &PlanRequest,
 ) -> Result<Plan, ServiceError> {
     let Target { deflection, pitch, y_c0, z_c0, roll, shift_x } = request.target;
-    let measured = PartPose { axis: pose.axis, x_ref: pose.x_ref };
     let axis = AxisLine { p: deflection.tan(), q: pitch.tan(), y0: y_c0, z0: z_c0 };
     let target = PoseTarget { axis, roll, axial_shift: shift_x };
     let (arrangement, speed_ratio) = (side.arrangement, request.speed_ratio);

@@ -2,7 +2,9 @@
 //! into what scan and estimation take. Must not know where a recipe is kept, nor how it is sent.
 
 use super::plain;
-use crate::estimation::{EndFaceRule, Method, PartRule, PartsError, RadiusRule, SettingError, Settings, TypeB};
+use crate::estimation::{
+    EndFaceRule, Method, Orientation, PartRule, PartsError, RadiusRule, SettingError, Settings, TypeB,
+};
 use crate::geometry::{Frame, FrameError};
 use crate::scan::decode::Unit;
 use crate::scan::slice::{Region, RegionError, SliceRequest};
@@ -64,9 +66,18 @@ pub struct Recipe {
     /// What is known of stage, sensor and temperature; said as a whole.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub type_b: Option<TypeB>,
+    /// In which directions the axis is looked for: auto, rail or any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub orientation: Option<Orientation>,
+    /// An axis farther from X than this is not along the rail.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tilt_max_deg: Option<f64>,
     /// Which end faces are measured: none, near, far or both.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub end_face: Option<EndFaceRule>,
+    /// Values of x, y or z, in the unit of the file, that mark points as missing; none are looked for where this is given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub missing_values: Option<Vec<f64>>,
     /// Unit of the file's coordinates; millimetres where nobody says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<Unit>,
@@ -91,6 +102,8 @@ pub struct Resolved {
     pub settings: Settings,
     /// For the reader; `None` leaves it to the file, and to millimetres where that is silent.
     pub unit: Option<Unit>,
+    /// Values that mark missing points, in the unit of the file; `None` looks for them.
+    pub missing_values: Option<Vec<f64>>,
     /// For the cutting into profiles.
     pub slicing: SliceRequest,
     /// For the cutting into parts.
@@ -140,6 +153,9 @@ pub enum RecipeError {
     },
 }
 
+/// Most values that mark missing points.
+const MISSING_VALUES_MAX: usize = 16;
+
 /// Longest description.
 pub const DESCRIPTION_CHARACTERS_MAX: usize = 1000;
 
@@ -185,7 +201,10 @@ impl Recipe {
             angle_uncertainty_max_deg: self.angle_uncertainty_max_deg.or(under.angle_uncertainty_max_deg),
             position_uncertainty_max_mm: self.position_uncertainty_max_mm.or(under.position_uncertainty_max_mm),
             type_b: self.type_b.or(under.type_b),
+            orientation: self.orientation.or(under.orientation),
+            tilt_max_deg: self.tilt_max_deg.or(under.tilt_max_deg),
             end_face: self.end_face.or(under.end_face),
+            missing_values: self.missing_values.or_else(|| under.missing_values.clone()),
             unit: self.unit.or(under.unit),
             profile_by: self.profile_by.or_else(|| under.profile_by.clone()),
             frame: self.frame.or(under.frame),
@@ -208,6 +227,7 @@ impl Recipe {
     /// [`RecipeError`] names the first thing that cannot be.
     pub fn resolve(&self, defaults: &Settings) -> Result<Resolved, RecipeError> {
         self.check_description()?;
+        self.check_missing_values()?;
         let settings = self.settings(defaults)?;
         let parts = self.parts.clone().unwrap_or_default();
         parts.settings(&settings).check()?;
@@ -220,7 +240,8 @@ impl Recipe {
         }
         let rule = self.profile_by.as_deref().map(ProfileRule::parse).transpose()?;
         let slicing = SliceRequest { rule, frame: self.frame, region: self.region };
-        Ok(Resolved { settings, unit: self.unit, slicing, parts, recipe: self.filled(&settings) })
+        let missing_values = self.missing_values.clone();
+        Ok(Resolved { settings, unit: self.unit, missing_values, slicing, parts, recipe: self.filled(&settings) })
     }
 
     fn settings(&self, default: &Settings) -> Result<Settings, RecipeError> {
@@ -232,15 +253,15 @@ impl Recipe {
             points_min: self.points_min.unwrap_or(default.points_min),
             arc_min_deg: self.arc_min_deg.unwrap_or(default.arc_min_deg),
             profiles_min: self.profiles_min.unwrap_or(default.profiles_min),
-            axial_length_min_mm: self.axial_length_min_mm.unwrap_or(default.axial_length_min_mm),
+            axial_length_min_mm: self.axial_length_min_mm.or(default.axial_length_min_mm),
             nominal_radius_mm: self.nominal_radius_mm.or(default.nominal_radius_mm),
             radius: self.radius.unwrap_or(default.radius),
             radius_sigma_mm: self.radius_sigma_mm.or(default.radius_sigma_mm),
             angle_uncertainty_max_deg: self.angle_uncertainty_max_deg.unwrap_or(default.angle_uncertainty_max_deg),
-            position_uncertainty_max_mm: self
-                .position_uncertainty_max_mm
-                .unwrap_or(default.position_uncertainty_max_mm),
+            position_uncertainty_max_mm: self.position_uncertainty_max_mm.or(default.position_uncertainty_max_mm),
             type_b: self.type_b.unwrap_or(default.type_b),
+            orientation: self.orientation.unwrap_or(default.orientation),
+            tilt_max_deg: self.tilt_max_deg.unwrap_or(default.tilt_max_deg),
             end_face: self.end_face.unwrap_or(default.end_face),
         })
     }
@@ -267,15 +288,34 @@ impl Recipe {
             points_min: Some(settings.points_min),
             arc_min_deg: Some(settings.arc_min_deg),
             profiles_min: Some(settings.profiles_min),
-            axial_length_min_mm: Some(settings.axial_length_min_mm),
+            axial_length_min_mm: settings.axial_length_min_mm,
             nominal_radius_mm: settings.nominal_radius_mm,
             radius: Some(settings.radius),
             radius_sigma_mm: settings.radius_sigma_mm,
             angle_uncertainty_max_deg: Some(settings.angle_uncertainty_max_deg),
-            position_uncertainty_max_mm: Some(settings.position_uncertainty_max_mm),
+            position_uncertainty_max_mm: settings.position_uncertainty_max_mm,
             type_b: Some(settings.type_b),
+            orientation: Some(settings.orientation),
+            tilt_max_deg: Some(settings.tilt_max_deg),
             end_face: Some(settings.end_face),
             ..self.clone()
+        }
+    }
+
+    fn check_missing_values(&self) -> Result<(), RecipeError> {
+        let values = self.missing_values.as_deref().unwrap_or_default();
+        let count = values.len();
+        if count > MISSING_VALUES_MAX {
+            let allowed = "a list of at most 16 values";
+            return Err(RecipeError::OutOfRange { name: "missing_values", allowed, value: count as f64 });
+        }
+        match values.iter().find(|value| !value.is_finite()) {
+            Some(value) => Err(RecipeError::OutOfRange {
+                name: "missing_values",
+                allowed: "a list of finite numbers",
+                value: *value,
+            }),
+            None => Ok(()),
         }
     }
 

@@ -22,12 +22,21 @@ impl Measurement {
     /// What is seen of the part that was chosen, with `profile` (its index in the whole scan) in any case.
     #[must_use]
     pub fn view(&self, scan: &Scan, profiles: &[Profile], chosen: Chosen<'_>, profile: Option<usize>) -> View {
+        // The profiles are those of the sections that the pose was found in.
+        let sections = match chosen {
+            Chosen::Whole(Finding { outcome: Outcome::Accepted(pose), .. }) => {
+                let same = |sections: &Scan| sections.stations().len() == profiles.len();
+                pose.cut.and_then(|cut| cut.apply(scan)).filter(same)
+            }
+            _ => None,
+        };
+        let scan = sections.as_ref().unwrap_or(scan);
         let all = 0..scan.stations().len();
         let (finding, stations, part) = match chosen {
             Chosen::Whole(finding) => (finding.clone(), all.clone(), None),
             Chosen::Part(part, _) => (part.finding.clone(), part.stations(), Some(part.name.clone())),
             Chosen::None(refusal) => {
-                let (outcome, conditioning) = (Outcome::Refused(*refusal), Conditioning::default());
+                let (outcome, conditioning) = (Outcome::Refused(refusal.clone()), Conditioning::default());
                 (Finding { outcome, conditioning, residuals: None }, all.clone(), None)
             }
         };

@@ -475,24 +475,24 @@ mod tests {
     #[test]
     fn every_set_of_instructions_gives_the_same_bits() {
         places(|place| {
-        let (y, z) = points();
-        let sweep = Sweep { place, y: &y, z: &z };
-        let (per_cut2, epsilon2) = (1.0, 0.04);
-        // One point at a time, with what every processor has.
-        let plain = SumAndCount { sweep, per_cut2, epsilon2 }.with_simd(Scalar);
-        assert!(plain.0.weight > 50.0 && plain.1.count > 20.0, "{plain:?}");
-        assert_eq!(sweep.sums_and_inner(per_cut2, epsilon2), plain);
-        assert_eq!(sweep.sums(per_cut2, Curvature::Slope), plain.0);
-        let plain = Sum { sweep, per_cut2, curvature: Curvature::Weight }.with_simd(Scalar);
-        assert_eq!(sweep.sums(per_cut2, Curvature::Weight), plain);
-        let plain = Truncate { sweep, per_tolerance2: 3.0 }.with_simd(Scalar);
-        assert_eq!(sweep.truncated_squares(3.0).to_bits(), plain.to_bits());
-        // Half as wide as the widest, where the processor has both.
-        #[cfg(target_arch = "x86_64")]
-        if let Some(narrower) = pulp::x86::V3::try_new() {
+            let (y, z) = points();
+            let sweep = Sweep { place, y: &y, z: &z };
+            let (per_cut2, epsilon2) = (1.0, 0.04);
+            // One point at a time, with what every processor has.
             let plain = SumAndCount { sweep, per_cut2, epsilon2 }.with_simd(Scalar);
-            assert_eq!(Simd::vectorize(narrower, SumAndCount { sweep, per_cut2, epsilon2 }), plain);
-        }
+            assert!(plain.0.weight > 50.0 && plain.1.count > 20.0, "{plain:?}");
+            assert_eq!(sweep.sums_and_inner(per_cut2, epsilon2), plain);
+            assert_eq!(sweep.sums(per_cut2, Curvature::Slope), plain.0);
+            let plain = Sum { sweep, per_cut2, curvature: Curvature::Weight }.with_simd(Scalar);
+            assert_eq!(sweep.sums(per_cut2, Curvature::Weight), plain);
+            let plain = Truncate { sweep, per_tolerance2: 3.0 }.with_simd(Scalar);
+            assert_eq!(sweep.truncated_squares(3.0).to_bits(), plain.to_bits());
+            // Half as wide as the widest, where the processor has both.
+            #[cfg(target_arch = "x86_64")]
+            if let Some(narrower) = pulp::x86::V3::try_new() {
+                let plain = SumAndCount { sweep, per_cut2, epsilon2 }.with_simd(Scalar);
+                assert_eq!(Simd::vectorize(narrower, SumAndCount { sweep, per_cut2, epsilon2 }), plain);
+            }
         });
     }
 
@@ -509,21 +509,21 @@ mod tests {
     #[test]
     fn squared_distances_and_inner_points_are_those_of_the_points_one_by_one() {
         places(|place| {
-        let (y, z) = points();
-        let sweep = Sweep { place, y: &y, z: &z };
-        let mut squared = Vec::new();
-        sweep.squared_distances(|found| squared.extend_from_slice(found));
-        let slice = cylinder().slice(12.0);
-        let place = |(&y, &z): (&f32, &f32)| (f64::from(y), f64::from(z));
-        let expected: Vec<f64> = y.iter().zip(&z).map(place).map(|(y, z)| slice.distance(y, z).powi(2)).collect();
-        assert_eq!(squared.len(), expected.len());
-        assert!(squared.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-12 * (1.0 + b)));
-        let (_, inner) = sweep.sums_and_inner(25.0, 0.002);
-        let within: Vec<f64> = expected.iter().copied().filter(|d2| *d2 < 0.002).collect();
-        assert_eq!(inner.count, within.len() as f64);
-        assert!((inner.squared - within.iter().sum::<f64>()).abs() < 1e-9);
-        let truncated: f64 = expected.iter().map(|d2| (3.0 * d2).min(1.0)).sum();
-        assert!((sweep.truncated_squares(3.0) - truncated).abs() < 1e-9);
+            let (y, z) = points();
+            let sweep = Sweep { place, y: &y, z: &z };
+            let mut squared = Vec::new();
+            sweep.squared_distances(|found| squared.extend_from_slice(found));
+            let slice = cylinder().slice(12.0);
+            let place = |(&y, &z): (&f32, &f32)| (f64::from(y), f64::from(z));
+            let expected: Vec<f64> = y.iter().zip(&z).map(place).map(|(y, z)| slice.distance(y, z).powi(2)).collect();
+            assert_eq!(squared.len(), expected.len());
+            assert!(squared.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-12 * (1.0 + b)));
+            let (_, inner) = sweep.sums_and_inner(25.0, 0.002);
+            let within: Vec<f64> = expected.iter().copied().filter(|d2| *d2 < 0.002).collect();
+            assert_eq!(inner.count, within.len() as f64);
+            assert!((inner.squared - within.iter().sum::<f64>()).abs() < 1e-9);
+            let truncated: f64 = expected.iter().map(|d2| (3.0 * d2).min(1.0)).sum();
+            assert!((sweep.truncated_squares(3.0) - truncated).abs() < 1e-9);
         });
     }
 }

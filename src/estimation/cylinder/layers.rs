@@ -286,7 +286,11 @@ fn refit(problem: &Problem<'_>, fit: &Solution, part: &Settled, averages: &Avera
         let resampled = resample::standard(&left, &solution, hold);
         let excess = beyond_roughness(&solution, roughness);
         let height = repeating(&solution, &left, excess);
-        solution.rivals.extend(height.and_then(|height| low(hold, &solution, &left, excess.max(height))).map(|reading| resample::bounded(reading, resampled.as_ref())));
+        solution.rivals.extend(
+            height
+                .and_then(|height| low(hold, &solution, &left, excess.max(height)))
+                .map(|reading| resample::bounded(reading, resampled.as_ref())),
+        );
     }
     Some(rest.restore(solution))
 }

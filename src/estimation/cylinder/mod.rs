@@ -25,8 +25,8 @@ mod known;
 mod layers;
 mod linearity;
 mod model;
-mod narrow;
 mod moments;
+mod narrow;
 mod patches;
 mod pieces;
 mod profile;
@@ -61,12 +61,7 @@ const VERY_FEW: usize = 8;
 const AGREEING: f64 = 0.25;
 
 /// The pose or why there is none, and what became of every profile.
-pub(super) fn find(
-    scan: &Scan,
-    settings: &Settings,
-    expected_radius: Option<f64>,
-    progress: &Progress,
-) -> Found {
+pub(super) fn find(scan: &Scan, settings: &Settings, expected_radius: Option<f64>, progress: &Progress) -> Found {
     let used = search::enough(scan, settings);
     match search::search(scan, &used, settings, expected_radius, progress) {
         Err(refusal) => {
@@ -130,7 +125,7 @@ fn agreed(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(), R
 
 fn too_short<'a>(stations: impl Iterator<Item = &'a Station>, settings: &Settings) -> Result<(), Refusal> {
     let (low, high) = stations.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), s| (low.min(s.x), high.max(s.x)));
-    let (axial_length_mm, axial_length_min_mm) = (high - low, settings.axial_length_min_mm);
+    let (axial_length_mm, axial_length_min_mm) = (high - low, settings.axial_length_min_mm.unwrap_or(0.0));
     if axial_length_mm < axial_length_min_mm {
         return Err(Refusal::AxialLengthTooShort { axial_length_mm, axial_length_min_mm });
     }

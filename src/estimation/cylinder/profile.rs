@@ -80,9 +80,10 @@ mod tests {
             .unzip();
         let view = cylinder.facing([0.3, 0.8]);
         let own_x = vec![70.0; y.len()];
-        for (curvature, own_x) in [Curvature::Weight, Curvature::Slope].into_iter().flat_map(|curvature| {
-            [(curvature, None), (curvature, Some(own_x.as_slice()))]
-        }) {
+        for (curvature, own_x) in [Curvature::Weight, Curvature::Slope]
+            .into_iter()
+            .flat_map(|curvature| [(curvature, None), (curvature, Some(own_x.as_slice()))])
+        {
             let points = ProfilePoints { x: 70.0, own_x, points: Stretch::F64 { y: &y, z: &z } };
             let found = view.unturned(&points.sums(&view, 0.0004, curvature));
             let mut expected = Sums::zero();

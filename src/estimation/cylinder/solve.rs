@@ -149,8 +149,7 @@ fn nearer(problem: &Problem<'_>, stations: &[&Station], view: View, sigma: f64) 
         return None;
     }
     let cut_off_squared = robust::cut_off_squared(sigma);
-    let profile =
-        |station: &&Station| ProfilePoints::of(scan, station).sums(&view, cut_off_squared, Curvature::Slope);
+    let profile = |station: &&Station| ProfilePoints::of(scan, station).sums(&view, cut_off_squared, Curvature::Slope);
     let chosen: Vec<&Station> = spread(stations.len(), few).filter_map(|index| stations.get(index).copied()).collect();
     let each: Vec<Sums> = chosen.par_iter().map(profile).collect();
     let mut sums = Sums::zero();

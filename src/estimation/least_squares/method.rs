@@ -3,11 +3,11 @@
 use super::{GaussianCylinder, basis, least_squares_cylinder};
 use crate::estimation::budget::Line;
 use crate::estimation::{
-    Conditioning, EndFaces, Estimate, Outcome, Pose, RadiusSource, Refusal, Residuals, SectionCut, Settings,
+    Conditioning, EndFaces, Estimate, Outcome, Pose, Profile, RadiusSource, Refusal, Residuals, SectionCut, Settings,
     Uncertainty, limits,
 };
 use crate::geometry::{Axis, AxisLine};
-use crate::scan::Scan;
+use crate::scan::{Scan, Station};
 use nalgebra::{Matrix5, Vector3, Vector5};
 
 /// The whole measurement.
@@ -25,7 +25,14 @@ pub(in crate::estimation) fn measure(scan: &Scan, settings: &Settings) -> Estima
         }
     };
     let conditioning = Conditioning { arc: None, axial_length, warnings: Vec::new() };
-    Estimate { method: settings.method, outcome, profiles: Vec::new(), conditioning, residuals }
+    let profiles = scan.stations().iter().map(unjudged).collect();
+    Estimate { method: settings.method, outcome, profiles, conditioning, residuals }
+}
+
+/// All points of every profile count.
+fn unjudged(station: &Station) -> Profile {
+    let points_count = station.end - station.start;
+    Profile { x: station.x, points_count, rejected: None, section: None, offset: None }
 }
 
 fn outcome(found: &GaussianCylinder, points_count: usize, extent: [f64; 2], settings: &Settings) -> Outcome {
@@ -36,7 +43,8 @@ fn outcome(found: &GaussianCylinder, points_count: usize, extent: [f64; 2], sett
     };
     let along_x = AxisLine { p: 0.0, q: 0.0, y0: 0.0, z0: 0.0 };
     let freedom = (points_count as f64 - 5.0).max(1.0);
-    let repeatability = Line::of_slopes(Line::REPEATABILITY, &covariance, &along_x).with_freedom(Vector5::repeat(freedom));
+    let repeatability =
+        Line::of_slopes(Line::REPEATABILITY, &covariance, &along_x).with_freedom(Vector5::repeat(freedom));
     let lines = [repeatability];
     let uncertainty = Uncertainty::of(&lines, &along_x, 0.0);
     if let Some(refusal) = limits::undetermined(&uncertainty, found.radius, settings) {

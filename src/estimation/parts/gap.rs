@@ -46,7 +46,8 @@ impl Stretch {
     }
 
     fn is_long(&self, settings: &Settings) -> bool {
-        self.count >= settings.profiles_min as usize && self.x_max - self.x_min >= settings.axial_length_min_mm
+        self.count >= settings.profiles_min as usize
+            && self.x_max - self.x_min >= settings.axial_length_min_mm.unwrap_or(0.0)
     }
 }
 

@@ -12,8 +12,10 @@ mod shows;
 pub use rule::{ByGap, PARTS_MAX, PartRule, PartsError, Window};
 
 use super::unusable::unusable;
-use super::{Conditioning, Estimate, Outcome, Profile, Progress, Reason, Refusal, Settings, estimate};
-use crate::scan::Scan;
+use super::{
+    Conditioning, Estimate, Orientation, Outcome, Profile, Progress, Reason, Refusal, Settings, Warning, estimate,
+};
+use crate::scan::{Grouping, Scan};
 use std::ops::Range;
 
 /// What was found in a scan.
@@ -47,6 +49,18 @@ pub struct PartEstimate {
     pub stations: Range<usize>,
     /// What was found, as if the part had come alone.
     pub estimate: Estimate,
+}
+
+impl ScanEstimate {
+    /// Adds warnings about the whole scan to the estimate of each part.
+    pub fn warn(&mut self, warnings: &[Warning]) {
+        match self {
+            Self::Whole(estimate) => estimate.conditioning.warnings.extend_from_slice(warnings),
+            Self::Parts(parts) => {
+                parts.parts.iter_mut().for_each(|part| part.estimate.conditioning.warnings.extend_from_slice(warnings));
+            }
+        }
+    }
 }
 
 impl Parts {
@@ -152,7 +166,12 @@ fn measure(scan: &Scan, pieces: &[Piece], progress: &Progress) -> Parts {
         x_mm: piece.x_mm,
         stations: piece.stations.clone(),
         estimate: match scan.part(piece.stations.clone()) {
-            Some(part) => estimate(&part.with_blanks(piece.blanks.clone()), &piece.settings, progress),
+            // Parts lie one behind the other along X, so that is where the axis of each is looked for.
+            Some(part) => {
+                let part = part.with_blanks(piece.blanks.clone()).with_grouping(Grouping::Given);
+                let settings = Settings { orientation: Orientation::Rail, ..piece.settings };
+                estimate(&part, &settings, progress)
+            }
             None => empty(piece),
         },
     };

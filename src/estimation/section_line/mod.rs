@@ -89,12 +89,7 @@ fn fit_sections(scan: &Scan, along: Slopes, settings: &Settings, progress: &Prog
 }
 
 /// Draws the axis through the valid centres; marks those that lie off it. The axis is known also where the scan is refused.
-fn fit_axis(
-    scan: &Scan,
-    along: Slopes,
-    profiles: &mut [Profile],
-    settings: &Settings,
-) -> (Outcome, Option<AxisLine>) {
+fn fit_axis(scan: &Scan, along: Slopes, profiles: &mut [Profile], settings: &Settings) -> (Outcome, Option<AxisLine>) {
     let reweighting = match settings.method {
         Method::SectionLinePlain => Reweighting::None,
         Method::SectionLine | Method::Cylinder | Method::LeastSquares => Reweighting::Tukey,

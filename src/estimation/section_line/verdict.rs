@@ -70,7 +70,7 @@ fn not_round(profiles: &[Profile], axis: &AxisLine) -> Option<Refusal> {
 }
 
 fn too_short(profiles: &[Profile], settings: &Settings) -> Option<Refusal> {
-    let (axial_length_mm, axial_length_min_mm) = (axial_length(profiles), settings.axial_length_min_mm);
+    let (axial_length_mm, axial_length_min_mm) = (axial_length(profiles), settings.axial_length_min_mm.unwrap_or(0.0));
     (axial_length_mm < axial_length_min_mm)
         .then_some(Refusal::AxialLengthTooShort { axial_length_mm, axial_length_min_mm })
 }
@@ -88,7 +88,7 @@ fn disagreement(profiles: &[Profile], bias: Bias) -> Option<Refusal> {
 pub(super) fn no_axis(profiles: &[Profile], settings: &Settings) -> Refusal {
     too_few_valid(profiles, settings).unwrap_or(Refusal::AxialLengthTooShort {
         axial_length_mm: axial_length(profiles),
-        axial_length_min_mm: settings.axial_length_min_mm,
+        axial_length_min_mm: settings.axial_length_min_mm.unwrap_or(0.0),
     })
 }
 

@@ -5,6 +5,7 @@ use super::super::recipes::RecipeDocument;
 use super::parts::{PartDocument, pose};
 use super::uncertainty::UncertaintyDocument;
 use crate::estimation::{Conditioning, EndFace, Pose, RadiusSource, Reason, Refusal, Residuals, Warning};
+use crate::geometry::Axis;
 use crate::service::{Measurement, Tally, Verdict};
 use jiff::Timestamp;
 use serde::Serialize;
@@ -78,21 +79,23 @@ pub struct PoseDocument {
     /// The frame that the numbers are in.
     #[schema(example = "rail")]
     pub frame: &'static str,
-    /// Rotation towards +Y.
-    pub deflection_deg: f64,
+    /// The axis, whatever its direction.
+    pub axis: AxisDocument,
+    /// Rotation towards +Y; null, as all numbers along X, where the axis lies 60° or more from X.
+    pub deflection_deg: Option<f64>,
     /// Rotation towards +Z.
-    pub pitch_deg: f64,
+    pub pitch_deg: Option<f64>,
     /// Where the axis meets the plane x = 0.
-    pub y_c0_mm: f64,
+    pub y_c0_mm: Option<f64>,
     /// Where the axis meets the plane x = 0.
-    pub z_c0_mm: f64,
+    pub z_c0_mm: Option<f64>,
     /// Mean x of what was used (valid profiles, or points on the part): the position is known best there.
-    pub x_ref_mm: f64,
+    pub x_ref_mm: Option<f64>,
     /// The axis at `x_ref_mm`.
-    pub y_ref_mm: f64,
+    pub y_ref_mm: Option<f64>,
     /// The axis at `x_ref_mm`.
-    pub z_ref_mm: f64,
-    /// Unit vector along the axis, towards +X.
+    pub z_ref_mm: Option<f64>,
+    /// Unit vector along the axis, as in `axis`.
     pub direction: [f64; 3],
     /// Radius of the part.
     pub radius_mm: f64,
@@ -104,6 +107,16 @@ pub struct PoseDocument {
     pub end_face: Option<EndFaceDocument>,
     /// Where the axis meets the far end plane where both were asked for; null else.
     pub far_end_face: Option<EndFaceDocument>,
+}
+
+/// A line in the frame that is named beside it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+#[schema(as = Axis)]
+pub struct AxisDocument {
+    /// The point of the axis that is known best.
+    pub point_mm: [f64; 3],
+    /// Unit vector along the axis.
+    pub direction: [f64; 3],
 }
 
 /// A point of the part's end plane.
@@ -240,17 +253,20 @@ impl From<Verdict> for VerdictName {
 
 impl From<&Pose> for PoseDocument {
     fn from(pose: &Pose) -> Self {
-        let [y_ref_mm, z_ref_mm] = pose.axis.at(pose.x_ref);
+        let Axis { point_mm, direction } = pose.axis_in_scan();
+        let line = pose.on_rail().map(|found| (found.axis, found.x_ref));
+        let reference = line.map(|(axis, x_ref)| axis.at(x_ref));
         Self {
             frame: "rail",
-            deflection_deg: pose.axis.deflection().degrees(),
-            pitch_deg: pose.axis.pitch().degrees(),
-            y_c0_mm: pose.axis.y0,
-            z_c0_mm: pose.axis.z0,
-            x_ref_mm: pose.x_ref,
-            y_ref_mm,
-            z_ref_mm,
-            direction: pose.axis.direction(),
+            axis: AxisDocument { point_mm, direction },
+            deflection_deg: line.map(|(axis, _)| axis.deflection().degrees()),
+            pitch_deg: line.map(|(axis, _)| axis.pitch().degrees()),
+            y_c0_mm: line.map(|(axis, _)| axis.y0),
+            z_c0_mm: line.map(|(axis, _)| axis.z0),
+            x_ref_mm: line.map(|(_, x_ref)| x_ref),
+            y_ref_mm: reference.map(|[y, _]| y),
+            z_ref_mm: reference.map(|[_, z]| z),
+            direction,
             radius_mm: pose.radius,
             radius_source: match pose.radius_source {
                 RadiusSource::Fitted => "fitted",

@@ -20,8 +20,10 @@ pub(in super::super) struct PlcDocument {
     verdict_code: u8,
     /// 0 none, 1 too_few_profiles, 2 points_identical, 3 points_collinear, 4 too_few_valid_profiles,
     /// 5 axial_length_too_short, 6 sections_disagree, 7 no_cylinder, 8 two_cylinders, 9 pose_undetermined,
-    /// 10 sections_not_round, 11 parts_count_differs, 12 window_empty, 13 layers_undecided.
-    #[schema(minimum = 0, maximum = 13)]
+    /// 10 sections_not_round, 11 parts_count_differs, 12 window_empty, 13 layers_undecided, 14 profiles_not_planar,
+    /// 15 points_undetermined, 16 several_cylinders, 17 axis_not_along_rail,
+    /// 18 travel_missing.
+    #[schema(minimum = 0, maximum = 18)]
     refusal_code: u8,
     /// Warnings; read the whole document where there are any.
     warnings_count: u64,
@@ -90,19 +92,19 @@ impl PlcDocument {
             verdict_code: if refusal.is_none() { 1 } else { 2 },
             refusal_code: refusal.map_or(0, number_of),
             warnings_count: finding.map_or(0, |finding| wide(finding.conditioning.warnings.len())),
-            deflection_udeg: pose.as_ref().and_then(|pose| micro(pose.deflection_deg)),
-            pitch_udeg: pose.as_ref().and_then(|pose| micro(pose.pitch_deg)),
-            y_c0_um: pose.as_ref().and_then(|pose| um(pose.y_c0_mm)),
-            z_c0_um: pose.as_ref().and_then(|pose| um(pose.z_c0_mm)),
-            x_ref_um: pose.as_ref().and_then(|pose| um(pose.x_ref_mm)),
-            y_ref_um: pose.as_ref().and_then(|pose| um(pose.y_ref_mm)),
-            z_ref_um: pose.as_ref().and_then(|pose| um(pose.z_ref_mm)),
+            deflection_udeg: pose.as_ref().and_then(|pose| micro(pose.deflection_deg?)),
+            pitch_udeg: pose.as_ref().and_then(|pose| micro(pose.pitch_deg?)),
+            y_c0_um: pose.as_ref().and_then(|pose| um(pose.y_c0_mm?)),
+            z_c0_um: pose.as_ref().and_then(|pose| um(pose.z_c0_mm?)),
+            x_ref_um: pose.as_ref().and_then(|pose| um(pose.x_ref_mm?)),
+            y_ref_um: pose.as_ref().and_then(|pose| um(pose.y_ref_mm?)),
+            z_ref_um: pose.as_ref().and_then(|pose| um(pose.z_ref_mm?)),
             radius_um: pose.as_ref().and_then(|pose| um(pose.radius_mm)),
             end_face_x_um: pose.as_ref().and_then(|pose| um(pose.end_face?.x_mm)),
-            u_deflection_udeg: known.and_then(|known| up_micro(known.deflection_deg)),
-            u_pitch_udeg: known.and_then(|known| up_micro(known.pitch_deg)),
-            u_y_ref_um: known.and_then(|known| up_um(known.y_ref_mm)),
-            u_z_ref_um: known.and_then(|known| up_um(known.z_ref_mm)),
+            u_deflection_udeg: known.and_then(|known| up_micro(known.deflection_deg?)),
+            u_pitch_udeg: known.and_then(|known| up_micro(known.pitch_deg?)),
+            u_y_ref_um: known.and_then(|known| up_um(known.y_ref_mm?)),
+            u_z_ref_um: known.and_then(|known| up_um(known.z_ref_mm?)),
             u_scope_code: uncertainty.map(|uncertainty| match uncertainty.scope {
                 ScopeDocument::Repeatability => 1,
                 ScopeDocument::Combined => 2,
@@ -130,6 +132,11 @@ const fn number_of(refusal: &Refusal) -> u8 {
         Refusal::PartsCountDiffers { .. } => 11,
         Refusal::WindowEmpty { .. } => 12,
         Refusal::LayersUndecided { .. } => 13,
+        Refusal::ProfilesNotPlanar { .. } => 14,
+        Refusal::PointsUndetermined { .. } => 15,
+        Refusal::SeveralCylinders { .. } => 16,
+        Refusal::AxisNotAlongRail { .. } => 17,
+        Refusal::TravelMissing { .. } => 18,
     }
 }
 

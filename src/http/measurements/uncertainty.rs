@@ -59,29 +59,34 @@ pub struct UncertaintyDocument {
     pub standard: UncertaintiesDocument,
     /// Degrees of freedom of the standard uncertainties, which are already widened for them as Student's t requires: the coverage
     /// factor holds whatever they are.
-    pub effective_degrees_of_freedom: DegreesOfFreedomDocument,
-    /// What they come from.
-    pub covariance: CovarianceDocument,
+    /// Null where the axis lies 60° or more from X.
+    pub effective_degrees_of_freedom: Option<DegreesOfFreedomDocument>,
+    /// What they come from; null where the axis lies 60° or more from X.
+    pub covariance: Option<CovarianceDocument>,
     /// What they are made of.
     pub budget: Vec<ComponentDocument>,
 }
 
-/// An uncertainty of each number of the pose.
+/// An uncertainty of each number of the pose; null where the number is.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 #[schema(as = Uncertainties)]
 pub struct UncertaintiesDocument {
+    /// Of the direction of the axis, in the plane in which it is largest.
+    pub axis_direction_deg: f64,
+    /// Of the point of the axis, square to the axis, in the direction in which it is largest.
+    pub axis_position_mm: f64,
     /// Of the deflection.
-    pub deflection_deg: f64,
+    pub deflection_deg: Option<f64>,
     /// Of the pitch.
-    pub pitch_deg: f64,
+    pub pitch_deg: Option<f64>,
     /// Where the axis meets x = 0; carries the lever arm from `x_ref_mm`.
-    pub y_c0_mm: f64,
+    pub y_c0_mm: Option<f64>,
     /// Where the axis meets x = 0; carries the lever arm from `x_ref_mm`.
-    pub z_c0_mm: f64,
+    pub z_c0_mm: Option<f64>,
     /// At `x_ref_mm`.
-    pub y_ref_mm: f64,
+    pub y_ref_mm: Option<f64>,
     /// At `x_ref_mm`.
-    pub z_ref_mm: f64,
+    pub z_ref_mm: Option<f64>,
     /// Of the radius.
     pub radius_mm: f64,
     /// Of x of the end face; null where there is none. The expanded one holds 95.45 %, and this half of it is below the
@@ -103,56 +108,82 @@ pub struct CovarianceDocument {
     pub matrix: [[f64; 5]; 5],
 }
 
-/// One line of the budget: standard uncertainties.
+/// One line of the budget: standard uncertainties; null where the number of the pose is.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 #[schema(as = UncertaintyComponent)]
 pub struct ComponentDocument {
     /// What makes the result uncertain.
     #[schema(example = "repeatability")]
     pub source: String,
+    /// Of the direction of the axis; null in measurements that were stored without it.
+    pub axis_direction_deg: Option<f64>,
+    /// Of the point of the axis, square to the axis; null in measurements that were stored without it.
+    pub axis_position_mm: Option<f64>,
     /// Of the deflection.
-    pub deflection_deg: f64,
+    pub deflection_deg: Option<f64>,
     /// Of the pitch.
-    pub pitch_deg: f64,
-    /// Where the axis meets x = 0; null in measurements that were stored without it.
+    pub pitch_deg: Option<f64>,
+    /// Where the axis meets x = 0; null, too, in measurements that were stored without it.
     pub y_c0_mm: Option<f64>,
-    /// Where the axis meets x = 0; null in measurements that were stored without it.
+    /// Where the axis meets x = 0; null, too, in measurements that were stored without it.
     pub z_c0_mm: Option<f64>,
     /// At `x_ref_mm`.
-    pub y_ref_mm: f64,
+    pub y_ref_mm: Option<f64>,
     /// At `x_ref_mm`.
-    pub z_ref_mm: f64,
+    pub z_ref_mm: Option<f64>,
     /// Of the radius.
     pub radius_mm: f64,
 }
 
 impl From<&Pose> for UncertaintyDocument {
     fn from(pose: &Pose) -> Self {
-        let standard = UncertaintiesDocument::standard(pose);
+        let along_x = pose.on_rail().map(|found| Pose {
+            axis: found.axis,
+            x_ref: found.x_ref,
+            uncertainty: found.uncertainty,
+            ..pose.clone()
+        });
+        let standard = UncertaintiesDocument::standard(pose, along_x.as_ref());
+        let lines = pose.uncertainty.budget.iter().enumerate().map(|(index, own)| {
+            let line = along_x.as_ref().and_then(|along_x| along_x.uncertainty.budget.get(index));
+            ComponentDocument::of(pose, own, line)
+        });
         Self {
             coverage_factor: COVERAGE_FACTOR,
             scope: ScopeDocument::from(&pose.uncertainty),
             expanded: standard.times(COVERAGE_FACTOR),
             standard,
-            effective_degrees_of_freedom: DegreesOfFreedomDocument::from(&pose.uncertainty),
-            covariance: CovarianceDocument { order: ORDER, matrix: pose.uncertainty.covariance },
-            budget: pose.uncertainty.budget.iter().map(ComponentDocument::from).collect(),
+            effective_degrees_of_freedom: along_x
+                .as_ref()
+                .map(|pose| DegreesOfFreedomDocument::from(&pose.uncertainty)),
+            covariance: along_x
+                .as_ref()
+                .map(|pose| CovarianceDocument { order: ORDER, matrix: pose.uncertainty.covariance }),
+            budget: lines.collect(),
         }
     }
 }
 
 impl UncertaintiesDocument {
-    fn standard(pose: &Pose) -> Self {
-        let [[deflection, ..], [_, pitch, ..], [_, _, y, ..], [_, _, _, z, _], [_, _, _, _, radius]] =
-            pose.uncertainty.covariance;
-        let [y_c0_mm, z_c0_mm] = pose.standard_at_origin();
+    /// `along_x` is the same pose by slopes and by where the axis meets planes x = const.
+    fn standard(pose: &Pose, along_x: Option<&Pose>) -> Self {
+        let [axis_direction, axis_position_mm] = pose.axis_standard();
+        let [.., [_, _, _, _, radius]] = pose.uncertainty.covariance;
+        let variance = |index: usize| {
+            let row = along_x?.uncertainty.covariance.get(index)?;
+            row.get(index).copied()
+        };
+        let standard = |index: usize| variance(index).map(f64::sqrt);
+        let at_origin = along_x.map(Pose::standard_at_origin);
         Self {
-            deflection_deg: deflection.sqrt().to_degrees(),
-            pitch_deg: pitch.sqrt().to_degrees(),
-            y_c0_mm,
-            z_c0_mm,
-            y_ref_mm: y.sqrt(),
-            z_ref_mm: z.sqrt(),
+            axis_direction_deg: axis_direction.to_degrees(),
+            axis_position_mm,
+            deflection_deg: standard(0).map(f64::to_degrees),
+            pitch_deg: standard(1).map(f64::to_degrees),
+            y_c0_mm: at_origin.map(|[y, _]| y),
+            z_c0_mm: at_origin.map(|[_, z]| z),
+            y_ref_mm: standard(2),
+            z_ref_mm: standard(3),
             radius_mm: radius.sqrt(),
             end_face_x_mm: pose.end_faces.asked_one().map(|face| face.x_standard),
             far_end_face_x_mm: pose.end_faces.other_one().map(|face| face.x_standard),
@@ -160,16 +191,19 @@ impl UncertaintiesDocument {
     }
 
     fn times(self, factor: f64) -> Self {
+        let times = |value: Option<f64>| value.map(|value| factor * value);
         Self {
-            deflection_deg: factor * self.deflection_deg,
-            pitch_deg: factor * self.pitch_deg,
-            y_c0_mm: factor * self.y_c0_mm,
-            z_c0_mm: factor * self.z_c0_mm,
-            y_ref_mm: factor * self.y_ref_mm,
-            z_ref_mm: factor * self.z_ref_mm,
+            axis_direction_deg: factor * self.axis_direction_deg,
+            axis_position_mm: factor * self.axis_position_mm,
+            deflection_deg: times(self.deflection_deg),
+            pitch_deg: times(self.pitch_deg),
+            y_c0_mm: times(self.y_c0_mm),
+            z_c0_mm: times(self.z_c0_mm),
+            y_ref_mm: times(self.y_ref_mm),
+            z_ref_mm: times(self.z_ref_mm),
             radius_mm: factor * self.radius_mm,
-            end_face_x_mm: self.end_face_x_mm.map(|value| factor * value),
-            far_end_face_x_mm: self.far_end_face_x_mm.map(|value| factor * value),
+            end_face_x_mm: times(self.end_face_x_mm),
+            far_end_face_x_mm: times(self.far_end_face_x_mm),
         }
     }
 }
@@ -188,18 +222,23 @@ impl From<&Uncertainty> for DegreesOfFreedomDocument {
     }
 }
 
-impl From<&Component> for ComponentDocument {
-    fn from(Component { source, standard, standard_at_origin }: &Component) -> Self {
-        let [deflection, pitch, y_ref_mm, z_ref_mm, radius_mm] = *standard;
-        let (y_c0_mm, z_c0_mm) = standard_at_origin.map(|[y, z]| (y, z)).unzip();
+impl ComponentDocument {
+    /// A line of the budget, and the same line along X where the axis lies near it.
+    fn of(pose: &Pose, own: &Component, along_x: Option<&Component>) -> Self {
+        let [.., radius_mm] = own.standard;
+        let axis = own.covariance.as_ref().map(|covariance| pose.axis_standard_of(covariance));
+        let at_origin = along_x.and_then(|line| line.standard_at_origin);
+        let standard = |index: usize| along_x.and_then(|line| line.standard.get(index).copied());
         Self {
-            source: source.clone(),
-            deflection_deg: deflection.to_degrees(),
-            pitch_deg: pitch.to_degrees(),
-            y_c0_mm,
-            z_c0_mm,
-            y_ref_mm,
-            z_ref_mm,
+            source: own.source.clone(),
+            axis_direction_deg: axis.map(|[direction, _]| direction.to_degrees()),
+            axis_position_mm: axis.map(|[_, position]| position),
+            deflection_deg: standard(0).map(f64::to_degrees),
+            pitch_deg: standard(1).map(f64::to_degrees),
+            y_c0_mm: at_origin.map(|[y, _]| y),
+            z_c0_mm: at_origin.map(|[_, z]| z),
+            y_ref_mm: standard(2),
+            z_ref_mm: standard(3),
             radius_mm,
         }
     }

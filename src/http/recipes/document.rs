@@ -1,6 +1,6 @@
 //! A recipe as clients write and read it. Every field may be left out. Must not know what a field does.
 
-use super::super::names::{EndFaceName, MethodName, RadiusName, UnitName};
+use super::super::names::{EndFaceName, MethodName, OrientationName, RadiusName, UnitName};
 use super::parts::PartsDocument;
 use super::type_b::TypeBDocument;
 use crate::geometry::Frame;
@@ -53,7 +53,7 @@ pub struct RecipeDocument {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 2, maximum = 100000)]
     pub profiles_min: Option<u32>,
-    /// Valid profiles closer together than this along x refuse the scan.
+    /// Valid profiles closer together than this along x refuse the scan; no limit where nobody says.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
     pub axial_length_min_mm: Option<f64>,
@@ -68,18 +68,31 @@ pub struct RecipeDocument {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
     pub radius_sigma_mm: Option<f64>,
-    /// Angles of `cylinder` known worse than this refuse the scan; standard uncertainty. Where it is layers on a part of known
-    /// `nominal_radius_mm` that leave them open, the answer warns (`layers_leave_open`) instead.
+    /// Angles known worse than this refuse the scan; standard uncertainty, complete.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(exclusive_minimum = 0.0, maximum = 90.0)]
     pub angle_uncertainty_max_deg: Option<f64>,
-    /// Positions of `cylinder` at x_ref known worse than this refuse the scan, or warn, likewise; standard uncertainty.
+    /// Positions at x_ref known worse than this refuse the scan; standard uncertainty, complete. A hundredth of the radius where
+    /// nobody says.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
     pub position_uncertainty_max_mm: Option<f64>,
     /// What is known of stage, sensor and temperature, for the uncertainty budget; given as a whole.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub type_b: Option<TypeBDocument>,
+    /// In which directions the axis is looked for: along X (`rail`), in `any` direction, or along X if it lies there and else in any
+    /// (`auto`).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(in super::super) orientation: Option<OrientationName>,
+    /// An axis farther from X than this is not along the rail: refused with `rail`, a warning with `auto`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(exclusive_minimum = 0.0, maximum = 45.0)]
+    pub tilt_max_deg: Option<f64>,
+    /// Values of x, y or z, in the unit of the file, that mark points as missing. They are looked for where none are given; an
+    /// empty list says that there are none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(max_items = 16)]
+    pub missing_values: Option<Vec<f64>>,
     /// Which end faces are measured: none, near (the smaller x), far or both.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(in super::super) end_face: Option<EndFaceName>,
@@ -150,6 +163,9 @@ impl From<RecipeDocument> for Recipe {
             angle_uncertainty_max_deg: document.angle_uncertainty_max_deg,
             position_uncertainty_max_mm: document.position_uncertainty_max_mm,
             type_b: document.type_b.map(Into::into),
+            orientation: document.orientation.map(Into::into),
+            tilt_max_deg: document.tilt_max_deg,
+            missing_values: document.missing_values,
             end_face: document.end_face.map(Into::into),
             unit: document.unit.map(Into::into),
             profile_by: document.profile_by,
@@ -184,6 +200,9 @@ impl From<Recipe> for RecipeDocument {
             angle_uncertainty_max_deg: recipe.angle_uncertainty_max_deg,
             position_uncertainty_max_mm: recipe.position_uncertainty_max_mm,
             type_b: recipe.type_b.map(Into::into),
+            orientation: recipe.orientation.map(Into::into),
+            tilt_max_deg: recipe.tilt_max_deg,
+            missing_values: recipe.missing_values,
             end_face: recipe.end_face.map(Into::into),
             unit: recipe.unit.map(Into::into),
             profile_by: recipe.profile_by,

@@ -96,7 +96,7 @@ fn field_files_lose_the_values_that_stand_for_no_return() {
         (field!("sent_-99999_edges20.csv"), "z = -99999: 536"),
     ] {
         let (points, blanks) = (cloud.columns.len() as u64, cloud.blanks.clone());
-        let (cleaned, removed) = clean(cloud, &[]);
+        let (cleaned, removed) = clean(cloud, None);
         assert_eq!(texts(&removed), [expected]);
         assert_eq!((removed.repeated_profiles, removed.profiles, &cleaned.blanks), (0, 67, &blanks));
         assert_eq!(cleaned.columns.len() as u64 + cleaned.missing_count, points);
@@ -109,7 +109,7 @@ fn profiles_that_were_delivered_twice_count_once() {
     for cloud in [field!("dup_x2_label.csv"), field!("stale_x2.csv")] {
         let unlabelled = Cloud { labels: Labels::None, ..cloud.clone() };
         for cloud in [cloud, unlabelled] {
-            let (cleaned, removed) = clean(cloud, &[]);
+            let (cleaned, removed) = clean(cloud, None);
             assert_eq!((removed.repeated_profiles, removed.profiles, removed.missing.len()), (25, 50, 0));
             assert_eq!((cleaned.columns.len(), cleaned.missing_count, cleaned.blanks.len()), (1000, 0, 0));
             assert_eq!(cleaned.stripes.last().map(|stripe| stripe.end), Some(1000));
@@ -136,11 +136,11 @@ fn repeats_are_found_wherever_they_stand() {
     };
     let whole: Vec<usize> = (0..100).chain(0..100).collect();
     let frozen: Vec<usize> = (0..100).map(|i: usize| i.min(60)).collect();
-    assert_eq!(clean(twice(&whole, frames()), &[]).1.repeated_profiles, 100);
-    assert_eq!(clean(twice(&frozen, Labels::None), &[]).1.repeated_profiles, 39);
+    assert_eq!(clean(twice(&whole, frames()), None).1.repeated_profiles, 100);
+    assert_eq!(clean(twice(&frozen, Labels::None), None).1.repeated_profiles, 39);
     let mut merged = twice(&[0, 0, 1, 2, 2, 3], Labels::None);
     merged.stripes = [2, 3, 5, 6].map(|n| Stripe { label: 0.0, x: n as f64, end: n * 200 }).to_vec();
-    let (cleaned, removed) = clean(merged, &[]);
+    let (cleaned, removed) = clean(merged, None);
     assert_eq!((removed.repeated_profiles, removed.profiles), (2, 6));
     assert_eq!(cleaned.stripes.iter().map(|stripe| stripe.end).collect::<Vec<_>>(), [200, 400, 600, 800]);
 }
@@ -154,7 +154,7 @@ fn a_scan_without_noise_has_equal_profiles_and_keeps_them() {
             let (scan, _) = make(&part).expect("points");
             let cloud = cloud_of(&scan, frames(), step);
             assert_eq!(
-                clean(cloud.clone(), &[]),
+                clean(cloud.clone(), None),
                 (cloud, Removed { points: 20_000, profiles: 100, ..Removed::default() })
             );
         }
@@ -203,7 +203,7 @@ fn nothing_is_missing_in_simulated_scans() {
             for labels in [frames(), Labels::None] {
                 let cloud = cloud_of(&scan, labels, step);
                 let points = cloud.columns.len();
-                let (cleaned, removed) = clean(cloud, &[]);
+                let (cleaned, removed) = clean(cloud, None);
                 assert_eq!((texts(&removed), removed.repeated_profiles), (vec![], 0), "{name}, step {step}");
                 assert_eq!(cleaned.columns.len(), points);
                 count += 1;
@@ -220,7 +220,7 @@ fn nothing_is_missing_in_shuffled_scans() {
         let (scan, _) = make(&part).expect("points");
         for step in [0.001, 0.01, 0.1] {
             let cloud = shuffled(&cloud_of(&scan, Labels::None, step));
-            assert_eq!(texts(&clean(cloud, &[]).1), Vec::<String>::new(), "{name}, step {step}");
+            assert_eq!(texts(&clean(cloud, None).1), Vec::<String>::new(), "{name}, step {step}");
         }
     }
 }
@@ -262,7 +262,7 @@ fn missing_values_are_found_wherever_they_stand() {
                             continue;
                         }
                         let (cloud, hits) = damaged(cloud.clone(), share, place, code, 9);
-                        let (_, removed) = clean(cloud, &[]);
+                        let (_, removed) = clean(cloud, None);
                         count += 1;
                         // Points that happen to have that z go with them: at most the step's share of the noise.
                         let extra = removed.missing_count() as f64 - hits as f64;
@@ -309,7 +309,7 @@ fn nothing_is_missing_in_measured_files() {
             if ["ply", "pcd", "npy", "csv", "xyz"].contains(&kind) {
                 let cloud = read(&fs::read(&path).expect("readable"), &name, unit);
                 let (points, missing) = (cloud.columns.len() as u64, cloud.missing_count);
-                let (cleaned, removed) = clean(cloud, &[]);
+                let (cleaned, removed) = clean(cloud, None);
                 assert_eq!((texts(&removed), removed.repeated_profiles), (vec![], 0), "{name}");
                 assert_eq!((cleaned.columns.len() as u64, cleaned.missing_count), (points, missing), "{name}");
             }
@@ -320,7 +320,7 @@ fn nothing_is_missing_in_measured_files() {
 #[test]
 fn files_of_measured_and_simulated_situations_without_missing_values_stay_as_they_are() {
     for cloud in [field!("frame_plain.csv"), field!("wild_x.csv")] {
-        let (cleaned, removed) = clean(cloud.clone(), &[]);
+        let (cleaned, removed) = clean(cloud.clone(), None);
         assert_eq!((cleaned, removed.missing.len(), removed.repeated_profiles), (cloud, 0, 0));
     }
 }
@@ -331,13 +331,13 @@ fn declared_values_are_removed_in_the_unit_and_the_precision_of_the_file() {
     for unit in [Unit::Millimetre, Unit::Metre, Unit::Inch] {
         let cloud = read(text.as_bytes(), "a.csv", Some(unit));
         let mm = |value: f64| value * unit.in_mm();
-        let (cleaned, removed) = clean(cloud.clone(), &[65.535, -9.0, 7.0, f64::NAN]);
+        let (cleaned, removed) = clean(cloud.clone(), Some(&[65.535, -9.0, 7.0, f64::NAN]));
         assert_eq!(texts(&removed), ["x, y or z = 65.535: 2", "x, y or z = -9: 2"]);
         // Profile 1 keeps its place without points; that of profile 2 is not known.
         assert_eq!((cleaned.blanks, cleaned.missing_count), (vec![mm(2.0)], 4));
         assert_eq!(cleaned.columns, Columns::F64 { y: vec![mm(0.25)], z: vec![mm(0.75)] });
         assert_eq!(cleaned.stripes, [Stripe { label: 0.0, x: mm(1.0), end: 1 }]);
-        assert!(clean(cloud, &[65.535, -9.0, 0.75]).0.columns.is_empty());
+        assert!(clean(cloud, Some(&[65.535, -9.0, 0.75])).0.columns.is_empty());
     }
     let single = Cloud {
         stripes: vec![Stripe { label: 0.0, x: f64::from(0.1_f32), end: 2 }, Stripe { label: 1.0, x: 1.0, end: 3 }],
@@ -347,7 +347,7 @@ fn declared_values_are_removed_in_the_unit_and_the_precision_of_the_file() {
         blanks: Vec::new(),
         missing_count: 0,
     };
-    let (cleaned, removed) = clean(single, &[0.1, 65.535]);
+    let (cleaned, removed) = clean(single, Some(&[0.1, 65.535]));
     assert_eq!(
         (texts(&removed), cleaned.columns.len()),
         (vec!["x, y or z = 0.1: 2".into(), "x, y or z = 65.535: 1".into()], 0)
@@ -365,7 +365,7 @@ fn profiles_that_lose_all_their_points_become_blanks_unless_their_plane_is_a_cod
             cloud.stripes[..10].iter_mut().for_each(|stripe| stripe.x = 0.0);
         }
         let planes: Vec<f64> = cloud.stripes[..10].iter().map(|stripe| stripe.x).collect();
-        (clean(cloud, &[]), planes)
+        (clean(cloud, None), planes)
     };
     let ((cleaned, removed), planes) = at(false);
     assert_eq!((texts(&removed), cleaned.blanks), (vec!["(y, z) = (0, 0): 2000".to_owned()], planes));
@@ -379,7 +379,7 @@ fn two_values_are_found_beside_each_other() {
     let cloud = cloud_of(&scan, frames(), 0.001);
     let (cloud, first) = damaged(cloud, 0.05, Place::Random, MissingKind::Z(-99999.0), 1);
     let (cloud, second) = damaged(cloud, 0.02, Place::Edges, MissingKind::Z(0.0), 2);
-    let (_, removed) = clean(cloud, &[]);
+    let (_, removed) = clean(cloud, None);
     assert!(removed.missing.len() == 2 && removed.missing_count() <= first + second, "{:?}", texts(&removed));
     assert!(removed.missing.iter().any(|value| value.kind == MissingKind::Z(0.0) && value.count == second));
 }
@@ -402,7 +402,7 @@ fn degenerate_clouds_are_taken() {
             cloud(line.clone(), vec![1.0; count]),
             cloud(line.clone(), line),
         ] {
-            let (cleaned, removed) = clean(cloud, &[]);
+            let (cleaned, removed) = clean(cloud, None);
             assert_eq!(cleaned.columns.len() as u64 + removed.missing_count(), count as u64);
         }
     }

@@ -49,7 +49,7 @@ fn the_rule_is_chosen_from_what_the_cloud_is() {
         (regular(Labels::Row, 5, 1.0, 0.05), "row"),
         (regular(Labels::Row, 5, 1.0, 0.0), "row"),
         (regular(Labels::None, 5, 1.0, 0.0), "x_value"),
-        (regular(Labels::None, 20, 0.5, 0.5), "x_value"),
+        (regular(Labels::None, 20, 0.5, 0.5), "x_value (chosen)"),
         (regular(Labels::None, 100, 0.5, 0.5), "x_pitch_mm=5 (chosen)"),
         (regular(Labels::Row, 100, 0.5, 0.5), "x_pitch_mm=5 (chosen)"),
     ] {
