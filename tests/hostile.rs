@@ -54,6 +54,13 @@ fn points() -> Vec<[f32; 3]> {
     scan.stations().iter().map(of).collect::<Option<Vec<_>>>().expect("all there").concat()
 }
 
+/// The small scan as a table without a header whose first column names the points, some by number alone.
+fn csv_named() -> Vec<u8> {
+    let name = |i: usize| if i % 3 == 0 { format!("{i}") } else { format!("p{i}") };
+    let rows = points().into_iter().enumerate();
+    rows.map(|(i, [x, y, z])| format!("{},{x},{y},{z},\n", name(i + 1))).collect::<String>().into_bytes()
+}
+
 fn ply(encoding: &str, body: &[u8]) -> Vec<u8> {
     let header = format!(
         "ply\nformat {encoding} 1.0\ncomment unit: mm\nelement camera 1\nproperty list uchar short pixels\n\
@@ -229,6 +236,7 @@ macro_rules! readers {
 
 readers! {
     csv_survives: Some(Format::Csv), encoded(Format::Csv);
+    csv_named_survives: Some(Format::Csv), csv_named();
     gocator_csv_survives: Some(Format::GocatorCsv), encoded(Format::GocatorCsv);
     ply_little_endian_survives: Some(Format::Ply), encoded(Format::Ply);
     ply_big_endian_survives: Some(Format::Ply), ply_big_endian();

@@ -5,8 +5,9 @@
 use coaxis::geometry::Frame;
 use coaxis::scan::decode::{FormatClaims, Limits, Request, Unit, decode, find_format};
 use coaxis::scan::slice::{Region, SliceRequest, slice};
-use coaxis::scan::{Cloud, Columns, Scan};
+use coaxis::scan::{Cloud, Columns, Labels, Scan};
 use std::fs;
+use std::path::PathBuf;
 
 fn bytes_of(name: &str) -> Vec<u8> {
     fs::read(format!("{}/tests/data/{name}", env!("CARGO_MANIFEST_DIR"))).expect("the file is there")
@@ -122,4 +123,29 @@ fn reference_points_are_read_to_the_last_digit() {
     assert_eq!(cloud.columns.get(0), Some([-7.72, 17.57]));
     let cloud = cloud_of("reference/cylinder20.xyz", Some(Unit::Metre));
     assert_eq!((cloud.columns.len(), cloud.columns.get(0)), (20, Some([2.199_701 * 1000.0, 0.000_008 * 1000.0])));
+}
+
+/// The file has 1229 rows `name,x,y,z,` in metres without a header.
+#[test]
+fn the_tank_is_read_without_its_point_names() {
+    let folder = std::env::var_os("COAXIS_REAL_DATA")
+        .map_or_else(|| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data")), PathBuf::from);
+    let path = folder.join("real/tank/scan.csv");
+    let Ok(bytes) = fs::read(&path) else {
+        println!("skipped: {} is not there (COAXIS_REAL_DATA names the folder)", path.display());
+        return;
+    };
+    let limits = Limits::default();
+    let format = find_format(&FormatClaims::default(), &bytes[..512]).expect("known");
+    let request = Request { unit: Some(Unit::Metre), profile_column: None, limits: &limits };
+    let cloud = decode(format, &mut bytes.as_slice(), &request).expect("reads");
+    assert_eq!((cloud.columns.len(), cloud.missing_count, cloud.labels), (1229, 0, Labels::None));
+    // Each row against its cells.
+    let text = String::from_utf8(bytes).expect("text");
+    for (index, line) in text.lines().enumerate() {
+        let cells: Vec<f64> = line.split(',').skip(1).take(3).map(|cell| cell.parse().expect("a number")).collect();
+        let stripe = cloud.stripes.iter().find(|stripe| index < stripe.end).expect("a stripe");
+        assert_eq!(stripe.x, cells[0] * 1000.0, "{line}");
+        assert_eq!(cloud.columns.get(index), Some([cells[1] * 1000.0, cells[2] * 1000.0]), "{line}");
+    }
 }

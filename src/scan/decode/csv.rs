@@ -6,6 +6,7 @@
 //! | decimals | point, or comma where the comma does not separate |
 //! | header | names with x, y, z; lines before it are passed over; also in the last comment before the rows |
 //! | no header | three columns are x y z; four are profile x y z where the first counts runs that share the second |
+//! | names of points | without a header, in the first of four columns or more; passed over, as are columns behind x y z |
 //! | number of points | a whole number alone in the first line; then columns behind x y z (intensity, r, g, b) are passed over |
 //! | comments | lines that begin with `#` or `//`; `unit: mm` in one declares the unit |
 //! | line ends | LF, CR LF, or CR alone |
@@ -14,6 +15,7 @@
 use super::fields::Separator;
 use super::gather::Gather;
 use super::lines::Lines;
+use super::named::NamedRows;
 use super::names::{self, ColumnMap};
 use super::number::parse_number;
 use super::{DecodeError, Format, Limits, Precision, Request, Unit, settle_unit};
@@ -138,6 +140,12 @@ impl Sample {
         let separator = Separator::of_row(&self.lines.iter().find(begins_a_row).unwrap_or(first).bytes);
         let header = self.lines.iter().position(|line| has_axes(&split_names(&line.bytes, separator)));
         let first_row = self.lines.iter().position(|line| is_row(&line.bytes, separator));
+        if header.is_none() && first_row != Some(0) {
+            let rows: Vec<&[u8]> = self.lines.iter().map(|line| line.bytes.as_slice()).collect();
+            if let Some(rows) = NamedRows::find(&rows) {
+                return self.understand_named_rows(&rows, request);
+            }
+        }
         match (header, first_row) {
             (Some(header), row) if row.is_none_or(|row| header < row) => {
                 let names = self.lines.get(header).map(|line| split_names(&line.bytes, separator)).unwrap_or_default();
@@ -156,12 +164,8 @@ impl Sample {
     fn understand_rows(&self, separator: Separator, request: &Request<'_>) -> Result<Table, DecodeError> {
         let rows = || self.lines.iter().map(|line| line.bytes.as_slice());
         let columns = rows().next().map_or(0, |row| count_columns(row, separator));
-        if let Some(comment) = &self.comment {
-            let separators = [separator, Separator::Byte(b','), Separator::Byte(b';'), Separator::Blanks];
-            let names = separators.iter().map(|separator| split_names(comment, *separator));
-            if let Some(names) = names.into_iter().find(|names| names.len() == columns && has_axes(names)) {
-                return Table::with_header(separator, &names, 0, request);
-            }
+        if let Some(names) = self.names_in_comment(separator, columns) {
+            return Table::with_header(separator, &names, 0, request);
         }
         let labelled = columns == 4 && first_counts_runs(rows(), separator);
         // Files that begin with the number of points have x y z first in every convention known.
@@ -173,6 +177,32 @@ impl Sample {
         let label = labelled.then(|| (0, "profile".to_owned()));
         let map = ColumnMap { point: [shift, shift + 1, shift + 2], label, unit: None };
         Ok(Table { separator, columns, map, first_row: 0 })
+    }
+
+    /// A table that begins with a named point. The comment above it may leave out the name's column.
+    fn understand_named_rows(&self, rows: &NamedRows, request: &Request<'_>) -> Result<Table, DecodeError> {
+        let &NamedRows { separator, columns } = rows;
+        let names = self.names_in_comment(separator, columns).or_else(|| {
+            let names = self.names_in_comment(separator, columns - 1)?;
+            Some([vec![String::new()], names].concat())
+        });
+        if let Some(names) = names {
+            return Table::with_header(separator, &names, 0, request);
+        }
+        if request.profile_column.is_some() {
+            return Err(DecodeError::HeaderNeeded { columns });
+        }
+        check_columns(columns, request.limits)?;
+        let map = ColumnMap { point: [1, 2, 3], label: None, unit: None };
+        Ok(Table { separator, columns, map, first_row: 0 })
+    }
+
+    /// The names of the columns in the last comment before the rows, where it names so many and x, y, z are among them.
+    fn names_in_comment(&self, separator: Separator, columns: usize) -> Option<Vec<String>> {
+        let comment = self.comment.as_ref()?;
+        let separators = [separator, Separator::Byte(b','), Separator::Byte(b';'), Separator::Blanks];
+        let names = separators.iter().map(|separator| split_names(comment, *separator));
+        names.into_iter().find(|names| names.len() == columns && has_axes(names))
     }
 }
 
@@ -359,6 +389,42 @@ mod tests {
         for text in ["0 1.5 2 100\n0 1.6 2 90\n1 1.5 2 90\n", "1 2\n3 4\n", "1 2 3 4 5\n"] {
             assert_eq!(read(text).expect_err("ambiguous").code(), "header_needed", "{text}");
         }
+    }
+
+    #[test]
+    fn names_of_points_before_the_coordinates_are_passed_over() {
+        for text in [
+            "a4,1.5,2.5,3,\nb12,1.5,0.25,4,\n17,-2,7,8,\n",
+            "\u{feff}a4;1,5;2,5;3\r\nb12;1,5;0,25;4\r\n17;-2;7;8",
+            "# unit: mm\na4\t1.5\t2.5\t3\n\n17\t1.5\t0.25\t4\nb 12\t-2\t7\t8\n",
+            "a4 1,5 2,5 3,0\n17 1,5 0,25 4,0\nb12 -2,0 7,0 8,0",
+            "\"a,4\",\"1.5\",\"2.5\",\"3\"\n\"b\",1.5,0.25,4,,\n17, -2, 7, 8\n",
+            "a4,1.5,2.5,3,120,9\nb12,1.5,0.25,4,121,-\n17,-2,7,8,,9\n",
+            "S\u{fc}d1,1.5,2.5,3\nS\u{fc}d2,1.5,0.25,4\nS\u{fc}d3,-2,7,8\n",
+            "# point;z;y;x\na4;3;2,5;1,5\nb12;4;0,25;1,5\nc;8;7;-2\n",
+            "# z y x\na4,3,2.5,1.5\nb12,4,0.25,1.5\nc,8,7,-2\n",
+        ] {
+            let cloud = read(text).unwrap_or_else(|error| panic!("{text}: {error}"));
+            assert_eq!((cloud.stripes, cloud.columns), expected(), "{text}");
+            assert_eq!((cloud.labels, cloud.missing_count), (Labels::None, 0), "{text}");
+        }
+        let metres = read_in("a4,1,2,3,\nb12,nan,2,3,\n", Some(Unit::Metre)).expect("a table");
+        assert_eq!((metres.columns.get(0), metres.missing_count), (Some([2000.0, 3000.0]), 1));
+    }
+
+    #[test]
+    fn a_damaged_row_among_named_points_is_refused_with_its_line() {
+        let rows = "a,1,2,3\nb,1,2,4\nc,1,2,5\n";
+        assert!(matches!(read(&format!("{rows}d,1,x,6\n")), Err(DecodeError::BadNumber { line: 4, column: 3 })));
+        let error = read(&format!("{rows}d,1,2\n")).expect_err("too short");
+        assert!(matches!(error, DecodeError::RaggedRow { line: 4, expected: 4, found: 3 }), "{error}");
+        let request = Request { unit: None, profile_column: Some("frame"), limits: &Limits::default() };
+        assert_eq!(decode(&mut rows.as_bytes(), &request).expect_err("no names").code(), "header_needed");
+        let limits = Limits { columns_max: 3, ..Limits::default() };
+        let request = Request { unit: None, profile_column: None, limits: &limits };
+        assert_eq!(decode(&mut rows.as_bytes(), &request).expect_err("too many").code(), "too_many_columns");
+        // A header of positions is none of names.
+        assert_eq!(read("y,0,5,10\n-38,1,2,3\n-37,1,2,3\n").expect_err("a matrix").code(), "column_unknown");
     }
 
     #[test]

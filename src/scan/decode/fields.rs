@@ -35,6 +35,16 @@ impl Separator {
         }
     }
 
+    /// The separator of a row of numbers behind a name, which does not tell whether commas stand before decimals.
+    pub(super) fn of_named_row(row: &[u8]) -> Self {
+        let mut words = Self::Blanks.split(row);
+        words.next();
+        match Self::of_row(row) {
+            Self::Byte(b',') if words.rest.is_some_and(has_decimal_commas) => Self::Blanks,
+            separator => separator,
+        }
+    }
+
     /// The fields of a line, trimmed and without their quotes.
     pub(super) fn split(self, line: &[u8]) -> Fields<'_> {
         let rest = match self {

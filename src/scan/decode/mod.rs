@@ -25,6 +25,7 @@ mod json;
 mod limits;
 mod lines;
 mod lzf;
+mod named;
 mod names;
 mod npy;
 mod npz;

@@ -297,6 +297,7 @@ fn nothing_is_missing_in_measured_files() {
     for (folder, unit) in [
         ("real", None),
         ("real/lamppost", Some(Unit::Metre)),
+        ("real/tank", Some(Unit::Metre)),
         ("real/sewer-pipes", Some(Unit::Metre)),
         ("real/bullet-land", None),
         ("made", None),
