@@ -37,8 +37,8 @@ impl SectionCut {
 
     /// The sections; `None` where no point is kept.
     #[must_use]
-    pub fn apply(&self, scan: &Scan) -> Option<Scan> {
-        let mut points = self.points(scan)?;
+    pub fn apply(&self, of: &Scan) -> Option<Scan> {
+        let mut points = self.points(of)?;
         let sections_count = (points.len() / POINTS).clamp(1, SECTIONS_MAX);
         points.sort_unstable_by(|[a, ..], [b, ..]| a.total_cmp(b));
         let (mut stations, mut own_x) = (Vec::with_capacity(sections_count), Vec::with_capacity(points.len()));
@@ -60,7 +60,8 @@ impl SectionCut {
             stations.push(Station { x, start, end });
         }
         let scan = Scan::new(stations, Columns::F64 { y: ys, z: zs }, "sections square to the axis".to_owned()).ok()?;
-        Some(scan.with_own_x(own_x).ok()?.with_grouping(Grouping::Chosen))
+        let lattice = self.frame.steps(of.lattice());
+        Some(scan.with_own_x(own_x).ok()?.with_grouping(Grouping::Chosen).with_lattice(lattice))
     }
 
     /// The points that are kept, in the frame of the sections.

@@ -14,6 +14,7 @@ mod columns;
 pub mod decode;
 pub mod encode;
 mod huge_pages;
+mod lattice;
 pub mod missing;
 mod rule;
 pub mod slice;
@@ -47,6 +48,7 @@ pub struct Scan {
     /// The x of every point, mm, in the order of the columns; `None` where every profile lies in one plane.
     own_x: Option<Arc<Vec<f64>>>,
     grouping: Grouping,
+    lattice: [f64; 3],
     rule: String,
     blanks: Vec<f64>,
 }
@@ -107,7 +109,8 @@ impl Scan {
             Some(index) => Err(ScanError::NotFinite { index }),
             None => {
                 let (columns, grouping) = (Arc::new(columns), Grouping::default());
-                Ok(Self { stations, columns, own_x: None, grouping, rule, blanks: Vec::new() })
+                let (own_x, lattice, blanks) = (None, [0.0; 3], Vec::new());
+                Ok(Self { stations, columns, own_x, grouping, lattice, rule, blanks })
             }
         }
     }
@@ -134,6 +137,18 @@ impl Scan {
     #[must_use]
     pub fn grouping(&self) -> Grouping {
         self.grouping
+    }
+
+    /// The same with the steps of a lattice that the x, y and z of its points lie on, mm; 0 where they lie on none.
+    #[must_use]
+    pub fn with_lattice(self, lattice: [f64; 3]) -> Self {
+        Self { lattice, ..self }
+    }
+
+    /// The steps of the lattice that the x, y and z of its points lie on, mm; 0 where they lie on none.
+    #[must_use]
+    pub fn lattice(&self) -> [f64; 3] {
+        self.lattice
     }
 
     /// Whether every profile lies in one plane x = const.

@@ -1,10 +1,12 @@
 //! How well a solution is known: the lines of its budget. Must not know how it was found, nor whether it is good enough.
 
 use super::linearity;
+use super::patches;
+use super::resolution;
 use super::solve::Solution;
 use super::step::{self, Hold};
 use super::sums::Sums;
-use crate::estimation::Settings;
+use crate::estimation::{Settings, robust};
 use crate::estimation::budget::Line;
 use crate::estimation::type_b::{Found, Influence};
 use crate::scan::{Scan, Station};
@@ -27,6 +29,17 @@ pub(super) fn from_data(solution: &Solution, hold: Hold, settings: &Settings) ->
 pub(super) fn from_layers(solution: &Solution) -> Option<Line> {
     let spread: Matrix5<f64> = solution.rivals.iter().map(|shift| shift * shift.transpose()).sum();
     (!solution.rivals.is_empty()).then(|| Line::of_slopes(Line::LAYERS, &spread, &solution.cylinder.axis()))
+}
+
+/// What the resolution of the coordinates does, where they lie on a lattice.
+pub(super) fn from_resolution(scan: &Scan, solution: &Solution, hold: Hold) -> Option<Line> {
+    let used = vec![true; scan.stations().len()];
+    let reach = robust::TUKEY_C * solution.sigma;
+    let surface = (resolution::standard(scan.lattice()) > 0.0)
+        .then(|| patches::look(scan, &used, &solution.cylinder, reach))
+        .flatten()?;
+    let covariance = resolution::covariance(&surface, scan.lattice(), solution, hold)?;
+    Some(Line::of_slopes(Line::RESOLUTION, &covariance, &solution.cylinder.axis()))
 }
 
 /// What the stage, the sensor and the temperature do to it.
