@@ -106,7 +106,10 @@ proptest! {
     fn scaling_the_part_scales_the_pose_and_its_uncertainty(seed in 0_u64..1000, scale in 0.05..20.0_f64, method in any_of(&ROBUST)) {
         let (scan, _) = make(&small(seed)).expect("valid");
         let unscaled = Settings {
-            axial_length_min_mm: 1.0, angle_uncertainty_max_deg: 1.0, position_uncertainty_max_mm: 100.0, ..by(method)
+            axial_length_min_mm: Some(1.0),
+            angle_uncertainty_max_deg: 1.0,
+            position_uncertainty_max_mm: Some(100.0),
+            ..by(method)
         };
         let settings = Settings { epsilon_mm: unscaled.epsilon_mm * scale, ..unscaled };
         let before = pose(&scan, &unscaled);
@@ -176,7 +179,7 @@ fn what_cannot_give_an_axis_is_refused_by_name() {
         assert_eq!(code(&vec![vec![[1.0, 2.0]; 50]; 9]), "points_identical");
         assert_eq!(code(&[circle(50.0)]), "too_few_profiles");
         assert_eq!(code(&vec![vec![[1.0, 2.0], [2.0, 2.5], [3.0, 2.0]]; 9]), "too_few_valid_profiles");
-        let close = Settings { axial_length_min_mm: 50.0, ..by(method) };
+        let close = Settings { axial_length_min_mm: Some(50.0), ..by(method) };
         let refused = run(&scan_of(&vec![circle(50.0); 9]), &close).outcome;
         assert_eq!(
             refused,

@@ -17,25 +17,15 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
+
+mod real;
 
 /// NIST gives its results to 20 digits, found in more than double precision from coordinates of 5 decimals.
 const DIRECTION_MAX_RAD: f64 = 1e-8;
 /// Of the size of the set, the distance of its farthest point from the centroid.
 const LENGTH_MAX: f64 = 1e-7;
 const MOTIONS: usize = 20;
-
-/// The folder of data that are not part of the project.
-fn outside(name: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("COAXIS_REAL_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
-    let path = folder.join(name);
-    let there = path.exists();
-    if !there {
-        println!("skipped: {} is not there (COAXIS_REAL_DATA names the folder)", path.display());
-    }
-    there.then_some(path)
-}
 
 /// The points of a file, as a user of the library reads it.
 fn points_of(path: &Path) -> Vec<[f64; 3]> {
@@ -116,7 +106,7 @@ fn nist(folder: &Path, number: usize) -> (Vec<[f64; 3]>, Published) {
 
 #[test]
 fn the_reference_sets_of_nist_give_the_published_cylinders_wherever_they_lie() {
-    let Some(folder) = outside("real/nist-cylinders") else { return };
+    let Some(folder) = real::outside("real/nist-cylinders") else { return };
     let mut worst = [[0.0_f64; 3]; 2];
     for number in 1..=30 {
         let (points, published) = nist(&folder, number);
@@ -153,7 +143,7 @@ fn the_reference_sets_of_nist_give_the_published_cylinders_wherever_they_lie() {
 
 #[test]
 fn other_programs_find_the_same_cylinders() {
-    let Some(folder) = outside("reference") else { return };
+    let Some(folder) = real::outside("reference") else { return };
     let expected: serde_json::Value =
         serde_json::from_slice(&fs::read(folder.join("expected.json")).expect("results")).expect("JSON");
     for (name, point, radius, sigma) in

@@ -1,5 +1,6 @@
-//! The files of tests/data measured as a user would measure them, against what is known of them from elsewhere: made scans
-//! against their truth, published points against published fits, real scans against what was scanned.
+//! The files of `tests/data`, and measured files that are not part of the project, measured as a user would measure them and
+//! compared with what is known from elsewhere: synthetic scans with their truth, published points with published fits, real
+//! scans with the object that was scanned.
 
 #![expect(clippy::panic, clippy::expect_used, reason = "a test may fail")]
 
@@ -11,6 +12,8 @@ use serde_json::{Value, json};
 use std::fs::{self, File};
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
+
+mod real;
 
 /// Errors of a correct estimate lie within 5 standard deviations of the bound but once in two million.
 const BOUNDS_MAX: f64 = 5.0;
@@ -24,31 +27,30 @@ fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
 }
 
-fn measured(name: &str, recipe: &Value) -> Offline {
-    let path = data(name);
-    let reader = BufReader::new(File::open(&path).expect("the file is there"));
+fn measured(path: &Path, recipe: &Value) -> Offline {
+    let reader = BufReader::new(File::open(path).expect("the file is there"));
     let recipe: Recipe = serde_json::from_value(recipe.clone()).expect("a recipe");
     let resolved = recipe.resolve(&Settings::default()).expect("a recipe that can be used");
     let origin = Origin { parameter: None, media_type: None, file_name: Some(path.display().to_string()) };
     measure_offline(Box::new(reader), &origin, &resolved, &Limits::default(), &Progress::default()).expect("measured")
 }
 
-fn accepted(name: &str, recipe: &Value) -> Pose {
-    match measured(name, recipe).measurement.findings.sole().expect("one part").outcome.clone() {
+fn accepted(path: &Path, recipe: &Value) -> Pose {
+    match measured(path, recipe).measurement.findings.sole().expect("one part").outcome.clone() {
         Outcome::Accepted(pose) => *pose,
-        Outcome::Refused(refusal) => panic!("{name} with {recipe}: refused: {refusal}"),
+        Outcome::Refused(refusal) => panic!("{} with {recipe}: refused: {refusal}", path.display()),
     }
 }
 
-fn refusal(name: &str, recipe: &Value) -> &'static str {
-    match measured(name, recipe).measurement.findings.sole().expect("one part").outcome.clone() {
-        Outcome::Accepted(pose) => panic!("{name} with {recipe}: accepted {pose:?}"),
+fn refusal(path: &Path, recipe: &Value) -> &'static str {
+    match measured(path, recipe).measurement.findings.sole().expect("one part").outcome.clone() {
+        Outcome::Accepted(pose) => panic!("{} with {recipe}: accepted {pose:?}", path.display()),
         Outcome::Refused(refusal) => refusal.code(),
     }
 }
 
-fn json_of(name: &str) -> Value {
-    serde_json::from_slice(&fs::read(data(name)).expect("the file is there")).expect("JSON")
+fn json_of(path: &Path) -> Value {
+    serde_json::from_slice(&fs::read(path).expect("the file is there")).expect("JSON")
 }
 
 /// Every made scan with its truth.
@@ -58,7 +60,7 @@ fn made() -> Vec<(String, Truth)> {
     let scans: Vec<String> = names.filter(|name| !name.ends_with(".json")).collect();
     assert!(scans.len() >= 4, "{scans:?}");
     let truth_of = |scan: &String| {
-        let truth = json_of(&Path::new(scan).with_extension("truth.json").display().to_string());
+        let truth = json_of(&data(scan).with_extension("truth.json"));
         serde_json::from_value(truth).expect("a truth")
     };
     scans.into_iter().map(|scan| (scan.clone(), truth_of(&scan))).collect()
@@ -81,7 +83,7 @@ fn cylinder_finds_the_truth_of_every_made_file_within_its_bound() {
     for (scan, truth) in made() {
         let bound = truth.bound.as_ref().expect("noise has a bound");
         let bounds = [bound.deflection_deg, bound.pitch_deg, bound.y_ref_mm, bound.z_ref_mm, bound.radius_mm];
-        let errors = errors(&accepted(&scan, &json!({"method": "cylinder"})), &truth);
+        let errors = errors(&accepted(&data(&scan), &json!({"method": "cylinder"})), &truth);
         let in_bounds: Vec<f64> = errors.iter().zip(bounds).map(|(error, bound)| error / bound).collect();
         assert!(in_bounds.iter().all(|error| error.abs() <= BOUNDS_MAX), "{scan}: {in_bounds:.2?} bounds");
     }
@@ -90,7 +92,7 @@ fn cylinder_finds_the_truth_of_every_made_file_within_its_bound() {
 #[test]
 fn section_line_finds_the_truth_of_every_made_file_as_well_as_ellipses_can() {
     for (scan, truth) in made() {
-        let pose = accepted(&scan, &json!({"method": "section_line"}));
+        let pose = accepted(&data(&scan), &json!({"method": "section_line"}));
         let [deflection, pitch, y, z, _] = errors(&pose, &truth);
         let turned = deflection.abs().max(pitch.abs());
         let shifted = y.abs().max(z.abs());
@@ -101,12 +103,13 @@ fn section_line_finds_the_truth_of_every_made_file_as_well_as_ellipses_can() {
 /// Two slabs of the 20 published points are profiles enough for `cylinder`; its axis along Z is put along the rail.
 #[test]
 fn cylinder_agrees_with_published_fits_of_published_points() {
+    let Some(folder) = real::outside("reference") else { return };
     let recipe = json!({
         "method": "cylinder", "profile_by": "x_pitch_mm=1", "points_min": 6, "profiles_min": 2, "axial_length_min_mm": 0.1,
         "frame": {"origin_mm": [0, 0, 0], "x_axis": [0, 0, 1], "z_axis": [1, 0, 0]},
     });
-    let pose = accepted("reference/cylinder20.xyz", &recipe);
-    let published = &json_of("reference/expected.json")["cylinder20.xyz"];
+    let pose = accepted(&folder.join("cylinder20.xyz"), &recipe);
+    let published = &json_of(&folder.join("expected.json"))["cylinder20.xyz"];
     let number = |pointer: &str| published.pointer(pointer).and_then(Value::as_f64).expect("a number");
     assert!((pose.radius - number("/radius/0")).abs() < number("/radius/1"), "radius {}", pose.radius);
     // Weighted or not, fits of the same points agree within the noise of one.
@@ -124,13 +127,14 @@ fn cylinder_agrees_with_published_fits_of_published_points() {
 
 #[test]
 fn single_points_are_refused_for_what_they_lack() {
+    let Some(folder) = real::outside("reference") else { return };
     for method in Method::ALL.map(Method::name) {
-        for file in ["reference/tracker8.xyz", "reference/cylinder20.xyz"] {
-            let unsorted = refusal(file, &json!({"method": method}));
+        for file in ["tracker8.xyz", "cylinder20.xyz"] {
+            let unsorted = refusal(&folder.join(file), &json!({"method": method}));
             assert_eq!(unsorted, "too_few_valid_profiles", "{file}: every point has an x of its own");
         }
         let slabs = json!({"method": method, "profile_by": "x_pitch_mm=13", "points_min": 6});
-        let code = refusal("reference/tracker8.xyz", &slabs);
+        let code = refusal(&folder.join("tracker8.xyz"), &slabs);
         assert_eq!(code, "too_few_valid_profiles", "8 points are not two profiles of 6");
     }
 }
@@ -138,12 +142,12 @@ fn single_points_are_refused_for_what_they_lack() {
 /// The rail of this scan is Y: as it comes, its profiles span 0.07 mm of X, and along Y they are smaller than ε.
 #[test]
 fn a_real_scan_of_no_cylinder_is_refused() {
-    let patch = "real/laser-profile-patch.npy";
+    let Some(patch) = real::outside("real/laser-profile-patch.npy") else { return };
     let frame = json!({"origin_mm": [0, 0, 0], "x_axis": [0, 1, 0], "z_axis": [0, 0, 1]});
     for (method, code) in [("cylinder", "no_cylinder"), ("section_line", "too_few_valid_profiles")] {
-        refusal(patch, &json!({"method": method}));
+        refusal(&patch, &json!({"method": method}));
         let along_y = json!({"method": method, "axial_length_min_mm": 1, "frame": frame});
-        assert_eq!(refusal(patch, &along_y), code);
+        assert_eq!(refusal(&patch, &along_y), code);
     }
 }
 
@@ -151,13 +155,15 @@ fn a_real_scan_of_no_cylinder_is_refused() {
 /// pose open is said.
 #[test]
 fn a_mug_on_a_table_is_measured_by_its_recipe() {
-    let pose = accepted("real/mug-on-table.pcd", &json_of("real/mug.json"));
+    let Some(mug) = real::outside("real/mug-on-table.pcd") else { return };
+    let recipe = json_of(&data("recipes/mug.json"));
+    let pose = accepted(&mug, &recipe);
     assert!((pose.radius - 39.0).abs() < 1.0, "{} mm", pose.radius);
     let upright = pose.axis.deflection().degrees().hypot(pose.axis.pitch().degrees());
     assert!(upright < 2.0, "a mug stands on its table, found {upright}° off");
     let [y, z] = pose.axis.at(pose.x_ref);
     assert!(y.hypot(z) < 3.0, "the frame's origin is in the mug, found ({y}, {z}) mm off");
-    let found = measured("real/mug-on-table.pcd", &json_of("real/mug.json"));
+    let found = measured(&mug, &recipe);
     let warnings = &found.measurement.findings.sole().expect("one part").conditioning.warnings;
     assert_eq!(
         warnings.iter().map(|warning| warning.code()).collect::<Vec<_>>(),

@@ -1,4 +1,4 @@
-//! Every file of `tests/data` is read with the counts that its header or its truth states.
+//! Every file of `tests/data`, and of the measured files and reference sets, is read with the counts that its header or its truth states.
 
 #![expect(clippy::expect_used, clippy::indexing_slicing, reason = "a test that panics has failed, as it should")]
 
@@ -7,15 +7,26 @@ use coaxis::scan::decode::{FormatClaims, Limits, Request, Unit, decode, find_for
 use coaxis::scan::slice::{Region, SliceRequest, slice};
 use coaxis::scan::{Cloud, Columns, Labels, Scan};
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+mod real;
+
+fn own(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
+}
 
 fn bytes_of(name: &str) -> Vec<u8> {
-    fs::read(format!("{}/tests/data/{name}", env!("CARGO_MANIFEST_DIR"))).expect("the file is there")
+    fs::read(own(name)).expect("the file is there")
 }
 
 fn cloud_of(name: &str, unit: Option<Unit>) -> Cloud {
-    let bytes = bytes_of(name);
-    let claims = FormatClaims { file_name: Some(name), ..FormatClaims::default() };
+    cloud_at(&own(name), unit)
+}
+
+fn cloud_at(path: &Path, unit: Option<Unit>) -> Cloud {
+    let bytes = fs::read(path).expect("the file is there");
+    let name = path.display().to_string();
+    let claims = FormatClaims { file_name: Some(&name), ..FormatClaims::default() };
     let format = find_format(&claims, bytes.get(..512).unwrap_or(&bytes)).expect("known");
     let limits = Limits::default();
     decode(format, &mut bytes.as_slice(), &Request { unit, profile_column: None, limits: &limits }).expect("reads")
@@ -77,9 +88,10 @@ fn single_precision_is_kept_and_double_too() {
 
 #[test]
 fn the_bolt_is_read_past_its_faces_and_its_unit_is_known() {
-    let cloud = cloud_of("real/stud-bolt.ply", None);
+    let Some(bolt) = real::outside("real/stud-bolt.ply") else { return };
+    let cloud = cloud_at(&bolt, None);
     assert_eq!((cloud.columns.len(), cloud.missing_count), (8565, 0));
-    let bytes = bytes_of("real/stud-bolt.ply");
+    let bytes = fs::read(&bolt).expect("the file is there");
     let limits = Limits::default();
     let format = find_format(&FormatClaims::default(), &bytes).expect("known");
     let request = Request { unit: Some(Unit::Metre), profile_column: None, limits: &limits };
@@ -90,7 +102,8 @@ fn the_bolt_is_read_past_its_faces_and_its_unit_is_known() {
 
 #[test]
 fn the_mug_unpacks_and_is_cut_out_of_its_scene_in_a_declared_frame() {
-    let cloud = cloud_of("real/mug-on-table.pcd", Some(Unit::Metre));
+    let Some(mug) = real::outside("real/mug-on-table.pcd") else { return };
+    let cloud = cloud_at(&mug, Some(Unit::Metre));
     assert_eq!(cloud.columns.len() as u64 + cloud.missing_count, 640 * 480);
     // Some frame across the view; what counts is that the window holds in it.
     let frame = Frame { origin_mm: [0.0, 0.0, 800.0], x_axis: [0.0, -1.0, 0.0], z_axis: [0.0, 0.0, -1.0] };
@@ -108,7 +121,8 @@ fn the_mug_unpacks_and_is_cut_out_of_its_scene_in_a_declared_frame() {
 
 #[test]
 fn the_laser_patch_has_its_profiles_along_y() {
-    let cloud = cloud_of("real/laser-profile-patch.npy", None);
+    let Some(patch) = real::outside("real/laser-profile-patch.npy") else { return };
+    let cloud = cloud_at(&patch, None);
     assert_eq!(cloud.columns.len() as u64 + cloud.missing_count, 87_422);
     let frame = Frame { origin_mm: [0.0; 3], x_axis: [0.0, 1.0, 0.0], z_axis: [0.0, 0.0, 1.0] };
     let request = SliceRequest { frame: Some(frame), ..SliceRequest::default() };
@@ -118,23 +132,19 @@ fn the_laser_patch_has_its_profiles_along_y() {
 
 #[test]
 fn reference_points_are_read_to_the_last_digit() {
-    let cloud = cloud_of("reference/tracker8.xyz", None);
+    let Some(folder) = real::outside("reference") else { return };
+    let cloud = cloud_at(&folder.join("tracker8.xyz"), None);
     assert_eq!((cloud.columns.len(), cloud.stripes[0].x), (8, -59.57));
     assert_eq!(cloud.columns.get(0), Some([-7.72, 17.57]));
-    let cloud = cloud_of("reference/cylinder20.xyz", Some(Unit::Metre));
+    let cloud = cloud_at(&folder.join("cylinder20.xyz"), Some(Unit::Metre));
     assert_eq!((cloud.columns.len(), cloud.columns.get(0)), (20, Some([2.199_701 * 1000.0, 0.000_008 * 1000.0])));
 }
 
 /// The file has 1229 rows `name,x,y,z,` in metres without a header.
 #[test]
 fn the_tank_is_read_without_its_point_names() {
-    let folder = std::env::var_os("COAXIS_REAL_DATA")
-        .map_or_else(|| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data")), PathBuf::from);
-    let path = folder.join("real/tank/scan.csv");
-    let Ok(bytes) = fs::read(&path) else {
-        println!("skipped: {} is not there (COAXIS_REAL_DATA names the folder)", path.display());
-        return;
-    };
+    let Some(path) = real::outside("real/tank/scan.csv") else { return };
+    let bytes = fs::read(&path).expect("the file is there");
     let limits = Limits::default();
     let format = find_format(&FormatClaims::default(), &bytes[..512]).expect("known");
     let request = Request { unit: Some(Unit::Metre), profile_column: None, limits: &limits };

@@ -81,7 +81,8 @@ impl Made {
             effective_freedom_at_origin: [None; 2],
         };
         let (radius_source, end_faces) = (RadiusSource::Fitted, EndFaces::default());
-        let pose = Pose { axis: self.axis, x_ref: 0.0, radius: RADIUS, radius_source, uncertainty, end_faces };
+        let pose =
+            Pose { axis: self.axis, x_ref: 0.0, cut: None, radius: RADIUS, radius_source, uncertainty, end_faces };
         made(Outcome::Accepted(Box::new(pose)), self.profiles())
     }
 }

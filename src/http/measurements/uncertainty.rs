@@ -270,11 +270,11 @@ mod tests {
         covariance[2][2] = y_u * y_u;
         let axis = AxisLine { p: 0.0, q: 0.0, y0: 0.0, z0: 0.0 };
         let (uncertainty, end_faces) = (uncertainty(covariance), EndFaces::default());
-        let pose =
-            Pose { axis, x_ref: 200.0, radius: 1.0, radius_source: RadiusSource::Fitted, uncertainty, end_faces };
+        let radius_source = RadiusSource::Fitted;
+        let pose = Pose { axis, x_ref: 200.0, cut: None, radius: 1.0, radius_source, uncertainty, end_faces };
         let document = UncertaintyDocument::from(&pose);
-        assert!((document.standard.y_c0_mm - 0.1 * 2.5f64.sqrt()).abs() < 1e-12);
-        assert!((document.expanded.y_c0_mm - 0.2 * 2.5f64.sqrt()).abs() < 1e-12);
+        assert!((document.standard.y_c0_mm.expect("on the rail") - 0.1 * 2.5f64.sqrt()).abs() < 1e-12);
+        assert!((document.expanded.y_c0_mm.expect("on the rail") - 0.2 * 2.5f64.sqrt()).abs() < 1e-12);
         assert_eq!(document.scope, ScopeDocument::Repeatability);
         let freedom = serde_json::to_value(document.effective_degrees_of_freedom).expect("JSON");
         assert_eq!((&freedom["deflection"], &freedom["pitch"]), (&serde_json::json!(8.0), &serde_json::Value::Null));
@@ -290,8 +290,11 @@ mod tests {
         (covariance[0][2], covariance[2][0]) = (-0.01 / 200.0, -0.01 / 200.0);
         let axis = AxisLine { p: 0.0, q: 0.0, y0: 0.0, z0: 0.0 };
         let (uncertainty, end_faces) = (uncertainty(covariance), EndFaces::default());
-        let pose =
-            Pose { axis, x_ref: 100.0, radius: 1.0, radius_source: RadiusSource::Fitted, uncertainty, end_faces };
-        assert!((UncertaintyDocument::from(&pose).standard.y_c0_mm - 0.1 * 2.5f64.sqrt()).abs() < 1e-12);
+        let radius_source = RadiusSource::Fitted;
+        let pose = Pose { axis, x_ref: 100.0, cut: None, radius: 1.0, radius_source, uncertainty, end_faces };
+        assert!(
+            (UncertaintyDocument::from(&pose).standard.y_c0_mm.expect("on the rail") - 0.1 * 2.5f64.sqrt()).abs()
+                < 1e-12
+        );
     }
 }
