@@ -44,8 +44,8 @@ fn any_scan() -> impl Strategy<Value = Scan> {
     })
 }
 
-fn all_points(scan: &Scan) -> Vec<(u64, Vec<[u64; 2]>)> {
-    let bits = |station: &Station| points(scan, station).map(|point| point.map(f64::to_bits)).collect();
+fn all_points(scan: &Scan) -> Vec<(u64, Vec<[u64; 3]>)> {
+    let bits = |station: &Station| scan.points_of(station).map(|point| point.map(f64::to_bits)).collect();
     scan.stations().iter().map(|station| (station.x.to_bits(), bits(station))).collect()
 }
 
