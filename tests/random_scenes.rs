@@ -126,8 +126,7 @@ fn scene(seed: u64) -> (Part, Settings) {
         surroundings: surroundings(chance, radius_mm),
         drop_out_ratio: chance.sometimes(0.5, 0.0, 0.4),
         spike_ratio: chance.sometimes(0.5, 0.0, 0.08),
-        edges: Edges::default(),
-        seed,
+        ..Part::smooth(seed)
     };
     let nominal_radius_mm = chance.happens(0.5).then_some(radius_mm);
     let radius = match chance.between(0.0, 4.0) {
