@@ -3,7 +3,7 @@
 use super::Truth;
 use crate::geometry::{Axis, Frame, FrameError};
 use crate::scan::{Columns, Grouping, Scan, ScanError, Station};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -47,31 +47,54 @@ pub enum PlacementError {
 ///
 /// # Errors
 /// [`PlacementError`] where the frame is not usable or a point becomes infinite.
-pub fn placed(
-    scan: &Scan,
-    truth: &Truth,
-    frame: &Frame,
-    shuffle_seed: Option<u64>,
-) -> Result<(Scan, PlacedTruth), PlacementError> {
-    let rotation = frame.rotation()?.transpose();
-    let turned = |direction: [f64; 3]| -> [f64; 3] { (rotation * Vector3::from(direction)).into() };
-    let moved =
-        |point: [f64; 3]| -> [f64; 3] { (Vector3::from(frame.origin_mm) + rotation * Vector3::from(point)).into() };
-    let mut points: Vec<[f64; 3]> = scan.stations().iter().flat_map(|s| scan.points_of(s)).map(moved).collect();
+pub fn placed(scan: &Scan, frame: &Frame, shuffle_seed: Option<u64>) -> Result<Scan, PlacementError> {
+    let motion = Motion::new(frame)?;
+    let before = scan.stations().iter().flat_map(|station| scan.points_of(station));
+    let mut points: Vec<[f64; 3]> = before.map(|point| motion.of_point(point)).collect();
     if let Some(seed) = shuffle_seed {
         points.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
     }
-    let direction = truth.axis().direction();
-    let placed_truth = PlacedTruth {
-        axis: Axis { point_mm: moved([truth.x_ref_mm, truth.y_ref_mm, truth.z_ref_mm]), direction: turned(direction) },
-        radius_mm: truth.radius_mm,
-        noise_sigma_mm: truth.noise_sigma_mm,
-        near_end_face_mm: truth.near_end_face_mm.map(moved),
-        far_end_face_mm: truth.far_end_face_mm.map(moved),
-        frame: *frame,
-        in_rail_frame: truth.clone(),
-    };
-    Ok((cloud(&points)?, placed_truth))
+    Ok(cloud(&points)?)
+}
+
+impl Truth {
+    /// The truth of the scan with its rail frame at `frame`.
+    ///
+    /// # Errors
+    /// [`FrameError`] where the frame is not usable.
+    pub fn placed(&self, frame: &Frame) -> Result<PlacedTruth, FrameError> {
+        let motion = Motion::new(frame)?;
+        let point_mm = motion.of_point([self.x_ref_mm, self.y_ref_mm, self.z_ref_mm]);
+        Ok(PlacedTruth {
+            axis: Axis { point_mm, direction: motion.of_direction(self.axis().direction()) },
+            radius_mm: self.radius_mm,
+            noise_sigma_mm: self.noise_sigma_mm,
+            near_end_face_mm: self.near_end_face_mm.map(|point| motion.of_point(point)),
+            far_end_face_mm: self.far_end_face_mm.map(|point| motion.of_point(point)),
+            frame: *frame,
+            in_rail_frame: self.clone(),
+        })
+    }
+}
+
+/// The rigid motion that takes the rail frame to a frame.
+struct Motion {
+    rotation: Matrix3<f64>,
+    origin: Vector3<f64>,
+}
+
+impl Motion {
+    fn new(frame: &Frame) -> Result<Self, FrameError> {
+        Ok(Self { rotation: frame.rotation()?.transpose(), origin: Vector3::from(frame.origin_mm) })
+    }
+
+    fn of_point(&self, point: [f64; 3]) -> [f64; 3] {
+        (self.origin + self.rotation * Vector3::from(point)).into()
+    }
+
+    fn of_direction(&self, direction: [f64; 3]) -> [f64; 3] {
+        (self.rotation * Vector3::from(direction)).into()
+    }
 }
 
 /// All points in one group, in their order.
@@ -112,7 +135,9 @@ mod tests {
         let part = part();
         let (scan, truth) = make(&part).expect("a scan");
         for seed in 0..20 {
-            let (cloud, placed) = placed(&scan, &truth, &random_frame(seed, 1000.0), Some(seed)).expect("a frame");
+            let frame = random_frame(seed, 1000.0);
+            let cloud = placed(&scan, &frame, Some(seed)).expect("a frame");
+            let placed = truth.placed(&frame).expect("a frame");
             assert_eq!((cloud.points().len(), cloud.grouping()), (scan.points().len(), Grouping::Chosen));
             for point in cloud.points_of(&cloud.stations()[0]) {
                 assert!((placed.axis.distance(point) - 200.0).abs() < 1e-9);
@@ -130,8 +155,8 @@ mod tests {
     fn the_declared_frame_takes_the_points_back_in_their_order() {
         let (scan, truth) = make(&part()).expect("a scan");
         let frame = random_frame(3, 500.0);
-        let (cloud, placed) = placed(&scan, &truth, &frame, None).expect("a frame");
-        let rotation = placed.frame.rotation().expect("a frame");
+        let cloud = placed(&scan, &frame, None).expect("a frame");
+        let rotation = truth.placed(&frame).expect("a frame").frame.rotation().expect("a frame");
         let before = scan.stations().iter().flat_map(|station| scan.points_of(station));
         for (before, point) in before.zip(cloud.points_of(&cloud.stations()[0])) {
             let back = rotation * (Vector3::from(point) - Vector3::from(frame.origin_mm));
@@ -141,9 +166,9 @@ mod tests {
 
     #[test]
     fn a_shuffled_cloud_holds_the_same_points_in_another_order() {
-        let (scan, truth) = make(&part()).expect("a scan");
+        let (scan, _) = make(&part()).expect("a scan");
         let cloud = |shuffle| {
-            let (cloud, _) = placed(&scan, &truth, &random_frame(3, 500.0), shuffle).expect("a frame");
+            let cloud = placed(&scan, &random_frame(3, 500.0), shuffle).expect("a frame");
             cloud.points_of(&cloud.stations()[0]).map(|point| point.map(f64::to_bits)).collect::<Vec<_>>()
         };
         let (mut plain, mut shuffled) = (cloud(None), cloud(Some(1)));
