@@ -122,10 +122,7 @@ fn an_axis_in_any_direction_is_found_in_the_frame_of_the_file() {
         ("axis_pitch45.npy", [diagonal, 0.0, diagonal]),
         ("axis_pitch20_arc.npy", [tilted.cos(), 0.0, tilted.sin()]),
     ] {
-        let ask = Ask {
-            settings: Settings { orientation: Orientation::Any, ..Settings::default() },
-            ..Ask::default()
-        };
+        let ask = Ask { settings: Settings { orientation: Orientation::Any, ..Settings::default() }, ..Ask::default() };
         let estimate = measure(&file(name), &ask);
         let found = pose(&estimate).unwrap_or_else(|| panic!("{name}: {:?}", estimate.outcome));
         let [angle, distance] = apart(&found.axis_in_scan(), &Axis { point_mm: [0.0; 3], direction });
@@ -144,7 +141,9 @@ fn an_axis_beside_the_rail_is_refused_with_its_angle_or_warned_of() {
         let with = |orientation| Ask { settings: Settings { orientation, ..Settings::default() }, ..Ask::default() };
         let refused = measure(&file(name), &with(Orientation::Rail));
         match refused.outcome {
-            coaxis::estimation::Outcome::Refused(coaxis::estimation::Refusal::AxisNotAlongRail { angle_deg, .. }) => {
+            coaxis::estimation::Outcome::Refused(coaxis::estimation::Refusal::AxisNotAlongRail {
+                angle_deg, ..
+            }) => {
                 assert!((angle_deg - least - 0.1).abs() < 0.2, "{name}: {angle_deg}");
             }
             other => panic!("{name}: {other:?}"),

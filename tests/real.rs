@@ -1,7 +1,13 @@
 //! Scans of real instruments against what is known of them from independent fits (the README beside the data). Skipped where
 //! the data are not there.
 
-#![expect(clippy::expect_used, clippy::panic, clippy::indexing_slicing, clippy::print_stdout, reason = "a test may fail")]
+#![expect(
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing,
+    clippy::print_stdout,
+    reason = "a test may fail"
+)]
 
 mod measured;
 
@@ -38,10 +44,8 @@ fn points_of(cloud: &Cloud) -> Vec<[f64; 3]> {
 
 /// A cloud without profiles.
 fn cloud_of(points: &[[f64; 3]]) -> Cloud {
-    let columns = Columns::F64 {
-        y: points.iter().map(|[_, y, _]| *y).collect(),
-        z: points.iter().map(|[.., z]| *z).collect(),
-    };
+    let columns =
+        Columns::F64 { y: points.iter().map(|[_, y, _]| *y).collect(), z: points.iter().map(|[.., z]| *z).collect() };
     let stripes = points.iter().enumerate().map(|(i, [x, ..])| Stripe { label: 0.0, x: *x, end: i + 1 }).collect();
     let (labels, unit) = (Labels::None, Unit::Millimetre);
     Cloud { stripes, columns, labels, unit, blanks: Vec::new(), missing_count: 0 }
@@ -234,7 +238,8 @@ fn the_robust_method_agrees_with_the_nist_sets_where_it_answers() {
         let points = points_of(&cloud);
         let gaussian = least_squares_cylinder(&points).expect("a cylinder");
         let (scan, ..) = scan(cloud, &SliceRequest::default());
-        let estimate = estimate(&scan, &Settings { orientation: Orientation::Any, ..Settings::default() }, &Progress::default());
+        let estimate =
+            estimate(&scan, &Settings { orientation: Orientation::Any, ..Settings::default() }, &Progress::default());
         let Some(found) = pose(&estimate) else { continue };
         answered += 1;
         let truth = Axis { point_mm: gaussian.point, direction: gaussian.direction };

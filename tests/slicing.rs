@@ -26,10 +26,8 @@ const CASES: u64 = 20;
 const AGREEING: f64 = 0.98;
 
 fn cloud_of(points: &[[f64; 3]]) -> Cloud {
-    let columns = Columns::F64 {
-        y: points.iter().map(|[_, y, _]| *y).collect(),
-        z: points.iter().map(|[.., z]| *z).collect(),
-    };
+    let columns =
+        Columns::F64 { y: points.iter().map(|[_, y, _]| *y).collect(), z: points.iter().map(|[.., z]| *z).collect() };
     let stripes = points.iter().enumerate().map(|(i, [x, ..])| Stripe { label: 0.0, x: *x, end: i + 1 }).collect();
     let (labels, unit) = (Labels::None, Unit::Millimetre);
     Cloud { stripes, columns, labels, unit, blanks: Vec::new(), missing_count: 0 }

@@ -6,9 +6,9 @@ use super::resolution;
 use super::solve::Solution;
 use super::step::{self, Hold};
 use super::sums::Sums;
-use crate::estimation::{Settings, robust};
 use crate::estimation::budget::Line;
 use crate::estimation::type_b::{Found, Influence};
+use crate::estimation::{Settings, robust};
 use crate::scan::{Scan, Station};
 use nalgebra::{Matrix5, Vector5};
 

@@ -95,8 +95,7 @@ impl Lack {
             None => after(0) / (1.0 + after(0) - after(1)),
         };
         let of = |present: f64| if cell.present { present.ln() } else { (1.0 - present).ln() };
-        // Beyond the plane, one that follows on a stray is no surprise, until that one lies before the plane.
-        of(1.0 - lack) - of(stray) + cell.followers as f64 * (stray / stray_again).ln()
+        of(1.0 - lack) - of(stray)
     }
 }
 
@@ -168,7 +167,6 @@ mod tests {
                 t,
                 present: t <= end,
                 lacking,
-                followers: usize::from(column + 1 < COLUMNS && t + step <= end),
                 variance: 0.0,
                 column,
                 rising: true,
