@@ -49,6 +49,7 @@ pub struct Scan {
     own_x: Option<Arc<Vec<f64>>>,
     grouping: Grouping,
     lattice: [f64; 3],
+    origin: [f64; 3],
     rule: String,
     blanks: Vec<f64>,
 }
@@ -109,8 +110,8 @@ impl Scan {
             Some(index) => Err(ScanError::NotFinite { index }),
             None => {
                 let (columns, grouping) = (Arc::new(columns), Grouping::default());
-                let (own_x, lattice, blanks) = (None, [0.0; 3], Vec::new());
-                Ok(Self { stations, columns, own_x, grouping, lattice, rule, blanks })
+                let (own_x, lattice, origin, blanks) = (None, [0.0; 3], [0.0; 3], Vec::new());
+                Ok(Self { stations, columns, own_x, grouping, lattice, origin, rule, blanks })
             }
         }
     }
@@ -149,6 +150,18 @@ impl Scan {
     #[must_use]
     pub fn lattice(&self) -> [f64; 3] {
         self.lattice
+    }
+
+    /// The same in a frame that has the origin of the rail frame at this point, mm.
+    #[must_use]
+    pub fn with_origin(self, origin: [f64; 3]) -> Self {
+        Self { origin, ..self }
+    }
+
+    /// Where the origin of the rail frame lies, mm.
+    #[must_use]
+    pub fn origin(&self) -> [f64; 3] {
+        self.origin
     }
 
     /// Whether every profile lies in one plane x = const.

@@ -10,7 +10,7 @@ use coaxis::scan::slice::{SliceRequest, slice};
 use coaxis::scan::{Cloud, Scan};
 use nalgebra::Vector3;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// How a file is measured.
 #[derive(Debug, Clone, Default)]
@@ -18,17 +18,6 @@ pub struct Ask {
     pub settings: Settings,
     pub unit: Option<Unit>,
     pub slicing: SliceRequest,
-}
-
-/// The folder of the measured data; `None`, and a word about it, where there is none.
-pub fn real_data() -> Option<PathBuf> {
-    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
-    let folder = std::env::var_os("COAXIS_REAL_DATA").map_or(beside, PathBuf::from);
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    eprintln!("skipped: neither COAXIS_REAL_DATA nor ../shared/data has the measured data");
-    None
 }
 
 /// The points of a file.

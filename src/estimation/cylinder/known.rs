@@ -45,7 +45,7 @@ pub(super) fn from_resolution(scan: &Scan, solution: &Solution, hold: Hold) -> O
 /// What the stage, the sensor and the temperature do to it.
 pub(super) fn from_calibration(scan: &Scan, solution: &Solution, hold: Hold, settings: &Settings) -> Vec<Line> {
     let cylinder = &solution.cylinder;
-    let found = Found { axis: cylinder.axis(), x_ref: cylinder.x_ref, radius: cylinder.radius };
+    let found = Found { axis: cylinder.axis(), x_ref: cylinder.x_ref, radius: cylinder.radius, origin: scan.origin() };
     let patches = match settings.type_b.sensor_linearity_mm > 0.0 {
         true => linearity::influences(scan, solution, hold),
         false => Vec::new(),

@@ -10,16 +10,18 @@
 )]
 
 mod measured;
+mod real;
 
 use coaxis::estimation::{Estimate, Orientation, Outcome, Pose, Progress, Settings, estimate, least_squares_cylinder};
 use coaxis::geometry::{Axis, Frame};
 use coaxis::scan::decode::Unit;
 use coaxis::scan::slice::{Region, SliceRequest, slice};
 use coaxis::scan::{Cloud, Columns, Labels, ProfileRule, Stripe};
-use measured::{Ask, apart, cloud, measure, pose, real_data, scan};
+use measured::{Ask, apart, cloud, measure, pose, scan};
 use nalgebra::{Rotation3, Unit as UnitVector, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use real::outside;
 use std::path::Path;
 
 fn accepted<'a>(name: &str, estimate: &'a Estimate) -> &'a Pose {
@@ -52,7 +54,7 @@ fn cloud_of(points: &[[f64; 3]]) -> Cloud {
 }
 
 fn tank(folder: &Path) -> Cloud {
-    cloud(&folder.join("real/tank/scan.csv"), Some(Unit::Metre))
+    cloud(&folder.join("tank/scan.csv"), Some(Unit::Metre))
 }
 
 /// The independent robust fit of the tank, mm.
@@ -66,7 +68,7 @@ const TANK_BOOTSTRAP: [f64; 3] = [1.5, 1.0, 0.02];
 
 #[test]
 fn the_tank_is_measured_from_its_file_and_its_unit_alone() {
-    let Some(folder) = real_data() else { return };
+    let Some(folder) = outside("real") else { return };
     let (scan, ..) = scan(tank(&folder), &SliceRequest::default());
     let estimate = estimate(&scan, &Settings::default(), &Progress::default());
     let found = accepted("tank", &estimate);
@@ -84,7 +86,7 @@ fn the_tank_is_measured_from_its_file_and_its_unit_alone() {
 
 #[test]
 fn the_tank_is_the_same_in_every_orientation() {
-    let Some(folder) = real_data() else { return };
+    let Some(folder) = outside("real") else { return };
     let points = points_of(&tank(&folder));
     let mut chance = ChaCha8Rng::seed_from_u64(15);
     for turn in 0..40 {
@@ -109,8 +111,8 @@ fn the_tank_is_the_same_in_every_orientation() {
 
 #[test]
 fn the_lamp_post_is_measured_right_or_refused() {
-    let Some(folder) = real_data() else { return };
-    let path = folder.join("real/lamppost/lamppost.pcd");
+    let Some(folder) = outside("real") else { return };
+    let path = folder.join("lamppost/lamppost.pcd");
     let upright = Frame { origin_mm: [-9900.0, 0.0, 0.0], x_axis: [0.0, 0.0, 1.0], z_axis: [1.0, 0.0, 0.0] };
     let with = |rule: Option<&str>, frame: Option<Frame>| Ask {
         unit: Some(Unit::Metre),
@@ -132,7 +134,7 @@ fn the_lamp_post_is_measured_right_or_refused() {
 
 #[test]
 fn sewer_pipes_have_their_diameter() {
-    let Some(folder) = real_data() else { return };
+    let Some(folder) = outside("real") else { return };
     let frame = Frame { origin_mm: [0.0; 3], x_axis: [0.0, 0.0, 1.0], z_axis: [0.0, 1.0, 0.0] };
     for (name, diameter, nominal, pitch, region) in [
         ("200mm-pvc-13", 188.6, 94.1, 2.0, [[-600.0, -150.0], [-250.0, 250.0], [-250.0, 250.0]]),
@@ -157,7 +159,7 @@ fn sewer_pipes_have_their_diameter() {
                 region: Some(Region { x_mm, y_mm, z_mm }),
             },
         };
-        let estimate = measure(&folder.join(format!("real/sewer-pipes/{name}.ply")), &ask);
+        let estimate = measure(&folder.join(format!("sewer-pipes/{name}.ply")), &ask);
         let found = accepted(name, &estimate);
         let expanded = 4.0 * found.uncertainty.covariance[4][4].sqrt();
         println!("{name}: D {:.2} ± {expanded:.2} mm, {diameter} expected", 2.0 * found.radius);
@@ -167,8 +169,8 @@ fn sewer_pipes_have_their_diameter() {
 
 #[test]
 fn limits_hold_on_the_bullet_and_thinning_does_not_change_the_verdict() {
-    let Some(folder) = real_data() else { return };
-    let all = points_of(&cloud(&folder.join("real/bullet-land/land.npy"), None));
+    let Some(folder) = outside("real") else { return };
+    let all = points_of(&cloud(&folder.join("bullet-land/land.npy"), None));
     let settings = Settings {
         arc_min_deg: 10.0,
         epsilon_mm: 0.005,
@@ -205,7 +207,7 @@ fn limits_hold_on_the_bullet_and_thinning_does_not_change_the_verdict() {
 
 #[test]
 fn the_mug_is_found_by_its_nominal_radius_alone() {
-    let Some(folder) = real_data() else { return };
+    let Some(folder) = outside("real") else { return };
     let ask = Ask {
         settings: Settings {
             nominal_radius_mm: Some(39.0),
@@ -216,25 +218,25 @@ fn the_mug_is_found_by_its_nominal_radius_alone() {
         unit: Some(Unit::Metre),
         ..Ask::default()
     };
-    let estimate = measure(&folder.join("real/mug-on-table.pcd"), &ask);
+    let estimate = measure(&folder.join("mug-on-table.pcd"), &ask);
     let found = accepted("mug", &estimate);
     assert!((found.radius - 39.0).abs() <= 2.0 * found.uncertainty.covariance[4][4].sqrt(), "{}", found.radius);
 }
 
 #[test]
 fn the_laser_patch_that_is_no_cylinder_is_refused() {
-    let Some(folder) = real_data() else { return };
-    let estimate = measure(&folder.join("real/laser-profile-patch.npy"), &Ask::default());
+    let Some(folder) = outside("real") else { return };
+    let estimate = measure(&folder.join("laser-profile-patch.npy"), &Ask::default());
     assert!(pose(&estimate).is_none());
 }
 
 /// No accepted answer of the robust method is far from least squares, which on these points without outliers says the same.
 #[test]
 fn the_robust_method_agrees_with_the_nist_sets_where_it_answers() {
-    let Some(folder) = real_data() else { return };
+    let Some(folder) = outside("real") else { return };
     let mut answered = 0;
     for set in 1..=30 {
-        let cloud = cloud(&folder.join(format!("real/nist-cylinders/cyl{set}.ds")), None);
+        let cloud = cloud(&folder.join(format!("nist-cylinders/cyl{set}.ds")), None);
         let points = points_of(&cloud);
         let gaussian = least_squares_cylinder(&points).expect("a cylinder");
         let (scan, ..) = scan(cloud, &SliceRequest::default());
