@@ -159,5 +159,8 @@ fn a_mug_on_a_table_is_measured_by_its_recipe() {
     assert!(y.hypot(z) < 3.0, "the frame's origin is in the mug, found ({y}, {z}) mm off");
     let found = measured("real/mug-on-table.pcd", &json_of("real/mug.json"));
     let warnings = &found.measurement.findings.sole().expect("one part").conditioning.warnings;
-    assert_eq!(warnings.iter().map(|warning| warning.code()).collect::<Vec<_>>(), ["layers_leave_open", "calibration_not_stated"]);
+    assert_eq!(
+        warnings.iter().map(|warning| warning.code()).collect::<Vec<_>>(),
+        ["layers_leave_open", "calibration_not_stated"]
+    );
 }

@@ -53,7 +53,7 @@ pub(in super::super) struct PlcDocument {
     u_z_ref_um: Option<i64>,
     /// What the uncertainties include: 1 the repeatability alone, since no calibration is stated (`type_b`), 2 both.
     #[schema(minimum = 1, maximum = 2)]
-    u_scope_code: Option<u8>,
+    scope_code: Option<u8>,
     /// Profiles that passed.
     profiles_valid_count: u64,
     /// All profiles.
@@ -103,7 +103,7 @@ impl PlcDocument {
             u_pitch_udeg: known.and_then(|known| up_micro(known.pitch_deg)),
             u_y_ref_um: known.and_then(|known| up_um(known.y_ref_mm)),
             u_z_ref_um: known.and_then(|known| up_um(known.z_ref_mm)),
-            u_scope_code: uncertainty.map(|uncertainty| match uncertainty.scope {
+            scope_code: uncertainty.map(|uncertainty| match uncertainty.scope {
                 ScopeDocument::Repeatability => 1,
                 ScopeDocument::Combined => 2,
             }),
@@ -133,11 +133,14 @@ const fn number_of(refusal: &Refusal) -> u8 {
     }
 }
 
-/// The nearest integer; `None` beyond what a 32-bit word holds, which is what a PLC reads it into.
+/// Nine digits, a kilometre in micrometres, fit the 32-bit word that a PLC reads a value into, and keep the view below 512 bytes.
+const VALUE_MAX: f64 = 999_999_999.0;
+
+/// The nearest integer; `None` beyond [`VALUE_MAX`].
 fn whole(value: f64) -> Option<i64> {
     let rounded = value.round();
-    #[expect(clippy::cast_possible_truncation, reason = "checked against the range of i32 in the same line")]
-    (rounded.abs() <= f64::from(i32::MAX)).then_some(rounded as i64)
+    #[expect(clippy::cast_possible_truncation, reason = "checked against VALUE_MAX in the same line")]
+    (rounded.abs() <= VALUE_MAX).then_some(rounded as i64)
 }
 
 #[cfg(test)]
@@ -146,14 +149,14 @@ mod tests {
 
     #[test]
     fn the_longest_view_stays_below_512_bytes() {
-        let (most, length) = (Some(i64::from(i32::MAX)), Some(-i64::from(i32::MAX)));
+        let (most, length, angle) = (Some(999_999_999), Some(-999_999_999), Some(-90_000_000));
         let view = PlcDocument {
             id: "m-0199f0c8-0000-7000-8000-000000000000".to_owned(),
             verdict_code: 1,
             refusal_code: 0,
             warnings_count: 9,
-            deflection_udeg: length,
-            pitch_udeg: length,
+            deflection_udeg: angle,
+            pitch_udeg: angle,
             y_c0_um: length,
             z_c0_um: length,
             x_ref_um: length,
@@ -165,7 +168,7 @@ mod tests {
             u_pitch_udeg: most,
             u_y_ref_um: most,
             u_z_ref_um: most,
-            u_scope_code: Some(2),
+            scope_code: Some(2),
             profiles_valid_count: 100_000,
             profiles_total_count: 100_000,
             part: 16,
@@ -178,8 +181,8 @@ mod tests {
     #[test]
     fn a_value_that_no_word_holds_is_unknown_not_cut() {
         assert_eq!(whole(-1.5), Some(-2));
-        assert_eq!(whole(f64::from(i32::MAX)), Some(i64::from(i32::MAX)));
-        assert_eq!(whole(f64::from(i32::MAX) + 1.0), None);
+        assert_eq!(whole(VALUE_MAX), Some(999_999_999));
+        assert_eq!(whole(VALUE_MAX + 1.0), None);
         assert_eq!(whole(f64::NAN), None);
     }
 }
