@@ -57,7 +57,7 @@ pub(super) enum Verdict {
     /// No layer.
     Clean,
     /// Fitted again without the layers.
-    Mended(Solution),
+    Mended(Box<Solution>),
     /// Left as it is: the nominal radius vouches for the part, but not for what of it lies in layers.
     Open { rivals: Vec<Vector5<f64>> },
     /// Two surfaces could be the part.
@@ -78,7 +78,7 @@ pub(super) fn mend(
     let mut rivals = Vec::new();
     let mut surface = surface.map(Cow::Borrowed);
     for points_wanted in POINTS_WANTED {
-        let base = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
+        let base: &Solution = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
         let averages = surface.as_ref().and_then(|surface| surface.average(Cut::Points(points_wanted)));
         let Some(averages) = averages else { continue };
         match mend_at(problem, base, bounds, nominal_radius, &averages) {
@@ -91,7 +91,7 @@ pub(super) fn mend(
             refused @ (Verdict::Two(..) | Verdict::Undecided { .. }) => return refused,
         }
     }
-    let base = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
+    let base: &Solution = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
     if let Some(surface) = surface.as_deref() {
         rivals.extend(readings::lower(surface, &base.cylinder, problem.hold, base.sigma));
         // What is taken out would repeat; of what is left it was asked before.
@@ -109,7 +109,7 @@ pub(super) fn mend(
         verdict if rivals.is_empty() => verdict,
         Verdict::Mended(mended) => {
             rivals.extend(&mended.rivals);
-            Verdict::Mended(Solution { rivals, ..mended })
+            Verdict::Mended(Box::new(Solution { rivals, ..*mended }))
         }
         _ => Verdict::Open { rivals },
     }
@@ -176,7 +176,7 @@ fn mend_at(
             None => Verdict::Undecided { layer_ratio, reach_mm: reach(fit) },
         };
     }
-    refit(problem, fit, &part, averages, &off).map_or(Verdict::Clean, Verdict::Mended)
+    refit(problem, fit, &part, averages, &off).map_or(Verdict::Clean, |mended| Verdict::Mended(Box::new(mended)))
 }
 
 /// A layer that holds nearly as much as what was chosen. So close together, each takes points of the other, and coverage is
