@@ -58,7 +58,7 @@ pub(super) enum Verdict {
     /// No layer.
     Clean,
     /// Fitted again without the layers.
-    Mended(Solution),
+    Mended(Box<Solution>),
     /// Left as it is: the nominal radius vouches for the part, but not for what of it lies in layers.
     Open { rivals: Vec<Vector5<f64>> },
     /// Two surfaces could be the part.
@@ -115,7 +115,7 @@ pub(super) fn mend(
         verdict if rivals.is_empty() => verdict,
         Verdict::Mended(mended) => {
             rivals.extend(&mended.rivals);
-            Verdict::Mended(Solution { rivals, ..mended })
+            Verdict::Mended(Box::new(Solution { rivals, ..*mended }))
         }
         _ => Verdict::Open { rivals },
     }
@@ -179,7 +179,7 @@ fn mend_at(
             None => Verdict::Undecided { layer_ratio, reach_mm: reach(fit) },
         };
     }
-    refit(problem, fit, &part, averages, &off).map_or(Verdict::Clean, Verdict::Mended)
+    refit(problem, fit, &part, averages, &off).map_or(Verdict::Clean, |mended| Verdict::Mended(Box::new(mended)))
 }
 
 /// How far the fit is from the readings that a mixture of surfaces allows.

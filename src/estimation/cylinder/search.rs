@@ -141,7 +141,10 @@ impl Search<'_> {
             Verdict::Clean => {}
             Verdict::Open { rivals } => solution.rivals = rivals,
             Verdict::Mended(mended) => {
-                return Some(mended).filter(resolved).map(Box::new).map(Round::Found).ok_or_else(|| self.no_cylinder());
+                return Some(mended)
+                    .filter(|mended| resolved(mended))
+                    .map(Round::Found)
+                    .ok_or_else(|| self.no_cylinder());
             }
             Verdict::Two(a, b) => return Err(two_cylinders(&a, &b)),
             Verdict::Undecided { layer_ratio, reach_mm } => {
