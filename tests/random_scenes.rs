@@ -2,7 +2,8 @@
 //! uncertainties in every parameter. A refusal is allowed, an answer that is wrong and sure of itself is not.
 //!
 //! `COAXIS_SCENES=10000 cargo test --release --test random_scenes -- --nocapture` runs all of them and prints what became
-//! of them; `COAXIS_FIRST_SCENE=10000` as well runs the next ones.
+//! of them; `COAXIS_FIRST_SCENE=10000` as well runs the next ones. From number 1 000 000 on the scenes are drawn from
+//! everything that can be simulated (`wide.rs`), pass through the same steps as an uploaded file, and are reported by kind.
 
 #![expect(
     clippy::expect_used,
@@ -12,10 +13,12 @@
 )]
 
 mod made;
+#[path = "random_scenes/wide.rs"]
+mod wide;
 
 use coaxis::estimation::{Method, Outcome, Progress, RadiusRule, Settings, estimate};
 use coaxis::geometry::AxisLine;
-use coaxis::scan::synthetic::{Bead, ClampShape, Edges, Interference, Part, Sampling, Surroundings, make};
+use coaxis::scan::synthetic::{Bead, ClampShape, Interference, Part, Sampling, Surroundings, make};
 use made::{count, errors, standard};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -126,8 +129,7 @@ fn scene(seed: u64) -> (Part, Settings) {
         surroundings: surroundings(chance, radius_mm),
         drop_out_ratio: chance.sometimes(0.5, 0.0, 0.4),
         spike_ratio: chance.sometimes(0.5, 0.0, 0.08),
-        edges: Edges::default(),
-        seed,
+        ..Part::smooth(seed)
     };
     let nominal_radius_mm = chance.happens(0.5).then_some(radius_mm);
     let radius = match chance.between(0.0, 4.0) {
@@ -143,15 +145,87 @@ enum Fate {
     Refused(&'static str),
 }
 
+fn wrong_or_right(errors: [f64; 5], standard: [f64; 5]) -> Fate {
+    let off = std::array::from_fn(|i| errors[i] / standard[i].max(ROUNDING));
+    if off.iter().all(|off: &f64| off.abs() <= UNCERTAINTIES_MAX) { Fate::Right } else { Fate::Wrong(off) }
+}
+
 fn fate(seed: u64) -> Fate {
+    if seed >= wide::FIRST {
+        return wide::scene_wide(seed).fate();
+    }
     let (part, settings) = scene(seed);
     let (scan, truth) = make(&part).expect("a part");
     match estimate(&scan, &settings, &Progress::default()).outcome {
         Outcome::Refused(refusal) => Fate::Refused(refusal.code()),
-        Outcome::Accepted(pose) => {
-            let (errors, standard) = (errors(&pose, &truth, pose.x_ref), standard(&pose));
-            let off = std::array::from_fn(|i| errors[i] / standard[i].max(ROUNDING));
-            if off.iter().all(|off: &f64| off.abs() <= UNCERTAINTIES_MAX) { Fate::Right } else { Fate::Wrong(off) }
+        Outcome::Accepted(pose) => wrong_or_right(errors(&pose, &truth, pose.x_ref), standard(&pose)),
+    }
+}
+
+/// What became of scenes.
+struct Fates {
+    first: u64,
+    fates: Vec<Fate>,
+    refused: BTreeMap<&'static str, usize>,
+    wrong: Vec<(u64, [f64; 5])>,
+}
+
+impl Fates {
+    fn of(first: u64, scenes_count: u64) -> Self {
+        let fates: Vec<Fate> = (first..first + scenes_count).into_par_iter().map(fate).collect();
+        let mut refused: BTreeMap<&str, usize> = BTreeMap::new();
+        let mut wrong = Vec::new();
+        for (seed, fate) in (first..).zip(&fates) {
+            match fate {
+                Fate::Right => {}
+                Fate::Wrong(off) => wrong.push((seed, *off)),
+                Fate::Refused(code) => *refused.entry(code).or_default() += 1,
+            }
+        }
+        Self { first, fates, refused, wrong }
+    }
+
+    fn refused_count(&self) -> usize {
+        self.refused.values().sum()
+    }
+
+    fn print(&self) {
+        println!("{} scenes, {} answered", self.fates.len(), self.fates.len() - self.refused_count());
+        for (code, count) in &self.refused {
+            println!("  refused as {code}: {count}");
+        }
+        for (seed, off) in &self.wrong {
+            println!("  scene {seed}: {off:.1?} of its standard uncertainties");
+            if std::env::var("COAXIS_SHOW").is_ok() {
+                println!("    {:?}", scene(*seed));
+            }
+        }
+    }
+
+    /// By the kinds that the wider scenes were drawn from; a scene counts for each of its kinds.
+    fn print_kinds(&self) {
+        let mut kinds: BTreeMap<&str, [usize; 4]> = BTreeMap::new();
+        for (seed, fate) in (self.first..).zip(&self.fates) {
+            let scene = wide::scene_wide(seed);
+            let sort = if scene.is_systematic() { "ALL SYSTEMATIC" } else { "ALL OTHERS" };
+            for kind in scene.kinds.iter().copied().chain([sort]) {
+                let [all, refused, wrong, systematic] = kinds.entry(kind).or_default();
+                *all += 1;
+                *refused += usize::from(matches!(fate, Fate::Refused(_)));
+                let is_wrong = matches!(fate, Fate::Wrong(_));
+                *wrong += usize::from(is_wrong && !scene.is_systematic());
+                *systematic += usize::from(is_wrong && scene.is_systematic());
+            }
+        }
+        println!("{:>16} {:>7} {:>8} {:>6} wrong, with a systematic error", "kind", "scenes", "refused", "wrong");
+        for (kind, [all, refused, wrong, systematic]) in kinds {
+            println!("{kind:>16} {all:>7} {refused:>8} {wrong:>6} {systematic:>6}");
+        }
+        for (seed, off) in &self.wrong {
+            let scene = wide::scene_wide(*seed);
+            if !scene.is_systematic() {
+                println!("  scene {seed}: {off:.1?}, {:?}, decisive: {:?}", scene.kinds, scene.decisive_kinds());
+            }
         }
     }
 }
@@ -160,29 +234,15 @@ fn fate(seed: u64) -> Fate {
 fn no_answer_is_wrong_by_more_than_it_says() {
     let scenes_count = count("COAXIS_SCENES", SCENES);
     let first = count("COAXIS_FIRST_SCENE", 0);
-    let fates: Vec<Fate> = (first..first + scenes_count).into_par_iter().map(fate).collect();
-    let mut refused: BTreeMap<&str, usize> = BTreeMap::new();
-    let mut wrong = Vec::new();
-    for (seed, fate) in (first..).zip(&fates) {
-        match fate {
-            Fate::Right => {}
-            Fate::Wrong(off) => wrong.push((seed, off)),
-            Fate::Refused(code) => *refused.entry(code).or_default() += 1,
-        }
-    }
-    let refused_count: usize = refused.values().sum();
-    println!("{scenes_count} scenes, {} answered", scenes_count as usize - refused_count);
-    for (code, count) in &refused {
-        println!("  refused as {code}: {count}");
-    }
-    for (seed, off) in &wrong {
-        println!("  scene {seed}: {off:.1?} of its standard uncertainties");
-        if std::env::var("COAXIS_SHOW").is_ok() {
-            println!("    {:?}", scene(*seed));
-        }
+    let fates = Fates::of(first, scenes_count);
+    fates.print();
+    if first >= wide::FIRST {
+        fates.print_kinds();
+        return;
     }
     let allowed = (WRONG_PER_THOUSAND * scenes_count as f64 / 1000.0) as usize;
-    assert!(wrong.len() <= allowed, "{} answers are wrong", wrong.len());
+    assert!(fates.wrong.len() <= allowed, "{} answers are wrong", fates.wrong.len());
     // Refusals are no way out.
+    let refused_count = fates.refused_count();
     assert!(refused_count as f64 <= REFUSED_MAX * scenes_count as f64, "{refused_count} refused");
 }

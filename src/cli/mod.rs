@@ -13,8 +13,10 @@ mod openapi;
 mod scene;
 mod serve;
 mod simulate;
+mod simulate_export;
 mod simulate_gocator;
 mod simulate_plc;
+mod simulate_sensor;
 mod table;
 
 use clap::{Parser, Subcommand};

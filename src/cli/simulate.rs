@@ -2,12 +2,15 @@
 
 use super::measure::format;
 use super::scene::SceneArguments;
+use super::simulate_export::ExportArguments;
 use super::simulate_plc::{self, PlcArguments};
+use super::simulate_sensor::SensorArguments;
 use super::{Outcome, print};
-use crate::geometry::AxisLine;
+use crate::geometry::{AxisLine, Frame};
+use crate::scan::Scan;
 use crate::scan::decode::Format;
 use crate::scan::encode::encode;
-use crate::scan::synthetic::{Edge, Edges, Interference, Part, make_several};
+use crate::scan::synthetic::{Edge, Edges, Export, Interference, Part, PlacedTruth, make_several, placed};
 use serde::Serialize;
 use std::error::Error;
 use std::fs::{self, File};
@@ -98,6 +101,10 @@ pub(super) struct ScanArguments {
     chamfer_mm: f64,
     #[command(flatten)]
     scene: SceneArguments,
+    #[command(flatten)]
+    sensor: SensorArguments,
+    #[command(flatten)]
+    export: ExportArguments,
     /// The same seed makes the same scan
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -126,7 +133,10 @@ pub(super) fn run(subject: &Subject) -> Outcome {
 fn write_scan(arguments: &ScanArguments) -> Outcome {
     let parts = arguments.parts()?;
     let format = arguments.format()?;
-    let truth_file = write_made(&parts, format, &arguments.file)?;
+    let truth_file = match arguments.export.frame() {
+        None => write_made(&parts, format, &arguments.file)?,
+        Some(frame) => write_moved(&parts, &frame, arguments)?,
+    };
     print(&format!("{}\n{}\n", arguments.file.display(), truth_file.display()))?;
     Ok(ExitCode::SUCCESS)
 }
@@ -134,13 +144,28 @@ fn write_scan(arguments: &ScanArguments) -> Outcome {
 /// Makes a scan, writes it to `file` and its truth beside it (a list where there are several parts); where that is.
 pub(super) fn write_made(parts: &[Part], format: Format, file: &Path) -> Result<PathBuf, Box<dyn Error>> {
     let (scan, truths) = make_several(parts).map_err(|error| format!("these numbers make no scan: {error}"))?;
+    write(&scan, &truths, format, file)
+}
+
+/// The same of a scan that is moved as a whole, before it is rounded and its sentinels are written.
+fn write_moved(parts: &[Part], frame: &Frame, arguments: &ScanArguments) -> Result<PathBuf, Box<dyn Error>> {
+    let parts: Vec<Part> = parts.iter().map(|part| Part { export: Export::default(), ..part.clone() }).collect();
+    let (scan, truths) = make_several(&parts).map_err(|error| format!("these numbers make no scan: {error}"))?;
+    let cloud = placed(&scan, frame, arguments.export.shuffle_seed(arguments.seed))?;
+    let cloud = arguments.export.export().apply(cloud, arguments.seed)?;
+    let truths: Vec<PlacedTruth> = truths.iter().map(|truth| truth.placed(frame)).collect::<Result<_, _>>()?;
+    write(&cloud, &truths, arguments.format()?, &arguments.file)
+}
+
+/// Writes a scan to `file` and the truth beside it; where that is.
+fn write(scan: &Scan, truths: &[impl Serialize], format: Format, file: &Path) -> Result<PathBuf, Box<dyn Error>> {
     let open = |path: &Path| File::create(path).map_err(|error| format!("{}: {error}", path.display()));
     let mut out = BufWriter::new(open(file)?);
-    encode(&scan, format, &mut out)
+    encode(scan, format, &mut out)
         .and_then(|()| out.flush())
         .map_err(|error| format!("{}: {error}", file.display()))?;
     let truth_file = file.with_extension("truth.json");
-    let text = match truths.as_slice() {
+    let text = match truths {
         [truth] => text(truth)?,
         truths => text(&truths)?,
     };
@@ -178,7 +203,7 @@ impl ScanArguments {
 
     fn part(&self) -> Part {
         let slope = |degrees: f64| degrees.to_radians().tan();
-        self.scene.around(&Part {
+        let part = self.scene.around(&Part {
             radius_mm: self.radius_mm,
             axis: AxisLine {
                 p: slope(self.deflection_deg),
@@ -203,9 +228,11 @@ impl ScanArguments {
             drop_out_ratio: self.drop_outs,
             spike_ratio: self.spikes,
             edges: Edges { near: self.edge(self.near_end_mm), far: self.edge(self.far_end_mm) },
+            export: self.export.export(),
             seed: self.seed,
             ..Part::smooth(self.seed)
-        })
+        });
+        self.sensor.scanning(part)
     }
 
     fn edge(&self, x_mm: Option<f64>) -> Option<Edge> {
@@ -250,6 +277,8 @@ impl ScanArguments {
         match ranges
             .into_iter()
             .chain(self.scene.ranges())
+            .chain(self.sensor.ranges())
+            .chain(self.export.ranges())
             .find(|(_, value, least, most)| !(least..=most).contains(&value))
         {
             Some((name, value, least, most)) => Err(format!("{name} must be between {least} and {most}, got {value}")),

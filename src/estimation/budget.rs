@@ -26,6 +26,8 @@ impl Line {
     pub(super) const FORM: &'static str = "form";
     /// Of layers that cannot be distinguished from the part.
     pub(super) const LAYERS: &'static str = "layers";
+    /// Of coordinates that lie on a lattice.
+    pub(super) const RESOLUTION: &'static str = "resolution";
     /// Of a radius that is given.
     pub(super) const NOMINAL_RADIUS: &'static str = "nominal_radius";
     /// Of the stage's travel.

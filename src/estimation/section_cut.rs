@@ -2,6 +2,7 @@
 //! that frame, and groups of neighbours along it. Enough to make the same sections again from the same scan.
 
 use crate::geometry::{Axis, Frame};
+use nalgebra::Vector3;
 use crate::scan::{Columns, Grouping, Scan, Station};
 use serde::{Deserialize, Serialize};
 
@@ -37,8 +38,8 @@ impl SectionCut {
 
     /// The sections; `None` where no point is kept.
     #[must_use]
-    pub fn apply(&self, scan: &Scan) -> Option<Scan> {
-        let mut points = self.points(scan)?;
+    pub fn apply(&self, of: &Scan) -> Option<Scan> {
+        let mut points = self.points(of)?;
         let sections_count = (points.len() / POINTS).clamp(1, SECTIONS_MAX);
         points.sort_unstable_by(|[a, ..], [b, ..]| a.total_cmp(b));
         let (mut stations, mut own_x) = (Vec::with_capacity(sections_count), Vec::with_capacity(points.len()));
@@ -60,15 +61,18 @@ impl SectionCut {
             stations.push(Station { x, start, end });
         }
         let scan = Scan::new(stations, Columns::F64 { y: ys, z: zs }, "sections square to the axis".to_owned()).ok()?;
-        Some(scan.with_own_x(own_x).ok()?.with_grouping(Grouping::Chosen))
+        let lattice = self.frame.steps(of.lattice());
+        let rotation = self.frame.rotation().ok()?;
+        let origin = rotation * (Vector3::from(of.origin()) - Vector3::from(self.frame.origin_mm));
+        Some(scan.with_own_x(own_x).ok()?.with_grouping(Grouping::Chosen).with_lattice(lattice).with_origin(origin.into()))
     }
 
     /// The points that are kept, in the frame of the sections.
     fn points(&self, scan: &Scan) -> Option<Vec<[f64; 3]>> {
         let rotation = self.frame.rotation().ok()?;
-        let origin = nalgebra::Vector3::from(self.frame.origin_mm);
+        let origin = Vector3::from(self.frame.origin_mm);
         let ([nearest, farthest], [first, last]) = (self.distance_mm, self.x_mm);
-        let placed = |point: [f64; 3]| -> [f64; 3] { (rotation * (nalgebra::Vector3::from(point) - origin)).into() };
+        let placed = |point: [f64; 3]| -> [f64; 3] { (rotation * (Vector3::from(point) - origin)).into() };
         let is_kept = |[x, y, z]: &[f64; 3]| {
             (first..=last).contains(x) && (nearest * nearest..=farthest * farthest).contains(&(y * y + z * z))
         };
@@ -96,7 +100,7 @@ mod tests {
         let place = |i: usize| {
             let (angle, along) = (i as f64 * 0.7, i as f64 * 0.13 - 60.0);
             let point = nalgebra::Vector3::new(along, 20.0 * angle.sin(), 20.0 * angle.cos());
-            (rotation * point + nalgebra::Vector3::from(axis.point_mm)).into()
+            (rotation * point + Vector3::from(axis.point_mm)).into()
         };
         let points: Vec<[f64; 3]> = (0..1000).map(place).collect();
         let scan_of = |order: &dyn Fn(usize) -> usize| {

@@ -60,6 +60,16 @@ pub(super) struct Found {
     pub(super) axis: AxisLine,
     pub(super) x_ref: f64,
     pub(super) radius: f64,
+    /// Where the origin of the rail frame lies, mm: calibration is stated about it.
+    pub(super) origin: [f64; 3],
+}
+
+impl Found {
+    /// The point of the axis at x_ref from the origin of the rail frame, mm.
+    fn from_origin(&self) -> Vector3<f64> {
+        let [y, z] = self.axis.at(self.x_ref);
+        Vector3::new(self.x_ref, y, z) - Vector3::from(self.origin)
+    }
 }
 
 /// Stretches of the rail whose profiles are taken together: what is to be added up grows as their square.
@@ -126,8 +136,11 @@ impl TypeB {
             .then(|| Line::of_slopes(Line::SENSOR_EXTRINSICS, &self.extrinsics(found), &found.axis));
         let growth = self.temperature_sigma_k * self.expansion_per_k;
         let temperature = (growth > 0.0).then(|| {
-            let [y, z] = found.axis.at(found.x_ref);
-            Line::of_shift(Line::TEMPERATURE, &(Vector5::new(0.0, 0.0, y, z, found.radius) * growth), &found.axis)
+            // Every point moves away from the origin; the axis is read off where it meets x = x_ref.
+            let from = found.from_origin();
+            let (p, q) = (found.axis.p, found.axis.q);
+            let shift = Vector5::new(0.0, 0.0, from.y - p * from.x, from.z - q * from.x, found.radius);
+            Line::of_shift(Line::TEMPERATURE, &(shift * growth), &found.axis)
         });
         [extrinsics, temperature].into_iter().flatten().collect()
     }
@@ -149,7 +162,6 @@ impl TypeB {
     /// translation moves every point alike. The axis is read off where it meets x = x_ref.
     fn extrinsics(&self, found: &Found) -> Matrix5<f64> {
         let AxisLine { p, q, .. } = found.axis;
-        let [y, z] = found.axis.at(found.x_ref);
         let tangent = Vector3::new(1.0, p, q);
         // A point that is moved by `by` and a direction that is turned by `turn`, seen in the plane x = x_ref.
         let shift = |by: Vector3<f64>, turn: Vector3<f64>| {
@@ -158,7 +170,7 @@ impl TypeB {
         let mut sum = Matrix5::zeros();
         for unit in [Vector3::x(), Vector3::y(), Vector3::z()] {
             let rotation = unit * self.extrinsics_rotation_deg.to_radians();
-            let turned = shift(rotation.cross(&Vector3::new(found.x_ref, y, z)), rotation.cross(&tangent));
+            let turned = shift(rotation.cross(&found.from_origin()), rotation.cross(&tangent));
             let moved = shift(unit * self.extrinsics_position_mm, Vector3::zeros());
             sum += turned * turned.transpose() + moved * moved.transpose();
         }
@@ -182,7 +194,7 @@ mod tests {
     use crate::estimation::Uncertainty;
 
     const ALONG_X: Found =
-        Found { axis: AxisLine { p: 0.0, q: 0.0, y0: 30.0, z0: -400.0 }, x_ref: 500.0, radius: 200.0 };
+        Found { axis: AxisLine { p: 0.0, q: 0.0, y0: 30.0, z0: -400.0 }, x_ref: 500.0, radius: 200.0, origin: [0.0; 3] };
 
     fn standard(type_b: TypeB, influences: &[Influence]) -> [f64; 5] {
         let lines = type_b.lines(&ALONG_X, influences, &[]);

@@ -43,6 +43,19 @@ impl Frame {
         Ok(Matrix3::from_rows(&[x.transpose(), y.transpose(), z.transpose()]))
     }
 
+    /// The steps of a lattice of the coordinates of the scan along the axes of the frame, 0 where there is none: along an axis that
+    /// lies between several of the lattice, values come as near to each other as along the finest of them.
+    #[must_use]
+    pub fn steps(&self, lattice: [f64; 3]) -> [f64; 3] {
+        let Ok(rotation) = self.rotation() else { return [0.0; 3] };
+        let along = |row: usize| {
+            let takes_part = |(column, _): &(usize, f64)| rotation.get((row, *column)).is_some_and(|v| v.abs() > 0.05);
+            let steps = lattice.into_iter().enumerate().filter(takes_part).map(|(_, step)| step);
+            steps.fold(f64::INFINITY, f64::min)
+        };
+        [along(0), along(1), along(2)]
+    }
+
     /// The frame at a point of an axis whose X lies along it. Its Z is the first of the axes Z, X and Y of the coordinates of
     /// the scan that the axis does not lie near, so that for an axis along the rail the two frames nearly agree.
     ///

@@ -14,6 +14,7 @@ mod columns;
 pub mod decode;
 pub mod encode;
 mod huge_pages;
+mod lattice;
 pub mod missing;
 mod rule;
 pub mod slice;
@@ -47,6 +48,8 @@ pub struct Scan {
     /// The x of every point, mm, in the order of the columns; `None` where every profile lies in one plane.
     own_x: Option<Arc<Vec<f64>>>,
     grouping: Grouping,
+    lattice: [f64; 3],
+    origin: [f64; 3],
     rule: String,
     blanks: Vec<f64>,
 }
@@ -107,7 +110,8 @@ impl Scan {
             Some(index) => Err(ScanError::NotFinite { index }),
             None => {
                 let (columns, grouping) = (Arc::new(columns), Grouping::default());
-                Ok(Self { stations, columns, own_x: None, grouping, rule, blanks: Vec::new() })
+                let (own_x, lattice, origin, blanks) = (None, [0.0; 3], [0.0; 3], Vec::new());
+                Ok(Self { stations, columns, own_x, grouping, lattice, origin, rule, blanks })
             }
         }
     }
@@ -134,6 +138,30 @@ impl Scan {
     #[must_use]
     pub fn grouping(&self) -> Grouping {
         self.grouping
+    }
+
+    /// The same with the steps of a lattice that the x, y and z of its points lie on, mm; 0 where they lie on none.
+    #[must_use]
+    pub fn with_lattice(self, lattice: [f64; 3]) -> Self {
+        Self { lattice, ..self }
+    }
+
+    /// The steps of the lattice that the x, y and z of its points lie on, mm; 0 where they lie on none.
+    #[must_use]
+    pub fn lattice(&self) -> [f64; 3] {
+        self.lattice
+    }
+
+    /// The same in a frame that has the origin of the rail frame at this point, mm.
+    #[must_use]
+    pub fn with_origin(self, origin: [f64; 3]) -> Self {
+        Self { origin, ..self }
+    }
+
+    /// Where the origin of the rail frame lies, mm.
+    #[must_use]
+    pub fn origin(&self) -> [f64; 3] {
+        self.origin
     }
 
     /// Whether every profile lies in one plane x = const.

@@ -21,6 +21,7 @@ mod place;
 pub use place::{Region, RegionError};
 
 use super::decode::Limits;
+use super::lattice;
 use super::{Cloud, Grouping, ProfileRule, Scan, ScanError};
 use crate::geometry::{Frame, FrameError};
 
@@ -135,15 +136,17 @@ impl SliceError {
 /// [`SliceError`] where the request does not fit the cloud, or the result is beyond `limits`.
 pub fn slice(cloud: Cloud, request: &SliceRequest, limits: &Limits) -> Result<Scan, SliceError> {
     let mut cloud = cloud;
+    let mut lattice = lattice::steps(&cloud);
     if let Some(frame) = &request.frame {
         cloud = place::move_into(&cloud, frame, limits.coordinate_max_mm)?;
+        lattice = frame.steps(lattice);
     }
     if let Some(region) = &request.region {
         cloud = place::cut_to(&cloud, region)?;
     }
     let (key, rule) = choose::choose_key(&cloud, request.rule.as_ref(), limits)?;
     let grouping = if request.rule.is_some() { Grouping::Given } else { choose::grouping(&cloud) };
-    Ok(group::group(cloud, key, rule, limits)?.with_grouping(grouping))
+    Ok(group::group(cloud, key, rule, limits)?.with_grouping(grouping).with_lattice(lattice))
 }
 
 #[cfg(test)]

@@ -1,12 +1,14 @@
 //! How well a solution is known: the lines of its budget. Must not know how it was found, nor whether it is good enough.
 
 use super::linearity;
+use super::patches;
+use super::resolution;
 use super::solve::Solution;
 use super::step::{self, Hold};
 use super::sums::Sums;
-use crate::estimation::Settings;
 use crate::estimation::budget::Line;
 use crate::estimation::type_b::{Found, Influence};
+use crate::estimation::{Settings, robust};
 use crate::scan::{Scan, Station};
 use nalgebra::{Matrix5, Vector5};
 
@@ -29,10 +31,21 @@ pub(super) fn from_layers(solution: &Solution) -> Option<Line> {
     (!solution.rivals.is_empty()).then(|| Line::of_slopes(Line::LAYERS, &spread, &solution.cylinder.axis()))
 }
 
+/// What the resolution of the coordinates does, where they lie on a lattice.
+pub(super) fn from_resolution(scan: &Scan, solution: &Solution, hold: Hold) -> Option<Line> {
+    let used = vec![true; scan.stations().len()];
+    let reach = robust::TUKEY_C * solution.sigma;
+    let surface = (resolution::standard(scan.lattice()) > 0.0)
+        .then(|| patches::look(scan, &used, &solution.cylinder, reach))
+        .flatten()?;
+    let covariance = resolution::covariance(&surface, scan.lattice(), solution, hold)?;
+    Some(Line::of_slopes(Line::RESOLUTION, &covariance, &solution.cylinder.axis()))
+}
+
 /// What the stage, the sensor and the temperature do to it.
 pub(super) fn from_calibration(scan: &Scan, solution: &Solution, hold: Hold, settings: &Settings) -> Vec<Line> {
     let cylinder = &solution.cylinder;
-    let found = Found { axis: cylinder.axis(), x_ref: cylinder.x_ref, radius: cylinder.radius };
+    let found = Found { axis: cylinder.axis(), x_ref: cylinder.x_ref, radius: cylinder.radius, origin: scan.origin() };
     let patches = match settings.type_b.sensor_linearity_mm > 0.0 {
         true => linearity::influences(scan, solution, hold),
         false => Vec::new(),

@@ -45,8 +45,8 @@ const OFF: f64 = 3.5;
 const OFF_BESIDE: f64 = 1.75;
 /// What is near a start among the averages, in what they scatter by for themselves.
 const TOLERANCE: f64 = 3.0;
-/// Points that make a patch: few show where a layer ends, many show a thin one.
-const POINTS_WANTED: [usize; 2] = [12, 60];
+/// Points that make a patch.
+const POINTS_WANTED: usize = 12;
 const ROUNDS: usize = 3;
 /// Where y_ref and, behind it, z_ref stand among the parameters.
 const Y_REF: usize = 2;
@@ -78,11 +78,8 @@ pub(super) fn mend(
     let mut verdict = Verdict::Clean;
     let mut rivals = Vec::new();
     let mut surface = surface.map(Cow::Borrowed);
-    for points_wanted in POINTS_WANTED {
-        let base = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
-        let averages = surface.as_ref().and_then(|surface| surface.average(Cut::Points(points_wanted)));
-        let Some(averages) = averages else { continue };
-        match mend_at(problem, base, bounds, nominal_radius, &averages) {
+    if let Some(averages) = surface.as_ref().and_then(|surface| surface.average(Cut::Points(POINTS_WANTED))) {
+        match mend_at(problem, fit, bounds, nominal_radius, &averages) {
             Verdict::Clean => {}
             Verdict::Open { rivals: readings } => rivals.extend(readings),
             Verdict::Mended(mended) => {

@@ -34,6 +34,7 @@ mod projection;
 mod readings;
 mod repeats;
 mod resample;
+mod resolution;
 mod rest;
 mod sample;
 mod scatter;
@@ -145,6 +146,7 @@ fn weigh(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(Pose,
     let hold = hold(settings);
     let mut lines = known::from_data(solution, hold, settings);
     lines.extend(known::from_layers(solution));
+    lines.extend(known::from_resolution(scan, solution, hold));
     let form = form::form(scan, solution, hold);
     lines.extend(form.iter().map(|form| Line::of_shift(Line::FORM, &form.shift, &solution.cylinder.axis())));
     lines.extend(known::from_calibration(scan, solution, hold, settings));

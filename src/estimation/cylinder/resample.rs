@@ -32,7 +32,8 @@ const REFITS: f64 = std::f64::consts::SQRT_2;
 /// A shift of the parameters that is no larger than fits to pieces of the surface make likely.
 pub(super) fn bounded(shift: Vector5<f64>, standard: Option<&Vector5<f64>>) -> Vector5<f64> {
     let Some(standard) = standard else { return shift };
-    shift.zip_map(standard, |shift, standard| shift.clamp(-REFITS * standard, REFITS * standard))
+    let beyond = shift.zip_map(standard, |shift, standard| shift.abs() / (REFITS * standard));
+    shift / beyond.iter().copied().filter(|beyond| beyond.is_finite()).fold(1.0, f64::max)
 }
 
 /// The delete-a-group jackknife; `None` where a group is needed to solve at all.

@@ -2,6 +2,7 @@
 //! A regular stride keeps the share of every feature; a grid of equal areas would multiply the outliers.
 
 use super::profile::ProfilePoints;
+use super::resolution;
 use crate::scan::{Scan, Station, Stretch};
 
 /// At most `profiles_max` profiles of at most `points_max` points, evenly spread.
@@ -13,13 +14,15 @@ pub(super) struct Sample {
     z: Vec<f64>,
     /// Whether any of its points has an x of its own.
     has_own_x: bool,
+    /// Standard deviation that the resolution of the coordinates makes, mm.
+    resolution: f64,
 }
 
 impl Sample {
     pub(super) fn take(scan: &Scan, used: &[bool], profiles_max: usize, points_max: usize) -> Self {
         let usable: Vec<&Station> =
             scan.stations().iter().zip(used).filter(|(_, used)| **used).map(|(station, _)| station).collect();
-        let mut sample = Self::default();
+        let mut sample = Self { resolution: resolution::standard(scan.lattice()), ..Self::default() };
         for station in spread(usable.len(), profiles_max).filter_map(|index| usable.get(index)) {
             let places = spread(station.end - station.start, points_max);
             sample.push(station.x, places.filter_map(|place| scan.point(station, station.start + place)));
@@ -40,6 +43,11 @@ impl Sample {
         if end > start {
             self.stations.push(Station { x, start, end });
         }
+    }
+
+    /// Standard deviation that the resolution of the coordinates makes, mm: no scatter is less.
+    pub(super) fn resolution(&self) -> f64 {
+        self.resolution
     }
 
     /// Number of points.
@@ -68,7 +76,7 @@ impl Sample {
 
     /// The sample without the points that `taken` says are spoken for; profiles that are left empty go.
     pub(super) fn without(&self, taken: impl Fn([f64; 3]) -> bool) -> Self {
-        let mut rest = Self::default();
+        let mut rest = Self { resolution: self.resolution, ..Self::default() };
         for station in &self.stations {
             rest.push(station.x, self.points(station).filter(|point| !taken(*point)));
         }

@@ -35,7 +35,7 @@ pub(super) fn settle(sample: &Sample, start: Cylinder, window: f64, hold: Hold) 
         let step = step::solve(&normal, &gradient)?;
         cylinder = cylinder.moved(&step)?;
         squared_distances_within(sample, &cylinder, window, &mut squared);
-        sigma = robust::sigma(&squared, &mut scratch).max(SPREAD_FLOOR * cylinder.radius);
+        sigma = robust::sigma(&squared, &mut scratch).max(SPREAD_FLOOR * cylinder.radius).max(sample.resolution());
         let narrowed = (robust::TUKEY_C * sigma).clamp(window * SHRINK, window);
         // The step in units of its own standard deviation.
         let moved = (normal * step).dot(&step).abs().sqrt();

@@ -16,8 +16,6 @@ pub(super) struct Evidence {
     /// How many cells in a row lack the part, of those beside it that a growing part reaches first, up to [`LACKING_MAX`];
     /// `None` where nobody can say.
     pub(super) lacking: Option<usize>,
-    /// How many cells that show the part lie just beside it, behind it as a part grows.
-    pub(super) followers: usize,
     /// Variance of `t`, mm².
     pub(super) variance: f64,
     pub(super) column: usize,
@@ -46,10 +44,7 @@ pub(super) fn evidence(cells: &[Cell], lattice: &Lattice, chamfer: Option<Chamfe
             let known = column.before.and_then(shows).is_some();
             let run = std::iter::successors(column.before, |index| before(*index));
             let lacking = known.then(|| run.take_while(|index| shows(*index) == Some(false)).take(LACKING_MAX).count());
-            let beside = [index.checked_sub(1), Some(index + 1)].into_iter().flatten();
-            let follows = |other: &usize| before(*other) == Some(index) && shows(*other) == Some(true);
-            let followers = if present { beside.filter(follows).count() } else { 0 };
-            evidence.push(Evidence { t, present, lacking, followers, variance, column: index, rising: column.rising });
+            evidence.push(Evidence { t, present, lacking, variance, column: index, rising: column.rising });
         }
     }
     evidence

@@ -36,8 +36,8 @@ pub(super) struct Grid {
     pub(super) columns_count: usize,
 }
 
-/// Beyond the part: a cell shows something after one that does not, and after one that does.
-const STRAY: [f64; 2] = [1e-3, 0.3];
+/// Chance that a cell beyond the part shows something.
+const STRAY: f64 = 1e-3;
 /// Before the end: how often a cell is taken to lack its point until that is counted, after none, one, two, and three cells
 /// or more that lack theirs; and how many cells that is worth, near the end and farther before it.
 const LACK: [f64; 1 + LACKING_MAX] = [0.01, 0.9, 0.9, 0.9];
@@ -87,7 +87,6 @@ impl Lack {
 
     /// By how much the logarithm of the likelihood grows as the plane passes a cell.
     fn gain(&self, cell: &Evidence) -> f64 {
-        let [stray, stray_again] = STRAY;
         let after = |lacking: usize| self.0.get(lacking).copied().unwrap_or_default();
         let lack = match cell.lacking {
             Some(lacking) => after(lacking),
@@ -95,8 +94,7 @@ impl Lack {
             None => after(0) / (1.0 + after(0) - after(1)),
         };
         let of = |present: f64| if cell.present { present.ln() } else { (1.0 - present).ln() };
-        // Beyond the plane, one that follows on a stray is no surprise, until that one lies before the plane.
-        of(1.0 - lack) - of(stray) + cell.followers as f64 * (stray / stray_again).ln()
+        of(1.0 - lack) - of(STRAY)
     }
 }
 
@@ -164,15 +162,7 @@ mod tests {
         let cell = |plane: u32, column: usize| {
             let t = f64::from(plane) + step * column as f64;
             let lacking = column.checked_sub(1).map(|_| usize::from(t - step > end));
-            Evidence {
-                t,
-                present: t <= end,
-                lacking,
-                followers: usize::from(column + 1 < COLUMNS && t + step <= end),
-                variance: 0.0,
-                column,
-                rising: true,
-            }
+            Evidence { t, present: t <= end, lacking, variance: 0.0, column, rising: true }
         };
         (0..10).flat_map(|plane| (0..COLUMNS).map(move |column| cell(plane, column))).collect()
     }

@@ -51,7 +51,6 @@ mod tests {
                 t: index as f64 + 0.5,
                 present: shown == '#',
                 lacking: None,
-                followers: 0,
                 variance: 0.0,
                 column: 0,
                 rising: true,

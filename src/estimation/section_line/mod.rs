@@ -107,7 +107,7 @@ fn fit_axis(scan: &Scan, along: Slopes, profiles: &mut [Profile], settings: &Set
                 true => linearity::influences(scan, profiles, &fit, settings),
                 false => Vec::new(),
             };
-            Outcome::Accepted(Box::new(verdict::pose(&fit, bias, &patches, settings)))
+            Outcome::Accepted(Box::new(verdict::pose(&fit, bias, &patches, scan.origin(), settings)))
         }
     };
     (outcome, Some(fit.axis))

@@ -126,7 +126,13 @@ pub(super) fn mark_off_axis(profiles: &mut [Profile], fit: &Fit) {
 
 /// The pose with what is known of its uncertainty: the scatter of the profiles, what all of them are off alike, and what
 /// no scan shows of itself.
-pub(super) fn pose(fit: &Fit, bias: Bias, patches: &[PatchInfluence], settings: &Settings) -> Pose {
+pub(super) fn pose(
+    fit: &Fit,
+    bias: Bias,
+    patches: &[PatchInfluence],
+    origin: [f64; 3],
+    settings: &Settings,
+) -> Pose {
     let Fit { axis, x_ref, radius, .. } = *fit;
     // Position and radius are off together: the ellipse shrinks away from where it is seen.
     let shared = Vector5::new(0.0, 0.0, bias.y, bias.z, bias.radius);
@@ -134,7 +140,7 @@ pub(super) fn pose(fit: &Fit, bias: Bias, patches: &[PatchInfluence], settings: 
         Line::of_slopes(Line::REPEATABILITY, &fit.covariance, &axis).with_freedom(Vector5::repeat(fit.freedom)),
         Line::of_shift(Line::FIT_BIAS, &shared, &axis),
     ];
-    lines.extend(settings.type_b.lines(&Found { axis, x_ref, radius }, &fit.influences, patches));
+    lines.extend(settings.type_b.lines(&Found { axis, x_ref, radius, origin }, &fit.influences, patches));
     let (uncertainty, end_faces) = (Uncertainty::of(&lines, &axis, x_ref), EndFaces::default());
     Pose { axis, x_ref, cut: None, radius, radius_source: RadiusSource::Fitted, uncertainty, end_faces }
 }

@@ -1,30 +1,45 @@
-//! Made scans of a cylindrical part with holes, clamps, drop-outs, spikes and noise on it, and the truth beside them.
-//! Seeded: the same part gives the same scan, everywhere. Must not know how a pose is estimated.
+//! Synthetic scans of a cylindrical part with holes, clamps, drop-outs, spikes and noise on it, and the truth beside them.
+//! Seeded: the same part gives the same scan, everywhere.
+//!
+//! ```text
+//! surface --laser plane--> true point --sensor errors, noise--> (y, z) --travel--> (x, y, z) --export--> Scan --placed--> cloud
+//! ```
 //!
 //! A feature moves its points along the line of sight from the axis, so that the true section is the ellipse of
-//! [`AxisLine::section`].
+//! [`AxisLine::section`]. Every effect beyond noise, drop-outs and spikes draws from a random stream of its own: switching one
+//! on does not change the noise of the points.
 
+mod acquire;
 mod edge;
+mod export;
 mod interference;
+mod laser_plane;
 mod noise;
+mod placement;
 mod profile;
+mod sensor_errors;
 mod several;
 mod surroundings;
+mod travel;
 mod truth;
 
+pub use acquire::make;
 pub use edge::{Edge, Edges, Neighbour};
+pub use export::{Coordinates, Export, Sentinel, SentinelPlace, Steps};
 pub use interference::{Bead, ClampShape, Feature, Interference};
+pub use laser_plane::LaserPlane;
+pub use placement::{PlacedTruth, PlacementError, placed, random_frame};
 pub use profile::make_profile;
+pub use sensor_errors::{Bend, Curl, Reflections, Ripple, SensorErrors};
 pub use several::make_several;
 pub use surroundings::Surroundings;
+pub use travel::{RepeatedX, Travel};
 pub use truth::{Bound, Truth};
 
-use super::{Columns, Scan, ScanError, Station};
 use crate::geometry::AxisLine;
-use edge::Prepared;
-use noise::Noise;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use std::f64::consts::PI;
 
 /// A part, and how it is scanned. Lengths in mm, angles in degrees.
 #[derive(Debug, Clone, PartialEq)]
@@ -43,8 +58,12 @@ pub struct Part {
     pub points_count: usize,
     /// Arc seen of each section.
     pub arc_deg: f64,
-    /// Direction of the middle of the arc, from +Z towards +Y; 0 is seen from above.
+    /// Direction in which the sensor stands, from +Z towards +Y; 0 is above. The middle of the arc faces the sensor.
     pub view_deg: f64,
+    /// Which side of the cylinder the sensor sees.
+    pub side: Side,
+    /// How the laser plane is tilted against the rail.
+    pub laser_plane: LaserPlane,
     /// How the points of a profile are spread over its arc.
     pub sampling: Sampling,
     /// How far a profile may lie from its even place, as a share of half the spacing; 1 lets neighbours meet.
@@ -53,8 +72,15 @@ pub struct Part {
     pub noise_sigma_mm: f64,
     /// Correlation of a point's noise with its predecessor's, 0 to 1; the standard deviation stays.
     pub noise_correlation: f64,
+    /// Degrees of freedom, above 2, of the Student t distribution of the noise; `None` for normal noise. The standard
+    /// deviation stays.
+    pub noise_freedom: Option<f64>,
     /// Standard deviation by which whole profiles are off, in y and in z.
     pub jitter_sigma_mm: f64,
+    /// Systematic errors of the sensor.
+    pub sensor: SensorErrors,
+    /// How the stage moves, and which profiles arrive.
+    pub travel: Travel,
     /// What sits on the part, as shares of the profiles that carry it.
     pub interference: Interference,
     /// What is seen beside the part.
@@ -65,6 +91,8 @@ pub struct Part {
     pub spike_ratio: f64,
     /// Where the part ends; profiles beyond see what is there, or nothing.
     pub edges: Edges,
+    /// How the points are written.
+    pub export: Export,
     /// Decides every random number.
     pub seed: u64,
 }
@@ -77,6 +105,27 @@ pub enum Sampling {
     EvenAngle,
     /// By equal steps of y, as a sensor above the part does; what lies more than 90° from +Z is not seen.
     EvenAcross,
+}
+
+/// Which side of a cylinder is seen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Side {
+    /// The outer surface of a shaft or pipe.
+    #[default]
+    Outside,
+    /// The inner surface of a pipe: the sensor sees the wall opposite to it. What stands on the part rises towards the axis by
+    /// the same height as outside, so a flat jaw does not look flat.
+    Inside,
+}
+
+impl Side {
+    /// 1 where away from the surface is away from the axis, −1 where it is towards the axis.
+    fn sign(self) -> f64 {
+        match self {
+            Self::Outside => 1.0,
+            Self::Inside => -1.0,
+        }
+    }
 }
 
 /// Farthest that a spike throws a point.
@@ -118,16 +167,22 @@ impl Part {
             points_count: 640,
             arc_deg: 140.0,
             view_deg: 0.0,
+            side: Side::default(),
+            laser_plane: LaserPlane::default(),
             sampling: Sampling::EvenAngle,
             spacing_spread: 0.0,
             noise_sigma_mm: 0.05,
             noise_correlation: 0.0,
+            noise_freedom: None,
             jitter_sigma_mm: 0.0,
+            sensor: SensorErrors::default(),
+            travel: Travel::default(),
             interference: Interference::default(),
             surroundings: Surroundings::default(),
             drop_out_ratio: 0.0,
             spike_ratio: 0.0,
             edges: Edges::default(),
+            export: Export::default(),
             seed,
         }
     }
@@ -149,7 +204,7 @@ impl Part {
     /// The direction of the point at `place` (0 to 1 along the profile): radians from +Z towards −Y.
     fn direction(&self, place: f64) -> f64 {
         let half = 0.5 * self.arc_deg.to_radians();
-        match self.sampling {
+        let facing = match self.sampling {
             Sampling::EvenAngle => (1.0 - 2.0 * place) * half - self.view_deg.to_radians(),
             Sampling::EvenAcross => {
                 let seen = |angle: f64| angle.clamp(-HORIZON_RAD, HORIZON_RAD).sin();
@@ -157,6 +212,20 @@ impl Part {
                 let (low, high) = (seen(view - half), seen(view + half));
                 -(low + (high - low) * place).asin()
             }
+        };
+        self.opposite(facing)
+    }
+
+    /// The direction in which the surface faces the sensor, radians from +Z towards −Y.
+    fn facing(&self) -> f64 {
+        self.opposite(-self.view_deg.to_radians())
+    }
+
+    /// The inside of a pipe faces a sensor from the other side of the axis.
+    fn opposite(&self, direction: f64) -> f64 {
+        match self.side {
+            Side::Outside => direction,
+            Side::Inside => direction + PI,
         }
     }
 }
@@ -164,84 +233,22 @@ impl Part {
 /// A sensor above does not look round the part.
 const HORIZON_RAD: f64 = 1.55;
 
-/// Scans the part.
-///
-/// # Errors
-/// [`ScanError`] where no point is left, or the part's numbers are not finite.
-pub fn make(part: &Part) -> Result<(Scan, Truth), ScanError> {
-    let mut chance = ChaCha8Rng::seed_from_u64(part.seed);
-    let (mut y, mut z, mut stations) = (Vec::new(), Vec::new(), Vec::new());
-    let mut truth = Truth::begin(part);
-    let (edges, mut blanks) = (part.edges.prepare(part), Vec::new());
-    for index in 0..part.profiles_count {
-        let (x, start) = (part.station_x(index, &mut chance), y.len());
-        let mut noise = Noise::begin(part, &mut chance);
-        let mut inner_count = 0;
-        let on_part = (0..part.points_count).map(Seen::OnPart);
-        let [left, right] = [part.surroundings.left(part, x), part.surroundings.right(part, x, index)];
-        for seen in left.into_iter().map(Seen::Beside).chain(on_part).chain(right.into_iter().map(Seen::Beside)) {
-            if chance.random_bool(part.drop_out_ratio.clamp(0.0, 1.0)) {
-                continue;
-            }
-            let thrown = thrown(part, &mut chance);
-            let Some((true_point, inner)) = place(part, &edges, x, part.feature(index), seen, thrown) else { continue };
-            let ([true_y, true_z], [off_y, off_z]) = (true_point, noise.next(&mut chance));
-            y.push(true_y + off_y);
-            z.push(true_z + off_z);
-            if inner {
-                inner_count += 1;
-                truth.add_inner_point(part, [x, true_y, true_z]);
-            }
-        }
-        if y.len() == start {
-            blanks.push(x);
-            continue;
-        }
-        truth.end_profile(inner_count, y.len() - start);
-        stations.push(Station { x, start, end: y.len() });
-    }
-    let scan = Scan::new(stations, Columns::F64 { y, z }, "synthetic".to_owned())?;
-    Ok((scan.with_blanks(blanks), truth.end(part)))
-}
-
-/// Something in a profile.
+/// Random numbers of one effect, independent of those of the others.
 #[derive(Debug, Clone, Copy)]
-enum Seen {
-    /// On the part or what sits on it: the position in the profile.
-    OnPart(usize),
-    /// Beside it.
-    Beside([f64; 2]),
+enum Stream {
+    Edges = 1,
+    Sensor = 2,
+    Travel = 3,
+    Export = 4,
 }
 
-/// How far a point is thrown off; mostly not at all.
-fn thrown(part: &Part, chance: &mut ChaCha8Rng) -> f64 {
-    let spike = chance.random_bool(part.spike_ratio.clamp(0.0, 1.0));
-    if spike { chance.random_range(-SPIKE_MM..SPIKE_MM) } else { 0.0 }
-}
-
-/// Where the point lies but for its noise, and whether that is on the part; `None` where nothing is seen.
-fn place(part: &Part, edges: &Prepared, x: f64, feature: Feature, seen: Seen, thrown: f64) -> Option<([f64; 2], bool)> {
-    match seen {
-        Seen::Beside([y, z]) => Some(([y, z + thrown], false)),
-        Seen::OnPart(column) => {
-            let place = (column as f64 + 0.5) / part.points_count as f64;
-            let direction = part.direction(place);
-            let angle = direction - part.direction(0.5 + part.interference.shift);
-            let offset = part.interference.offset_mm(feature, place, angle, part.radius_mm) + thrown;
-            let offset = edges.offset(x, column, [-direction.sin(), direction.cos()], offset)?;
-            Some((on_surface(part, x, direction, offset), offset == 0.0))
-        }
+impl Stream {
+    fn of(self, seed: u64) -> ChaCha8Rng {
+        let mut chance = ChaCha8Rng::seed_from_u64(seed);
+        chance.set_stream(self as u64);
+        chance
     }
 }
 
-/// The point that is seen from the axis in `direction` (radians from +Z towards −Y), `offset` beyond the surface.
-///
-/// ρ² (1 − (p·sin + q·cos)²/n²) = R² in the plane x = const, with n² = 1 + p² + q².
-fn on_surface(part: &Part, x: f64, direction: f64, offset: f64) -> [f64; 2] {
-    let AxisLine { p, q, .. } = part.axis;
-    let (unit_y, unit_z) = (-direction.sin(), direction.cos());
-    let along = (p * unit_y + q * unit_z).powi(2) / (1.0 + p * p + q * q);
-    let reach = part.radius_mm / (1.0 - along).sqrt() + offset;
-    let [centre_y, centre_z] = part.axis.at(x);
-    [centre_y + reach * unit_y, centre_z + reach * unit_z]
-}
+#[cfg(test)]
+mod tests;

@@ -1,14 +1,15 @@
-//! One profile of a made part by itself, for a sensor that passes along it. In: the part, a plane and a place along the part.
-//! Out: the points of the profile. Must not know who moves what.
+//! One profile of a synthetic part by itself, for a sensor that passes along it.
 
+use super::acquire::{Seen, thrown};
 use super::noise::Noise;
-use super::{BLOCKS_COUNT, Part, Seen, place, thrown};
+use super::{BLOCKS_COUNT, LaserPlane, Part};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 /// The points (y, z) of the section of `part` by the plane at `x`, mm; those that dropped out, or that meet nothing, are
 /// left out. `along` is how far the plane is along the part, 0 at its near end to 1, and decides what sits there; the
-/// part's own number of profiles, their planes and its surroundings do not matter.
+/// part's own number of profiles, their planes, its surroundings, the tilt of the laser plane, the travel and the export do not
+/// matter.
 #[must_use]
 pub fn make_profile(part: &Part, x: f64, along: f64, chance: &mut ChaCha8Rng) -> Vec<[f64; 2]> {
     let edges = part.edges.prepare(part);
@@ -19,10 +20,10 @@ pub fn make_profile(part: &Part, x: f64, along: f64, chance: &mut ChaCha8Rng) ->
         if chance.random_bool(part.drop_out_ratio.clamp(0.0, 1.0)) {
             continue;
         }
-        let thrown = thrown(part, chance);
-        let Some(([y, z], _)) = place(part, &edges, x, feature, Seen::OnPart(column), thrown) else { continue };
-        let [off_y, off_z] = noise.next(chance);
-        points.push([y + off_y, z + off_z]);
+        let seen = Seen::OnPart(column);
+        let thrown = thrown(part, chance) + seen.reflected(part, chance);
+        let Some(place) = seen.place(part, &edges, (x, LaserPlane::default()), feature, thrown) else { continue };
+        points.push(place.measured(part, noise.next(chance)));
     }
     points
 }

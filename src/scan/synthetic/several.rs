@@ -1,4 +1,4 @@
-//! Made parts one behind the other in one scan. Must not know how a part is made.
+//! Synthetic parts one behind the other in one scan.
 
 use super::{Part, Truth, make};
 use crate::scan::{Columns, Scan, ScanError, Station};
@@ -10,7 +10,7 @@ use crate::scan::{Columns, Scan, ScanError, Station};
 /// [`ScanError`] where a part cannot be made, or does not lie behind the one before it.
 pub fn make_several(parts: &[Part]) -> Result<(Scan, Vec<Truth>), ScanError> {
     let (mut y, mut z, mut stations, mut truths) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-    let mut blanks = Vec::new();
+    let (mut blanks, mut own_x, mut is_planar) = (Vec::new(), Vec::new(), true);
     for part in parts {
         let (scan, truth) = make(part)?;
         let before = y.len();
@@ -21,11 +21,14 @@ pub fn make_several(parts: &[Part]) -> Result<(Scan, Vec<Truth>), ScanError> {
         }));
         let (mut part_y, mut part_z) = (Vec::new(), Vec::new());
         scan.columns().load(scan.points(), &mut part_y, &mut part_z);
+        own_x.extend(scan.stations().iter().flat_map(|station| scan.points_of(station)).map(|[x, ..]| x));
+        is_planar &= scan.is_planar();
         y.append(&mut part_y);
         z.append(&mut part_z);
         blanks.extend_from_slice(scan.blanks());
         truths.push(truth);
     }
     let scan = Scan::new(stations, Columns::F64 { y, z }, "synthetic".to_owned())?;
-    Ok((scan.with_blanks(blanks), truths))
+    let scan = scan.with_blanks(blanks);
+    Ok((if is_planar { scan } else { scan.with_own_x(own_x)? }, truths))
 }

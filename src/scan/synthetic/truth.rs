@@ -1,7 +1,11 @@
-//! What is true of a made scan, and the best that anyone could know from it: the Cramér-Rao bound of the pose from the
-//! points that really lie on the part, for independent noise along the surface normal. Must not know any estimator.
+//! The truth of a synthetic scan, and the Cramér-Rao bound of the pose from the points that lie on the part, for independent
+//! normal noise along the surface normal.
+//!
+//! The bound ignores sensor errors, encoder noise and rounding, which make a pose less certain than it says, and the shape of the
+//! noise: under heavy tails an estimator can undercut it.
 
 use super::Part;
+use crate::geometry::AxisLine;
 use nalgebra::{Matrix5, Vector5};
 use serde::{Deserialize, Serialize};
 
@@ -60,6 +64,14 @@ pub struct Bound {
 }
 
 impl Truth {
+    /// The axis.
+    #[must_use]
+    pub fn axis(&self) -> AxisLine {
+        let slope = |degrees: f64| degrees.to_radians().tan();
+        let (p, q) = (slope(self.deflection_deg), slope(self.pitch_deg));
+        AxisLine { p, q, y0: self.y_c0_mm, z0: self.z_c0_mm }
+    }
+
     pub(super) fn begin(part: &Part) -> Self {
         let x_ref_mm = part.x_start_mm + part.length_mm / 2.0;
         let [y_ref_mm, z_ref_mm] = part.axis.at(x_ref_mm);

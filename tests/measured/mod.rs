@@ -1,0 +1,63 @@
+//! Files measured as the service does it: read, cleaned of missing values, grouped and estimated.
+
+#![allow(dead_code, reason = "every test uses some of it")]
+
+use coaxis::estimation::{Estimate, Outcome, Pose, Progress, Settings, Warning, estimate};
+use coaxis::geometry::Axis;
+use coaxis::scan::decode::{FormatClaims, Limits, Request, Unit, decode, find_format};
+use coaxis::scan::missing::clean;
+use coaxis::scan::slice::{SliceRequest, slice};
+use coaxis::scan::{Cloud, Scan};
+use nalgebra::Vector3;
+use std::fs;
+use std::path::Path;
+
+/// How a file is measured.
+#[derive(Debug, Clone, Default)]
+pub struct Ask {
+    pub settings: Settings,
+    pub unit: Option<Unit>,
+    pub slicing: SliceRequest,
+}
+
+/// The points of a file.
+pub fn cloud(path: &Path, unit: Option<Unit>) -> Cloud {
+    let bytes = fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let name = path.display().to_string();
+    let claims = FormatClaims { parameter: None, media_type: None, file_name: Some(&name) };
+    let format = find_format(&claims, &bytes).expect("a known format");
+    let request = Request { unit, profile_column: None, limits: &Limits::default() };
+    decode(format, &mut &*bytes, &request).unwrap_or_else(|error| panic!("{name}: {error}"))
+}
+
+/// The scan of some points, and how many values stood for missing ones and profiles were repeated.
+pub fn scan(cloud: Cloud, slicing: &SliceRequest) -> (Scan, usize, u64) {
+    let (cloud, removed) = clean(cloud, None);
+    let scan = slice(cloud, slicing, &Limits::default()).expect("profiles");
+    (scan, removed.missing.len(), removed.repeated_profiles)
+}
+
+/// The measurement of a file.
+pub fn measure(path: &Path, ask: &Ask) -> Estimate {
+    let (scan, ..) = scan(cloud(path, ask.unit), &ask.slicing);
+    estimate(&scan, &ask.settings, &Progress::default())
+}
+
+/// The pose, where there is one.
+pub fn pose(estimate: &Estimate) -> Option<&Pose> {
+    match &estimate.outcome {
+        Outcome::Accepted(pose) => Some(pose),
+        Outcome::Refused(_) => None,
+    }
+}
+
+/// The codes of the warnings, in their order.
+pub fn codes(estimate: &Estimate) -> Vec<&'static str> {
+    estimate.conditioning.warnings.iter().map(Warning::code).collect()
+}
+
+/// Angle between two axes, rad, and distance of `here` from the other axis at its own point, mm.
+pub fn apart(here: &Axis, other: &Axis) -> [f64; 2] {
+    let (a, b) = (Vector3::from(here.direction), Vector3::from(other.direction));
+    [a.cross(&b).norm().atan2(a.dot(&b).abs()), other.distance(here.point_mm)]
+}
