@@ -182,7 +182,7 @@ fn choose<'a>(found: &'a [Detected], settings: &Settings) -> Result<&'a Detected
     let along_rail = |found: &&Detected| tilt_deg(found) <= settings.tilt_max_deg;
     let mut possible = rivals(found);
     // Of several, those along the rail are meant.
-    if settings.orientation != Orientation::Any && possible.iter().any(|found| along_rail(found)) {
+    if settings.orientation != Orientation::Any && possible.iter().any(along_rail) {
         possible.retain(along_rail);
     }
     match possible.as_slice() {

@@ -17,8 +17,8 @@ const FREEDOM_MAX: f64 = 1e4;
 /// given by `normal_quantile`. `freedom` may be fractional.
 pub(super) fn coverage_ratio(freedom: f64, normal_quantile: f64) -> f64 {
     let outside = erfc(normal_quantile / SQRT_2);
-    // NaN counts as nothing known.
-    let freedom = if freedom > FREEDOM_MIN { freedom.min(FREEDOM_MAX) } else { FREEDOM_MIN };
+    #[expect(clippy::manual_clamp, reason = "NaN becomes the least, where `clamp` would keep it")]
+    let freedom = freedom.max(FREEDOM_MIN).min(FREEDOM_MAX);
     let quantile = StudentsT::new(0.0, 1.0, freedom).map(|student| student.inverse_cdf(1.0 - 0.5 * outside));
     quantile.map_or(1.0, |quantile| quantile / normal_quantile)
 }

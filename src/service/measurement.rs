@@ -202,6 +202,8 @@ mod tests {
         uncertainty["effective_freedom"] = json!([null, null, null, null, null]);
         uncertainty["effective_freedom_at_origin"] = json!([null, null]);
         uncertainty["budget"][0]["standard_at_origin"] = Value::Null;
+        uncertainty["budget"][0]["covariance"] = Value::Null;
+        as_written_today["outcome"]["accepted"]["cut"] = Value::Null;
         assert_eq!(serde_json::to_value(&measurement).expect("JSON"), as_written_today);
     }
 }

@@ -178,7 +178,7 @@ mod tests {
     fn a_radius_out_of_bounds_ends_at_the_bound() {
         let truth = Cylinder { point: Vector3::zeros(), direction: Vector3::z(), radius: 1.0 };
         let points: Vec<Vector3<f64>> =
-            (0..60).map(|i| f64::from(i)).map(|i| Vector3::new(i.cos(), i.sin(), 0.1 * i)).collect();
+            (0..60).map(f64::from).map(|i| Vector3::new(i.cos(), i.sin(), 0.1 * i)).collect();
         let found = settle(Surface::Cylinder(truth), &points, [2.0, 0.0], Radii([1.1, 1.2]), 20).expect("settles");
         assert!(matches!(found.surface, Surface::Cylinder(Cylinder { radius: 1.1, .. })), "{found:?}");
     }

@@ -1,5 +1,6 @@
 //! A measurement for a PLC: one flat object of integers, below 512 bytes, fixed keys in a fixed order. Angles in 10⁻⁶
-//! degrees (`_udeg`), lengths in 10⁻⁶ metres (`_um`); null for what is not known. Must not know how it was made.
+//! degrees (`_udeg`), lengths in 10⁻⁶ metres (`_um`); null for what is not known, for a value of more than nine digits (1 km, 1000°)
+//! and for an uncertainty of more than eight.
 
 use super::document::PoseDocument;
 use super::parts::pose;
@@ -8,6 +9,11 @@ use crate::estimation::Refusal;
 use crate::service::{Chosen, Measurement};
 use serde::Serialize;
 use utoipa::ToSchema;
+
+/// Nine digits fit the signed 32-bit word that a PLC reads the value into, and keep the longest view below 512 bytes.
+const VALUE_MAX: i32 = 999_999_999;
+/// 100 m or 100°: an uncertainty beyond this is as good as none.
+const UNCERTAINTY_MAX: i32 = 99_999_999;
 
 /// A measurement as integers; of several parts one of them.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
@@ -21,8 +27,7 @@ pub(in super::super) struct PlcDocument {
     /// 0 none, 1 too_few_profiles, 2 points_identical, 3 points_collinear, 4 too_few_valid_profiles,
     /// 5 axial_length_too_short, 6 sections_disagree, 7 no_cylinder, 8 two_cylinders, 9 pose_undetermined,
     /// 10 sections_not_round, 11 parts_count_differs, 12 window_empty, 13 layers_undecided, 14 profiles_not_planar,
-    /// 15 points_undetermined, 16 several_cylinders, 17 axis_not_along_rail,
-    /// 18 travel_missing.
+    /// 15 points_undetermined, 16 several_cylinders, 17 axis_not_along_rail, 18 travel_missing.
     #[schema(minimum = 0, maximum = 18)]
     refusal_code: u8,
     /// Warnings; read the whole document where there are any.
@@ -82,10 +87,10 @@ impl PlcDocument {
         let uncertainty = pose.map(UncertaintyDocument::from);
         let known = uncertainty.as_ref().map(|uncertainty| uncertainty.expanded);
         let pose = pose.map(PoseDocument::from);
-        let micro = |value: f64| whole(value * 1e6);
-        let um = |value: f64| whole(value * 1e3);
+        let (micro, um) = (|value: f64| whole(value * 1e6, VALUE_MAX), |value: f64| whole(value * 1e3, VALUE_MAX));
         // Rounded up, so that no uncertainty becomes none.
-        let (up_micro, up_um) = (|value: f64| whole((value * 1e6).ceil()), |value: f64| whole((value * 1e3).ceil()));
+        let up_micro = |value: f64| whole((value * 1e6).ceil(), UNCERTAINTY_MAX);
+        let up_um = |value: f64| whole((value * 1e3).ceil(), UNCERTAINTY_MAX);
         let wide = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
         Self {
             id: measurement.id.clone(),
@@ -140,11 +145,11 @@ const fn number_of(refusal: &Refusal) -> u8 {
     }
 }
 
-/// The nearest integer; `None` beyond what a 32-bit word holds, which is what a PLC reads it into.
-fn whole(value: f64) -> Option<i64> {
+/// The nearest integer; `None` beyond `most`.
+fn whole(value: f64, most: i32) -> Option<i64> {
     let rounded = value.round();
-    #[expect(clippy::cast_possible_truncation, reason = "checked against the range of i32 in the same line")]
-    (rounded.abs() <= f64::from(i32::MAX)).then_some(rounded as i64)
+    #[expect(clippy::cast_possible_truncation, reason = "checked against an i32 in the same line")]
+    (rounded.abs() <= f64::from(most)).then_some(rounded as i64)
 }
 
 #[cfg(test)]
@@ -153,25 +158,27 @@ mod tests {
 
     #[test]
     fn the_longest_view_stays_below_512_bytes() {
-        let (most, length) = (Some(i64::from(i32::MAX)), Some(-i64::from(i32::MAX)));
+        let (length, uncertainty) = (Some(-i64::from(VALUE_MAX)), Some(i64::from(UNCERTAINTY_MAX)));
+        // Where the axis lies farther from X the slopes are null.
+        let angle = Some(-60_000_000);
         let view = PlcDocument {
             id: "m-0199f0c8-0000-7000-8000-000000000000".to_owned(),
             verdict_code: 1,
             refusal_code: 0,
-            warnings_count: 9,
-            deflection_udeg: length,
-            pitch_udeg: length,
+            warnings_count: 20,
+            deflection_udeg: angle,
+            pitch_udeg: angle,
             y_c0_um: length,
             z_c0_um: length,
             x_ref_um: length,
             y_ref_um: length,
             z_ref_um: length,
-            radius_um: most,
+            radius_um: Some(i64::from(VALUE_MAX)),
             end_face_x_um: length,
-            u_deflection_udeg: most,
-            u_pitch_udeg: most,
-            u_y_ref_um: most,
-            u_z_ref_um: most,
+            u_deflection_udeg: uncertainty,
+            u_pitch_udeg: uncertainty,
+            u_y_ref_um: uncertainty,
+            u_z_ref_um: uncertainty,
             u_scope_code: Some(2),
             profiles_valid_count: 100_000,
             profiles_total_count: 100_000,
@@ -183,10 +190,10 @@ mod tests {
     }
 
     #[test]
-    fn a_value_that_no_word_holds_is_unknown_not_cut() {
-        assert_eq!(whole(-1.5), Some(-2));
-        assert_eq!(whole(f64::from(i32::MAX)), Some(i64::from(i32::MAX)));
-        assert_eq!(whole(f64::from(i32::MAX) + 1.0), None);
-        assert_eq!(whole(f64::NAN), None);
+    fn a_value_of_too_many_digits_is_unknown_not_cut() {
+        assert_eq!(whole(-1.5, VALUE_MAX), Some(-2));
+        assert_eq!(whole(999_999_999.4, VALUE_MAX), Some(999_999_999));
+        assert_eq!(whole(999_999_999.5, VALUE_MAX), None);
+        assert_eq!(whole(f64::NAN, VALUE_MAX), None);
     }
 }

@@ -361,7 +361,8 @@ fn profiles_that_lose_all_their_points_become_blanks_unless_their_plane_is_a_cod
     let at = |x_too: bool| {
         let mut cloud = cloud_of(&scan, frames(), 0.001);
         let Columns::F64 { y, z } = &mut cloud.columns else { panic!("double precision") };
-        (y[..2000].fill(0.0), z[..2000].fill(0.0));
+        y[..2000].fill(0.0);
+        z[..2000].fill(0.0);
         if x_too {
             cloud.stripes[..10].iter_mut().for_each(|stripe| stripe.x = 0.0);
         }
