@@ -54,6 +54,25 @@ fn scans_that_share_a_stem_keep_their_own_output() {
 }
 
 #[test]
+fn a_moved_scan_has_its_axis_in_the_moved_coordinates() {
+    let scan = folder("moved").join("s.ply").display().to_string();
+    let made =
+        ["simulate", "scan", &scan, "--profiles", "20", "--points", "50", "--deflection-deg", "0", "--pitch-deg", "0"];
+    let upright = ["--frame-x-axis", "0,0,1", "--frame-z-axis", "1,0,0", "--frame-origin-mm", "5,6,7", "--shuffle"];
+    assert!(output(&[&made[..], &upright].concat()).status.success());
+    let truth = fs::read(Path::new(&scan).with_extension("truth.json")).expect("a truth");
+    let truth: serde_json::Value = serde_json::from_slice(&truth).expect("JSON");
+    let numbers = |value: &serde_json::Value| -> Vec<f64> {
+        value.as_array().expect("a list").iter().map(|number| number.as_f64().expect("a number")).collect()
+    };
+    // The rail frame's X is the new Z, its Z the new X, and so its Y the new −Y: (400, −8.272, 6.514) moves to these.
+    let expected = [5.0 + 6.514, 6.0 + 8.272, 7.0 + 400.0];
+    let point = numbers(&truth["axis"]["point_mm"]);
+    assert!(point.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-9), "{point:?}");
+    assert_eq!(numbers(&truth["axis"]["direction"]), [0.0, 0.0, 1.0]);
+}
+
+#[test]
 fn profiles_beyond_the_end_of_a_made_part_are_kept_where_the_format_can() {
     let scan = folder("blanks").join("s.csv").display().to_string();
     let beyond =
