@@ -50,7 +50,7 @@ impl Cloud {
         let mut start = 0;
         self.stripes.iter().flat_map(move |stripe| {
             let range = std::mem::replace(&mut start, stripe.end)..stripe.end;
-            range.filter_map(|index| self.columns.get(index).map(|[y, z]| [stripe.x, y, z]))
+            range.filter_map(move |index| self.columns.get(index).map(|[y, z]| [stripe.x, y, z]))
         })
     }
 }

@@ -33,7 +33,8 @@ const DIRECTION_DECIMALS: usize = 6;
 /// A cylinder of a scan and a recipe that measures it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Proposal {
-    /// The cylinder as it was detected, in the coordinates of the scan. It is the start of a measurement, not its result.
+    /// The cylinder as it was detected, in the coordinates of the scan, its axis rounded as in the recipe. It is the start of
+    /// a measurement, not its result.
     pub cylinder: FoundCylinder,
     /// The recipe, which works as it is.
     pub recipe: Recipe,
@@ -81,8 +82,7 @@ fn searched(cloud: &Cloud) -> Vec<[f64; 3]> {
 
 /// The recipe of a cylinder. `None` where its axis has no direction, which the search does not report.
 fn proposal(found: &Detected, asked: &Recipe, number: &str) -> Option<Proposal> {
-    let cylinder = FoundCylinder::from(found);
-    let FoundCylinder { point_mm, direction, radius_mm, length_mm, share } = cylinder;
+    let FoundCylinder { point_mm, direction, radius_mm, length_mm, share } = FoundCylinder::from(found);
     let decimals = cylinder_decimals(radius_mm);
     let length = |value: f64| rounded(value, decimals);
     let axis = Axis {
@@ -108,6 +108,7 @@ fn proposal(found: &Detected, asked: &Recipe, number: &str) -> Option<Proposal> 
         region: Some(region),
         ..asked.clone()
     };
+    let cylinder = FoundCylinder { point_mm: axis.point_mm, direction: axis.direction, radius_mm, length_mm, share };
     Some(Proposal { cylinder, recipe })
 }
 
