@@ -2,8 +2,8 @@
 //! that frame, and groups of neighbours along it. Enough to make the same sections again from the same scan.
 
 use crate::geometry::{Axis, Frame};
-use nalgebra::Vector3;
 use crate::scan::{Columns, Grouping, Scan, Station};
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 /// Points of a section: twice what a profile needs to be judged by default, so that holes leave enough of them.
@@ -64,7 +64,13 @@ impl SectionCut {
         let lattice = self.frame.steps(of.lattice());
         let rotation = self.frame.rotation().ok()?;
         let origin = rotation * (Vector3::from(of.origin()) - Vector3::from(self.frame.origin_mm));
-        Some(scan.with_own_x(own_x).ok()?.with_grouping(Grouping::Chosen).with_lattice(lattice).with_origin(origin.into()))
+        Some(
+            scan.with_own_x(own_x)
+                .ok()?
+                .with_grouping(Grouping::Chosen)
+                .with_lattice(lattice)
+                .with_origin(origin.into()),
+        )
     }
 
     /// The points that are kept, in the frame of the sections.

@@ -193,8 +193,12 @@ mod tests {
     use super::*;
     use crate::estimation::Uncertainty;
 
-    const ALONG_X: Found =
-        Found { axis: AxisLine { p: 0.0, q: 0.0, y0: 30.0, z0: -400.0 }, x_ref: 500.0, radius: 200.0, origin: [0.0; 3] };
+    const ALONG_X: Found = Found {
+        axis: AxisLine { p: 0.0, q: 0.0, y0: 30.0, z0: -400.0 },
+        x_ref: 500.0,
+        radius: 200.0,
+        origin: [0.0; 3],
+    };
 
     fn standard(type_b: TypeB, influences: &[Influence]) -> [f64; 5] {
         let lines = type_b.lines(&ALONG_X, influences, &[]);

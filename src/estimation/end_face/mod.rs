@@ -60,7 +60,12 @@ pub(super) fn complete(scan: &Scan, settings: &Settings, estimate: &mut Estimate
 
 /// The covariance of the pose against what the scan shows: what moves the whole scan moves the edge with the axis.
 fn against_scan(pose: &Pose, type_b: &TypeB) -> Matrix5<f64> {
-    let whole = type_b.of_whole_scan(&type_b::Found { axis: pose.axis, x_ref: pose.x_ref, radius: pose.radius, origin: [0.0; 3] });
+    let whole = type_b.of_whole_scan(&type_b::Found {
+        axis: pose.axis,
+        x_ref: pose.x_ref,
+        radius: pose.radius,
+        origin: [0.0; 3],
+    });
     pose.uncertainty.without(&whole)
 }
 

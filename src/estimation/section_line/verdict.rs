@@ -126,13 +126,7 @@ pub(super) fn mark_off_axis(profiles: &mut [Profile], fit: &Fit) {
 
 /// The pose with what is known of its uncertainty: the scatter of the profiles, what all of them are off alike, and what
 /// no scan shows of itself.
-pub(super) fn pose(
-    fit: &Fit,
-    bias: Bias,
-    patches: &[PatchInfluence],
-    origin: [f64; 3],
-    settings: &Settings,
-) -> Pose {
+pub(super) fn pose(fit: &Fit, bias: Bias, patches: &[PatchInfluence], origin: [f64; 3], settings: &Settings) -> Pose {
     let Fit { axis, x_ref, radius, .. } = *fit;
     // Position and radius are off together: the ellipse shrinks away from where it is seen.
     let shared = Vector5::new(0.0, 0.0, bias.y, bias.z, bias.radius);
