@@ -14,14 +14,14 @@ use std::path::Path;
 
 /// How a file is measured.
 #[derive(Debug, Clone, Default)]
-pub struct Ask {
-    pub settings: Settings,
-    pub unit: Option<Unit>,
-    pub slicing: SliceRequest,
+pub(crate) struct Ask {
+    pub(crate) settings: Settings,
+    pub(crate) unit: Option<Unit>,
+    pub(crate) slicing: SliceRequest,
 }
 
 /// The points of a file.
-pub fn cloud(path: &Path, unit: Option<Unit>) -> Cloud {
+pub(crate) fn cloud(path: &Path, unit: Option<Unit>) -> Cloud {
     let bytes = fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     let name = path.display().to_string();
     let claims = FormatClaims { parameter: None, media_type: None, file_name: Some(&name) };
@@ -31,20 +31,20 @@ pub fn cloud(path: &Path, unit: Option<Unit>) -> Cloud {
 }
 
 /// The scan of some points, and how many values stood for missing ones and profiles were repeated.
-pub fn scan(cloud: Cloud, slicing: &SliceRequest) -> (Scan, usize, u64) {
+pub(crate) fn scan(cloud: Cloud, slicing: &SliceRequest) -> (Scan, usize, u64) {
     let (cloud, removed) = clean(cloud, None);
     let scan = slice(cloud, slicing, &Limits::default()).expect("profiles");
     (scan, removed.missing.len(), removed.repeated_profiles)
 }
 
 /// The measurement of a file.
-pub fn measure(path: &Path, ask: &Ask) -> Estimate {
+pub(crate) fn measure(path: &Path, ask: &Ask) -> Estimate {
     let (scan, ..) = scan(cloud(path, ask.unit), &ask.slicing);
     estimate(&scan, &ask.settings, &Progress::default())
 }
 
 /// The pose, where there is one.
-pub fn pose(estimate: &Estimate) -> Option<&Pose> {
+pub(crate) fn pose(estimate: &Estimate) -> Option<&Pose> {
     match &estimate.outcome {
         Outcome::Accepted(pose) => Some(pose),
         Outcome::Refused(_) => None,
@@ -52,12 +52,12 @@ pub fn pose(estimate: &Estimate) -> Option<&Pose> {
 }
 
 /// The codes of the warnings, in their order.
-pub fn codes(estimate: &Estimate) -> Vec<&'static str> {
+pub(crate) fn codes(estimate: &Estimate) -> Vec<&'static str> {
     estimate.conditioning.warnings.iter().map(Warning::code).collect()
 }
 
 /// Angle between two axes, rad, and distance of `here` from the other axis at its own point, mm.
-pub fn apart(here: &Axis, other: &Axis) -> [f64; 2] {
+pub(crate) fn apart(here: &Axis, other: &Axis) -> [f64; 2] {
     let (a, b) = (Vector3::from(here.direction), Vector3::from(other.direction));
     [a.cross(&b).norm().atan2(a.dot(&b).abs()), other.distance(here.point_mm)]
 }
