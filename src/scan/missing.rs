@@ -85,8 +85,8 @@ impl Removed {
 const ROUNDS_MAX: usize = 4;
 
 /// Removes missing points and repeated profiles. `declared` are the values, in the unit of the file, that mark a point as
-/// missing wherever x, y or z has one of them; where nothing is declared, such values are searched for. Missing points add to [`Cloud::missing_count`]; a profile that loses all its points
-/// becomes a blank, a repeated profile does not.
+/// missing wherever x, y or z has one of them; where nothing is declared, such values are searched for. Missing points add to
+/// [`Cloud::missing_count`]; a profile that loses all its points becomes a blank, a repeated profile does not.
 ///
 /// The cloud may come back without a point where the declared values cover all of them.
 #[must_use]

@@ -202,7 +202,7 @@ impl Wide {
             }
         };
         let written = self.export.apply(scan, self.part.seed).expect("finite");
-        let (cloud, _) = clean(cloud(&written, self.frame.is_none()), &[]);
+        let (cloud, _) = clean(cloud(&written, self.frame.is_none()), None);
         let limits = Limits { points_per_profile_max: usize::MAX, ..Limits::default() };
         let Ok(scan) = slice(cloud, &SliceRequest::default(), &limits) else { return Fate::Refused("not_sliced") };
         match estimate(&scan, &self.settings, &Progress::default()).outcome {
@@ -245,7 +245,7 @@ fn compared(pose: &Pose, truth: &Axis, radius_mm: f64) -> ([f64; 5], [f64; 5]) {
     // It is symmetric: the order of rows and columns does not matter.
     let own = Matrix5::from(pose.uncertainty.covariance);
     let (line, x_ref, covariance, true_line) = match pose.on_rail() {
-        Some(rail) => (rail.axis, rail.x_ref, rail.covariance(&own), truth.line()),
+        Some(rail) => (rail.axis, rail.x_ref, Matrix5::from(rail.uncertainty.covariance), truth.line()),
         None => (pose.axis, pose.x_ref, own, in_frame_of(pose, truth).line()),
     };
     let standard = covariance.diagonal().map(|variance| variance.max(0.0).sqrt()).into();
