@@ -232,7 +232,7 @@ impl ScanArguments {
             seed: self.seed,
             ..Part::smooth(self.seed)
         });
-        self.sensor.scanning(part)
+        self.sensor.scanning(&part)
     }
 
     fn edge(&self, x_mm: Option<f64>) -> Option<Edge> {

@@ -74,7 +74,7 @@ fn repeated_x(text: &str) -> Result<RepeatedX, String> {
 
 impl SensorArguments {
     /// The part as this sensor scans it.
-    pub(super) fn scanning(&self, part: Part) -> Part {
+    pub(super) fn scanning(&self, part: &Part) -> Part {
         Part {
             laser_plane: LaserPlane { about_y_deg: self.laser_tilt_y_deg, about_z_deg: self.laser_tilt_z_deg },
             side: if self.inside { Side::Inside } else { Side::Outside },
@@ -92,7 +92,7 @@ impl SensorArguments {
                 repeated_x: self.repeated_x,
                 lost_ratio: self.lost_profiles,
             },
-            ..part
+            ..*part
         }
     }
 

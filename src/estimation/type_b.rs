@@ -66,7 +66,7 @@ pub(super) struct Found {
 
 impl Found {
     /// The point of the axis at x_ref from the origin of the rail frame, mm.
-    fn from_origin(&self) -> Vector3<f64> {
+    fn offset_from_origin(&self) -> Vector3<f64> {
         let [y, z] = self.axis.at(self.x_ref);
         Vector3::new(self.x_ref, y, z) - Vector3::from(self.origin)
     }
@@ -137,7 +137,7 @@ impl TypeB {
         let growth = self.temperature_sigma_k * self.expansion_per_k;
         let temperature = (growth > 0.0).then(|| {
             // Every point moves away from the origin; the axis is read off where it meets x = x_ref.
-            let from = found.from_origin();
+            let from = found.offset_from_origin();
             let (p, q) = (found.axis.p, found.axis.q);
             let shift = Vector5::new(0.0, 0.0, from.y - p * from.x, from.z - q * from.x, found.radius);
             Line::of_shift(Line::TEMPERATURE, &(shift * growth), &found.axis)
@@ -170,7 +170,7 @@ impl TypeB {
         let mut sum = Matrix5::zeros();
         for unit in [Vector3::x(), Vector3::y(), Vector3::z()] {
             let rotation = unit * self.extrinsics_rotation_deg.to_radians();
-            let turned = shift(rotation.cross(&found.from_origin()), rotation.cross(&tangent));
+            let turned = shift(rotation.cross(&found.offset_from_origin()), rotation.cross(&tangent));
             let moved = shift(unit * self.extrinsics_position_mm, Vector3::zeros());
             sum += turned * turned.transpose() + moved * moved.transpose();
         }
