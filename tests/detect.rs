@@ -1,6 +1,6 @@
 //! Cylinders found in clouds of real instruments, in whatever direction they lie, against what is known of them.
 
-#![expect(clippy::expect_used, clippy::indexing_slicing, reason = "a test may fail")]
+#![expect(clippy::expect_used, reason = "a test may fail")]
 
 use coaxis::estimation::{DetectRequest, Detected, detect};
 use coaxis::scan::decode::{FormatClaims, Limits, Request, Unit, decode, find_format};

@@ -56,7 +56,7 @@ fn points() -> Vec<[f32; 3]> {
 
 /// The small scan as a table without a header whose first column names the points, some by number alone.
 fn csv_named() -> Vec<u8> {
-    let name = |i: usize| if i % 3 == 0 { format!("{i}") } else { format!("p{i}") };
+    let name = |i: usize| if i.is_multiple_of(3) { format!("{i}") } else { format!("p{i}") };
     let rows = points().into_iter().enumerate();
     rows.map(|(i, [x, y, z])| format!("{},{x},{y},{z},\n", name(i + 1))).collect::<String>().into_bytes()
 }

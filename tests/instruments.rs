@@ -1,13 +1,7 @@
 //! Scans of real instruments against what is known of them from independent fits (the README beside the data). Skipped where
 //! the data are not there.
 
-#![expect(
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing,
-    clippy::print_stdout,
-    reason = "a test may fail"
-)]
+#![expect(clippy::expect_used, clippy::panic, clippy::print_stdout, reason = "a test may fail")]
 
 mod measured;
 mod real;

@@ -1,7 +1,13 @@
 //! What calibration says goes into the budget as it goes into the pose: made scans are disturbed as the budget assumes, and
 //! the poses must scatter as it states.
 
-#![expect(clippy::panic, clippy::expect_used, clippy::indexing_slicing, reason = "a test may fail")]
+#![expect(
+    clippy::panic,
+    clippy::expect_used,
+    clippy::indexing_slicing,
+    clippy::print_stdout,
+    reason = "a test may fail, and says what it saw"
+)]
 
 use coaxis::estimation::{Method, Outcome, Pose, Progress, RadiusRule, Settings, TypeB, estimate};
 use coaxis::scan::synthetic::{Part, Truth, make};

@@ -60,7 +60,12 @@ fn points_that_define_no_axis_are_refused_with_their_reason() {
     };
     let refusal = |body: &[u8]| service.post("/v1/measurements", body).expect(201)["refusal"].clone();
     assert_eq!(refusal(&profiles(|i| [i, 2.0 * i + 1.0]))["code"], "points_collinear");
-    assert_eq!(refusal(&profiles(|_| [3.0, 4.0]))["code"], "points_identical");
+    // A single point over and over is what a sensor writes where it sees nothing, unless the recipe says otherwise.
+    let same = profiles(|_| [3.0, 4.0]);
+    assert_eq!(service.post("/v1/measurements", &same).problem(422, "no_points")["missing_count"], 200);
+    service.put("/v1/recipes/all", &[], &json!({"missing_values": []})).expect(201);
+    let refused = service.post("/v1/measurements?recipe=all", &same).expect(201);
+    assert_eq!(refused["refusal"]["code"], "points_identical");
     let one = csv((0..50).map(|i| {
         let a = 0.5 + 0.04 * f64::from(i);
         (0, [0.0, 50.0 * a.cos(), 50.0 * a.sin()])

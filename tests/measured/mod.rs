@@ -22,12 +22,12 @@ pub(crate) struct Ask {
 
 /// The points of a file.
 pub(crate) fn cloud(path: &Path, unit: Option<Unit>) -> Cloud {
-    let bytes = fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let bytes = fs::read(path).expect("the file is there");
     let name = path.display().to_string();
     let claims = FormatClaims { parameter: None, media_type: None, file_name: Some(&name) };
     let format = find_format(&claims, &bytes).expect("a known format");
     let request = Request { unit, profile_column: None, limits: &Limits::default() };
-    decode(format, &mut &*bytes, &request).unwrap_or_else(|error| panic!("{name}: {error}"))
+    decode(format, &mut &*bytes, &request).expect("reads")
 }
 
 /// The scan of some points, and how many values stood for missing ones and profiles were repeated.
