@@ -92,11 +92,7 @@ impl SensorArguments {
                 repeated_x: self.repeated_x,
                 lost_ratio: self.lost_profiles,
             },
-<<<<<<< HEAD
-            ..part.clone()
-=======
             ..*part
->>>>>>> ci
         }
     }
 

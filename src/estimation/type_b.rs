@@ -66,11 +66,7 @@ pub(super) struct Found {
 
 impl Found {
     /// The point of the axis at x_ref from the origin of the rail frame, mm.
-<<<<<<< HEAD
-    fn lever_arm(&self) -> Vector3<f64> {
-=======
     fn offset_from_origin(&self) -> Vector3<f64> {
->>>>>>> ci
         let [y, z] = self.axis.at(self.x_ref);
         Vector3::new(self.x_ref, y, z) - Vector3::from(self.origin)
     }
@@ -141,11 +137,7 @@ impl TypeB {
         let growth = self.temperature_sigma_k * self.expansion_per_k;
         let temperature = (growth > 0.0).then(|| {
             // Every point moves away from the origin; the axis is read off where it meets x = x_ref.
-<<<<<<< HEAD
-            let from = found.lever_arm();
-=======
             let from = found.offset_from_origin();
->>>>>>> ci
             let (p, q) = (found.axis.p, found.axis.q);
             let shift = Vector5::new(0.0, 0.0, from.y - p * from.x, from.z - q * from.x, found.radius);
             Line::of_shift(Line::TEMPERATURE, &(shift * growth), &found.axis)
@@ -178,11 +170,7 @@ impl TypeB {
         let mut sum = Matrix5::zeros();
         for unit in [Vector3::x(), Vector3::y(), Vector3::z()] {
             let rotation = unit * self.extrinsics_rotation_deg.to_radians();
-<<<<<<< HEAD
-            let turned = shift(rotation.cross(&found.lever_arm()), rotation.cross(&tangent));
-=======
             let turned = shift(rotation.cross(&found.offset_from_origin()), rotation.cross(&tangent));
->>>>>>> ci
             let moved = shift(unit * self.extrinsics_position_mm, Vector3::zeros());
             sum += turned * turned.transpose() + moved * moved.transpose();
         }

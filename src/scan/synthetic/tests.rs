@@ -76,23 +76,14 @@ fn points_of_a_tilted_plane_lie_in_it_and_on_the_cylinder() {
 
 #[test]
 fn clamps_and_ends_stand_in_a_tilted_plane_as_in_a_square_one() {
-<<<<<<< HEAD
-    let edge = Edge { x_mm: 700.0, chamfer_mm: 3.0, ..Edge::default() };
-    let far = Some(edge);
-=======
     let far = Edge { x_mm: 700.0, chamfer_mm: 3.0, ..Edge::default() };
->>>>>>> ci
     let laser_plane = LaserPlane { about_y_deg: 12.0, about_z_deg: -9.0 };
     let edges = Edges { near: None, far: Some(far) };
     let part = Part { noise_sigma_mm: 0.0, laser_plane, edges, ..Part::with_interference(2) };
     let part = Part { profiles_count: 200, points_count: 100, ..part };
     let (scan, _) = make(&part).expect("a scan");
     let direction = part.axis.direction();
-<<<<<<< HEAD
-    let [end_x, end_y, end_z] = edge.centre(&part.axis);
-=======
     let [end_x, end_y, end_z] = far.centre(&part.axis);
->>>>>>> ci
     let mut on_chamfer = 0;
     for point in points(&scan) {
         let beyond =

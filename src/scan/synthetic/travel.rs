@@ -130,12 +130,7 @@ mod tests {
         let mut stuck = places(&scanned(Travel { stick_mm: 4.0, ..Travel::default() }, 0.0));
         assert!(stuck.is_sorted() && stuck.iter().zip(&even).all(|(stuck, drive)| stuck <= drive));
         assert!(stuck.iter().all(|x| even.contains(x)));
-<<<<<<< HEAD
-        let mut distinct = stuck;
-        distinct.dedup();
-=======
         stuck.dedup();
->>>>>>> ci
         // It sticks for an exponential distance of 4 mm, rounded up to the profile spacing of 0.8 mm, so for 4.4 mm on average:
         // about 182 places on 800 mm, give or take their root.
         assert!((150..215).contains(&stuck.len()), "{}", stuck.len());
