@@ -120,8 +120,14 @@ fn anywhere(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
     let along_x = ([1.0, 0.0, 0.0], settings.tilt_max_deg.to_radians());
     let is_rail = settings.orientation == Orientation::Rail;
     let along = is_rail.then_some(along_x);
-    let found = detected(scan, settings, along, SURFACES);
-    let found = if rivals(&found).len() > 1 { detected(scan, settings, along, LISTED_MAX) } else { found };
+    let mut found = detected(scan, settings, along, 1);
+    // What the first leaves may hold a rival.
+    if found.first().is_some_and(|first| 1.0 - first.share >= RIVAL * first.share) {
+        found = detected(scan, settings, along, SURFACES);
+        if rivals(&found).len() > 1 {
+            found = detected(scan, settings, along, LISTED_MAX);
+        }
+    }
     match choose(&found, settings) {
         Ok(chosen) => about(scan, chosen, settings, progress),
         Err(refusal) => {

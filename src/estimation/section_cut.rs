@@ -4,7 +4,9 @@
 use crate::geometry::{Axis, Frame};
 use crate::scan::{Columns, Grouping, Scan, Station};
 use nalgebra::Vector3;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::cmp::Ordering;
 
 /// Points of a section: twice what a profile needs to be judged by default, so that holes leave enough of them.
 const POINTS: usize = 40;
@@ -41,25 +43,26 @@ impl SectionCut {
     pub fn apply(&self, of: &Scan) -> Option<Scan> {
         let mut points = self.points(of)?;
         let sections_count = (points.len() / POINTS).clamp(1, SECTIONS_MAX);
-        points.sort_unstable_by(|[a, ..], [b, ..]| a.total_cmp(b));
-        let (mut stations, mut own_x) = (Vec::with_capacity(sections_count), Vec::with_capacity(points.len()));
-        let (mut ys, mut zs) = (Vec::with_capacity(points.len()), Vec::with_capacity(points.len()));
-        let count = points.len();
-        let mut rest = points.as_mut_slice();
+        // By all coordinates, so that the order of the file does not matter.
+        let by_x = |a: &[f64; 3], b: &[f64; 3]| {
+            a.iter().zip(b).fold(Ordering::Equal, |order, (a, b)| order.then_with(|| a.total_cmp(b)))
+        };
+        points.par_sort_unstable_by(by_x);
+        let (count, mut rest) = (points.len(), points.as_mut_slice());
+        let (mut sections, mut stations) = (Vec::with_capacity(sections_count), Vec::with_capacity(sections_count));
+        let mut start = 0;
         for index in 0..sections_count {
-            let (start, end) = (own_x.len(), (index + 1) * count / sections_count);
-            let (section, after) = rest.split_at_mut(end.saturating_sub(start).min(rest.len()));
+            let end = (index + 1) * count / sections_count;
+            let (section, after) = rest.split_at_mut((end - start).min(rest.len()));
             rest = after;
             let Some([x, ..]) = section.get(section.len() / 2).copied() else { continue };
-            // In the order in which a sensor would give them, whatever the order of the file.
-            section.sort_by_cached_key(|[_, y, z]| ordered(y.atan2(*z)));
-            for [x, y, z] in section {
-                own_x.push(*x);
-                ys.push(*y);
-                zs.push(*z);
-            }
-            stations.push(Station { x, start, end });
+            stations.push(Station { x, start: std::mem::replace(&mut start, end), end });
+            sections.push(section);
         }
+        // In the order in which a sensor would give them.
+        sections.into_par_iter().for_each(|section| section.sort_by_cached_key(|[_, y, z]| ordered(y.atan2(*z))));
+        let [own_x, ys, zs] =
+            [0, 1, 2].map(|axis| -> Vec<f64> { points.iter().filter_map(|point| point.get(axis)).copied().collect() });
         let scan = Scan::new(stations, Columns::F64 { y: ys, z: zs }, "sections square to the axis".to_owned()).ok()?;
         let lattice = self.frame.steps(of.lattice());
         let rotation = self.frame.rotation().ok()?;
