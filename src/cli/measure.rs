@@ -132,8 +132,7 @@ impl Arguments {
         limits: &Limits,
         json: bool,
     ) -> Result<Verdict, Box<dyn Error>> {
-        let source = open(path)?;
-        let file_name = Some(path.display().to_string()).filter(|name| name != STANDARD_INPUT);
+        let (source, file_name) = open(path)?;
         let name = file_name.clone().unwrap_or_else(|| "standard input".to_owned());
         let origin = Origin { parameter: self.format, media_type: None, file_name };
         let measured = bar::with_bar(&name, |progress| measure_offline(source, &origin, resolved, limits, progress));
@@ -175,12 +174,14 @@ fn draw_all(folder: &Path, name: &str, view: &View, epsilon_mm: f64) -> Result<(
 /// The name that stands for standard input among the files.
 const STANDARD_INPUT: &str = "-";
 
-fn open(path: &Path) -> Result<Box<dyn Read>, String> {
+/// The bytes of a scan and the name of its file; standard input has none.
+pub(super) fn open(path: &Path) -> Result<(Box<dyn Read>, Option<String>), String> {
     if path == Path::new(STANDARD_INPUT) {
-        return Ok(Box::new(std::io::stdin()));
+        return Ok((Box::new(std::io::stdin()), None));
     }
-    let file = File::open(path).map_err(|error| format!("{}: {error}", path.display()))?;
-    Ok(Box::new(file))
+    let name = path.display().to_string();
+    let file = File::open(path).map_err(|error| format!("{name}: {error}"))?;
+    Ok((Box::new(file), Some(name)))
 }
 
 /// What a scan's output is named after: the whole file name, so that `s.ply` and `s.pcd` do not meet.
@@ -225,7 +226,7 @@ pub(super) fn format(name: &str) -> Result<Format, String> {
     Format::from_name(name).ok_or_else(|| format!("there is {}", names()))
 }
 
-fn unit(name: &str) -> Result<Unit, String> {
+pub(super) fn unit(name: &str) -> Result<Unit, String> {
     let names = || Unit::ALL.map(Unit::name).join(", ");
     Unit::from_name(name).ok_or_else(|| format!("there is {}", names()))
 }

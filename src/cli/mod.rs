@@ -10,6 +10,7 @@ mod health;
 mod log;
 mod measure;
 mod openapi;
+mod propose;
 mod scene;
 mod serve;
 mod simulate;
@@ -37,6 +38,7 @@ enum Command {
     Demo(demo::Arguments),
     Serve(serve::Arguments),
     Measure(measure::Arguments),
+    Propose(propose::Arguments),
     #[command(subcommand)]
     Simulate(Box<simulate::Subject>),
     Openapi(openapi::Arguments),
@@ -48,7 +50,7 @@ enum Command {
 
 /// Anything but fine (0) and refused (2).
 const FAILED: u8 = 1;
-/// Measured, and no pose could be had.
+/// Nothing could be measured: no pose, or no cylinder.
 const REFUSED: u8 = 2;
 
 /// Runs the command that the process was started with.
@@ -66,6 +68,7 @@ pub fn run() -> ExitCode {
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Serve(arguments) => serve::run(&arguments),
         Command::Measure(arguments) => measure::run(&arguments),
+        Command::Propose(arguments) => propose::run(&arguments),
         Command::Simulate(subject) => simulate::run(&subject),
         Command::Openapi(arguments) => openapi::run(&arguments),
         Command::Config(arguments) => config::run(&arguments),

@@ -28,7 +28,7 @@ pub(super) struct ExportArguments {
     #[arg(long, value_name = "WHICH", default_value = "z", value_parser = coordinates, requires = "sentinel_mm")]
     sentinel_in: Coordinates,
     /// Turn the scan in a random direction and move it by up to --moved-mm along each axis; the same seed moves it alike. The
-    /// scan becomes a cloud without profiles; write it as ply or npy
+    /// scan becomes a cloud without profiles, which json and gocator_csv cannot hold
     #[arg(long, value_name = "SEED", conflicts_with = "frame_x_axis")]
     moved_seed: Option<u64>,
     /// Farthest that --moved-seed moves the scan along each axis

@@ -43,3 +43,14 @@ pub struct Cloud {
     /// Points that the file marks as missing (NaN, infinite, empty cell); they are in no column.
     pub missing_count: u64,
 }
+
+impl Cloud {
+    /// The points in the order of the file, mm.
+    pub fn points(&self) -> impl Iterator<Item = [f64; 3]> + '_ {
+        let mut start = 0;
+        self.stripes.iter().flat_map(move |stripe| {
+            let range = std::mem::replace(&mut start, stripe.end)..stripe.end;
+            range.filter_map(move |index| self.columns.get(index).map(|[y, z]| [stripe.x, y, z]))
+        })
+    }
+}

@@ -66,7 +66,7 @@ pub fn measure_offline(
 }
 
 /// The source without its packing, if its first bytes give one away.
-fn unpacked<'a>(mut source: Box<dyn Read + 'a>, limits: &Limits) -> Result<Box<dyn Read + 'a>, DecodeError> {
+pub(super) fn unpacked<'a>(mut source: Box<dyn Read + 'a>, limits: &Limits) -> Result<Box<dyn Read + 'a>, DecodeError> {
     let mut head = Vec::new();
     source.by_ref().take(HEAD_BYTES).read_to_end(&mut head)?;
     let encoding = Encoding::sniff(&head);

@@ -1,7 +1,7 @@
-//! Scenes drawn from everything that can be simulated, measured as an uploaded file is: missing values and repeated profiles are
-//! removed, points are grouped into profiles, and the axis may lie in any direction.
+//! Scenes drawn from everything that can be simulated, measured as an uploaded file is: missing values and repeated profiles
+//! are removed, points are grouped into profiles, and the axis may lie in any direction.
 
-use super::{Chance, Fate, interference, scene, wrong_or_right};
+use super::{Chance, Fate, scene, wrong_or_right};
 use coaxis::estimation::{Orientation, Outcome, Pose, Progress, Settings, estimate};
 use coaxis::geometry::{Axis, Frame};
 use coaxis::scan::decode::{Limits, Unit};
@@ -101,8 +101,6 @@ impl Wide {
         if self.is("inside", 0.15, chance) {
             self.part.side = Side::Inside;
             self.part.surroundings = Surroundings::default();
-            // A clamp must not reach the axis, and its face keeps its height.
-            self.part.interference = interference(chance, self.part.radius_mm);
         }
         if self.is("wide arc", 0.15, chance) {
             self.part.arc_deg = if chance.happens(0.5) { 360.0 } else { chance.between(170.0, 360.0) };
@@ -244,7 +242,7 @@ fn cloud(scan: &Scan, has_profiles: bool) -> Cloud {
 /// Errors of (deflection, pitch, y_ref, z_ref, radius) and their standard uncertainties, in the coordinates of the scan where
 /// the axis lies near X there, else in the frame of the pose, radians and mm.
 fn compared(pose: &Pose, truth: &Axis, radius_mm: f64) -> ([f64; 5], [f64; 5]) {
-    // Symmetric, so rows and columns may be exchanged.
+    // It is symmetric: the order of rows and columns does not matter.
     let own = Matrix5::from(pose.uncertainty.covariance);
     let (line, x_ref, covariance, true_line) = match pose.on_rail() {
         Some(rail) => (rail.axis, rail.x_ref, Matrix5::from(rail.uncertainty.covariance), truth.line()),

@@ -77,8 +77,15 @@ pub(super) fn form(scan: &Scan, solution: &Solution, hold: Hold) -> Option<Form>
         Warning::Bent { sagitta_mm }
     });
     let warnings: Vec<Warning> = [taper, bent].into_iter().flatten().collect();
-    let shift = step.fixed_rows::<5>(0).into_owned();
-    (!warnings.is_empty()).then_some(Form { shift, warnings })
+    if warnings.is_empty() {
+        return None;
+    }
+    // A form that is not significant is none: set free beside one that is, it would move the pose by its own noise.
+    let is_free = |index: usize| index <= RADIUS || found(index).is_some();
+    let free = Matrix8::from_diagonal(&Vector8::from_fn(|index, _| if is_free(index) { 1.0 } else { 0.0 }));
+    let significant = free * normal * free + (Matrix8::identity() - free);
+    let step = -inverse(&significant)? * free * gradient;
+    Some(Form { shift: step.fixed_rows::<5>(0).into_owned(), warnings })
 }
 
 /// A_i; a fixed radius has no column of its own.

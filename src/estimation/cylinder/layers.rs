@@ -89,9 +89,8 @@ pub(super) fn mend(
             refused @ (Verdict::Two(..) | Verdict::Undecided { .. }) => return refused,
         }
     }
-    let base = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
+    let base: &Solution = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
     if let Some(surface) = surface.as_deref() {
-        let resampled = resample::standard(surface, base, problem.hold);
         let mut low_readings = readings::lower(surface, &base.cylinder, problem.hold, base.sigma);
         // What is taken out would repeat; of what is left it was asked before.
         let (asked, answered) = match &verdict {
@@ -103,6 +102,7 @@ pub(super) fn mend(
         if !answered && (height.is_some() || !rivals.is_empty() || !low_readings.is_empty()) {
             low_readings.extend(low(problem.hold, base, surface, excess.max(height.unwrap_or(0.0))));
         }
+        let resampled = if low_readings.is_empty() { None } else { resample::standard(surface, base, problem.hold) };
         // They answer one question in several ways, so the worst of them counts, not their sum.
         let bounded = low_readings.into_iter().map(|reading| resample::bounded(reading, resampled.as_ref()));
         let aside = |reading: &Vector5<f64>| reading.fixed_rows::<2>(Y_REF).norm();
@@ -280,14 +280,12 @@ fn refit(problem: &Problem<'_>, fit: &Solution, part: &Settled, averages: &Avera
     let mut solution = solve::solve(&rest_problem, &Settled { cylinder: part.cylinder, sigma })?;
     if let Some(left) = look(&rest_problem, &solution) {
         areas::widen(&rest_problem, &left, &mut solution);
-        let resampled = resample::standard(&left, &solution, hold);
         let excess = beyond_roughness(&solution, roughness);
         let height = repeating(&solution, &left, excess);
-        solution.rivals.extend(
-            height
-                .and_then(|height| low(hold, &solution, &left, excess.max(height)))
-                .map(|reading| resample::bounded(reading, resampled.as_ref())),
-        );
+        if let Some(reading) = height.and_then(|height| low(hold, &solution, &left, excess.max(height))) {
+            let resampled = resample::standard(&left, &solution, hold);
+            solution.rivals.push(resample::bounded(reading, resampled.as_ref()));
+        }
     }
     Some(rest.restore(solution))
 }

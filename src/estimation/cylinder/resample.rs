@@ -24,9 +24,9 @@ pub(super) fn standard(surface: &Surface, solution: &Solution, hold: Hold) -> Op
     Some(variances.map(f64::sqrt))
 }
 
-/// An interpretation of the surface that takes half of it for the part moves the fit by as much as the two halves differ, which
-/// is at most √6 times what leaving out a sixth at a time shows. Anything up to there is as likely, so its standard deviation
-/// is that over √3 (JCGM 100, 4.3.7).
+/// An interpretation of the surface that takes half of it for the part moves the fit from that to all of it by at most √5 times
+/// what leaving out a sixth at a time shows. If anything up to there is as likely, its standard deviation is √5/√3 = 1.29 of it
+/// (JCGM 100, 4.3.7); a little more, since the sixths are not alike.
 const REFITS: f64 = std::f64::consts::SQRT_2;
 
 /// A shift of the parameters that is no larger than fits to pieces of the surface make likely.

@@ -24,7 +24,7 @@ mod sway;
 mod view;
 
 use super::{End, EndFace, EndFaces, Estimate, Outcome, Pose, Settings, TypeB, Warning, type_b};
-use crate::scan::Scan;
+use crate::scan::{Grouping, Scan};
 use fine::Stage;
 use lattice::Lattice;
 use nalgebra::Matrix5;
@@ -47,6 +47,12 @@ const OPEN_MAX: f64 = 0.75;
 pub(super) fn complete(scan: &Scan, settings: &Settings, estimate: &mut Estimate) {
     let asked = settings.end_face;
     let Outcome::Accepted(pose) = &mut estimate.outcome else { return };
+    // Sections that were cut from a cloud end where points were cut off, and show no column of a raster.
+    if scan.grouping() == Grouping::Chosen {
+        let unseen = [End::Near, End::Far].into_iter().filter(|end| asked.asks_for(*end));
+        estimate.conditioning.warnings.extend(unseen.map(|end| Warning::EndFaceNotSeen { end }));
+        return;
+    }
     let sigma = estimate.residuals.map_or(0.0, |residuals| residuals.sigma);
     let covariance = against_scan(pose, &settings.type_b);
     let known = Known { scan, pose, covariance, sigma, epsilon: settings.epsilon_mm };

@@ -4,11 +4,11 @@ use super::{GaussianCylinder, basis, least_squares_cylinder};
 use crate::estimation::budget::Line;
 use crate::estimation::{
     Conditioning, EndFaces, Estimate, Outcome, Pose, Profile, RadiusSource, Refusal, Residuals, SectionCut, Settings,
-    Uncertainty, limits,
+    Uncertainty, Warning, limits, type_b,
 };
 use crate::geometry::{Axis, AxisLine};
 use crate::scan::{Scan, Station};
-use nalgebra::{Matrix5, Vector3, Vector5};
+use nalgebra::{Matrix3, Matrix5, Vector3, Vector5};
 
 /// The whole measurement.
 pub(in crate::estimation) fn measure(scan: &Scan, settings: &Settings) -> Estimate {
@@ -24,7 +24,9 @@ pub(in crate::estimation) fn measure(scan: &Scan, settings: &Settings) -> Estima
             (outcome(&found, points.len(), extent, settings), Some(residuals), extent[1] - extent[0])
         }
     };
-    let conditioning = Conditioning { arc: None, axial_length, warnings: Vec::new() };
+    let is_silent = settings.type_b.is_stated() || matches!(outcome, Outcome::Refused(_));
+    let warnings = if is_silent { Vec::new() } else { vec![Warning::CalibrationNotStated] };
+    let conditioning = Conditioning { arc: None, axial_length, warnings };
     let profiles = scan.stations().iter().map(unjudged).collect();
     Estimate { method: settings.method, outcome, profiles, conditioning, residuals }
 }
@@ -45,7 +47,10 @@ fn outcome(found: &GaussianCylinder, points_count: usize, extent: [f64; 2], sett
     let freedom = (points_count as f64 - 5.0).max(1.0);
     let repeatability =
         Line::of_slopes(Line::REPEATABILITY, &covariance, &along_x).with_freedom(Vector5::repeat(freedom));
-    let lines = [repeatability];
+    let rotation = cut.frame.rotation().unwrap_or_else(|_| Matrix3::identity());
+    let origin = (rotation * -Vector3::from(cut.frame.origin_mm)).into();
+    let in_cut = type_b::Found { axis: along_x, x_ref: 0.0, radius: found.radius, origin };
+    let lines: Vec<Line> = std::iter::once(repeatability).chain(settings.type_b.of_whole_scan(&in_cut)).collect();
     let uncertainty = Uncertainty::of(&lines, &along_x, 0.0);
     if let Some(refusal) = limits::undetermined(&uncertainty, found.radius, settings) {
         return Outcome::Refused(refusal);

@@ -62,14 +62,22 @@ pub enum Coordinates {
 
 impl Steps {
     fn round(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
-        let round = |value: f64, step: f64| if step > 0.0 { (value / step).round() * step } else { value };
-        [round(x, self.x_mm), round(y, self.y_mm), round(z, self.z_mm)]
+        [multiple(x, self.x_mm), multiple(y, self.y_mm), multiple(z, self.z_mm)]
     }
 
     fn round_x(&self, x: f64) -> f64 {
         let [x, ..] = self.round([x, 0.0, 0.0]);
         x
     }
+}
+
+/// The nearest multiple of a step, as text of that many decimals reads back: 17·0.01 is 0.17 and not 0.17000000000000001.
+fn multiple(value: f64, step: f64) -> f64 {
+    if step <= 0.0 {
+        return value;
+    }
+    let (steps, per_mm) = ((value / step).round(), (1.0 / step).round());
+    if (per_mm * step - 1.0).abs() < 1e-12 { steps / per_mm } else { steps * step }
 }
 
 impl Sentinel {
@@ -149,11 +157,19 @@ mod tests {
             let rounded = scanned(Export { steps, sentinel: None }, plane);
             for (plain, rounded) in plain.iter().flatten().zip(rounded.iter().flatten()) {
                 for (i, step) in [0.3, 0.01, 0.004].into_iter().enumerate() {
-                    assert_eq!((rounded[i] / step).round() * step, rounded[i]);
+                    let steps = rounded[i] / step;
+                    assert!((steps - steps.round()).abs() < 1e-9, "{steps}");
                     assert!((rounded[i] - plain[i]).abs() <= 0.5 * step + 1e-9);
                 }
             }
         }
+    }
+
+    #[test]
+    fn decimal_steps_give_decimals() {
+        let texts = [(-191.671, 0.01), (12.3, 0.25), (7.0, 0.3), (0.123_45, 0.001)]
+            .map(|(v, step)| multiple(v, step).to_string());
+        assert_eq!(texts, ["-191.67", "12.25", "6.8999999999999995", "0.123"]);
     }
 
     #[test]

@@ -1,5 +1,5 @@
 //! What sits on a made part: holes, clamps, a weld bead. In: a place along the arc. Out: how far the feature moves a point
-//! there away from the axis. Must not know noise or the sensor.
+//! there away from the surface. Holes and clamps cover whole profiles: where the laser plane is tilted, so are their ends.
 
 /// Shares of the profiles that carry each kind of feature; the rest is smooth. They stand in blocks along x.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -2,7 +2,7 @@
 //! Seeded: the same part gives the same scan, everywhere.
 //!
 //! ```text
-//! surface --laser plane--> true point --sensor errors, noise--> (y, z) --travel--> (x, y, z) --export--> Scan --placed--> cloud
+//! surface --laser plane--> true point --noise, sensor--> (y, z) --travel--> (x, y, z) --export--> Scan --placed--> cloud
 //! ```
 //!
 //! A feature moves its points along the line of sight from the axis, so that the true section is the ellipse of

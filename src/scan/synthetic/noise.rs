@@ -89,7 +89,8 @@ mod tests {
         let mut noise = Noise::begin(&part, &mut chance);
         let drawn: Vec<f64> = (0..200_000).flat_map(|_| noise.next(&mut chance)).collect();
         let moment = |power: i32| drawn.iter().map(|e| (e / 0.05).powi(power)).sum::<f64>() / drawn.len() as f64;
-        // Student's t with ν = 5 has a kurtosis of 3 + 6/(ν − 4) = 9: 400 000 squares determine the variance to √(8/4e5) = 0.45 %.
+        // Student's t with ν = 5 has a kurtosis of 3 + 6/(ν − 4) = 9: 400 000 squares determine the variance to √(8/4e5),
+        // 0.45 %.
         assert!((moment(2) - 1.0).abs() < 4.0 * 0.0045, "{}", moment(2));
         // P(|t| > 3·√(5/3)) = 0.0117 for ν = 5 (tables); 0.0027 for normal noise.
         let far = drawn.iter().filter(|e| e.abs() > 0.15).count() as f64 / drawn.len() as f64;

@@ -122,6 +122,9 @@ pub fn random_frame(seed: u64, reach_mm: f64) -> Frame {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scan::decode::{Format, Limits, Request, decode};
+    use crate::scan::encode::encode;
+    use crate::scan::slice::{SliceRequest, slice};
     use crate::scan::synthetic::{Edge, Edges, Part, make};
 
     fn part() -> Part {
@@ -176,6 +179,21 @@ mod tests {
         plain.sort_unstable();
         shuffled.sort_unstable();
         assert_eq!(plain, shuffled);
+    }
+
+    #[test]
+    fn files_of_a_moved_scan_are_read_as_clouds() {
+        let (scan, _) = make(&Part { points_count: 200, ..part() }).expect("a scan");
+        let cloud = placed(&scan, &random_frame(3, 500.0), Some(1)).expect("a frame");
+        let limits = Limits::default();
+        for format in [Format::Csv, Format::Ply, Format::Pcd, Format::Npy, Format::Npz] {
+            let mut bytes = Vec::new();
+            encode(&cloud, format, &mut bytes).expect("memory takes it");
+            let request = Request { unit: None, profile_column: None, limits: &limits };
+            let read = decode(format, &mut &*bytes, &request).expect("it reads");
+            let read = slice(read, &SliceRequest::default(), &limits).expect("it slices");
+            assert_eq!((read.grouping(), read.points().len()), (Grouping::Chosen, cloud.points().len()), "{format}");
+        }
     }
 
     #[test]

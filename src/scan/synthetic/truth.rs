@@ -1,8 +1,8 @@
 //! The truth of a synthetic scan, and the Cramér-Rao bound of the pose from the points that lie on the part, for independent
 //! normal noise along the surface normal.
 //!
-//! The bound ignores sensor errors, encoder noise and rounding, which make a pose less certain than it says, and the shape of the
-//! noise: under heavy tails an estimator can undercut it.
+//! The bound does not hold for scans with sensor errors, encoder noise or rounding, which make a pose less certain than it says,
+//! nor under heavy tails, where an estimator can undercut it.
 
 use super::Part;
 use crate::geometry::AxisLine;
