@@ -4,7 +4,7 @@
 
 #![expect(clippy::panic, clippy::expect_used, reason = "a test may fail")]
 
-use coaxis::estimation::{Method, Outcome, Pose, Progress, Settings};
+use coaxis::estimation::{Method, Outcome, Pose, Progress, Settings, Warning};
 use coaxis::scan::decode::Limits;
 use coaxis::scan::synthetic::Truth;
 use coaxis::service::{Offline, Origin, Recipe, measure_offline};
@@ -128,10 +128,12 @@ fn cylinder_agrees_with_published_fits_of_published_points() {
 #[test]
 fn single_points_are_refused_for_what_they_lack() {
     let Some(folder) = real::outside("reference") else { return };
-    for method in Method::ALL.map(Method::name) {
+    // Least squares needs six points and no profiles.
+    let by_profiles = Method::ALL.into_iter().filter(|method| *method != Method::LeastSquares);
+    for method in by_profiles.map(Method::name) {
         for file in ["tracker8.xyz", "cylinder20.xyz"] {
             let unsorted = refusal(&folder.join(file), &json!({"method": method}));
-            assert_eq!(unsorted, "too_few_valid_profiles", "{file}: every point has an x of its own");
+            assert_eq!(unsorted, "too_few_profiles", "{file}: nothing says which points make a profile");
         }
         let slabs = json!({"method": method, "profile_by": "x_pitch_mm=13", "points_min": 6});
         let code = refusal(&folder.join("tracker8.xyz"), &slabs);
@@ -151,8 +153,7 @@ fn a_real_scan_of_no_cylinder_is_refused() {
     }
 }
 
-/// Stereo sees the far inside of the mug, too: radii of 38 to 40 mm are all the mug's, and how far the wall beneath leaves the
-/// pose open is said.
+/// Stereo sees the far inside of the mug, too: radii of 38 to 40 mm are all the mug's.
 #[test]
 fn a_mug_on_a_table_is_measured_by_its_recipe() {
     let Some(mug) = real::outside("real/mug-on-table.pcd") else { return };
@@ -165,8 +166,5 @@ fn a_mug_on_a_table_is_measured_by_its_recipe() {
     assert!(y.hypot(z) < 3.0, "the frame's origin is in the mug, found ({y}, {z}) mm off");
     let found = measured(&mug, &recipe);
     let warnings = &found.measurement.findings.sole().expect("one part").conditioning.warnings;
-    assert_eq!(
-        warnings.iter().map(|warning| warning.code()).collect::<Vec<_>>(),
-        ["layers_leave_open", "calibration_not_stated"]
-    );
+    assert_eq!(warnings.iter().map(Warning::code).collect::<Vec<_>>(), ["calibration_not_stated"]);
 }

@@ -1,6 +1,6 @@
 //! A measurement for a PLC: one flat object of integers, below 512 bytes, fixed keys in a fixed order. Angles in 10⁻⁶
-//! degrees (`_udeg`), lengths in 10⁻⁶ metres (`_um`); null for what is not known, for a value of more than nine digits (1 km, 1000°)
-//! and for an uncertainty of more than eight.
+//! degrees (`_udeg`), lengths in 10⁻⁶ metres (`_um`); null for what is not known, for a value of more than nine digits (1 km,
+//! 1000°) and for an uncertainty of more than eight.
 
 use super::document::PoseDocument;
 use super::parts::pose;
