@@ -166,6 +166,14 @@ impl From<SettingError> for RecipeError {
 }
 
 impl Resolved {
+    /// Looks for the axis along the rail where nobody asked for it elsewhere: the sensor of the cell travels there.
+    pub fn look_along_rail(&mut self) {
+        if self.settings.orientation == Orientation::Auto {
+            self.settings.orientation = Orientation::Rail;
+            self.recipe.orientation = Some(Orientation::Rail);
+        }
+    }
+
     /// The column that the profiles are to be told apart by, where one is named.
     #[must_use]
     pub fn profile_column(&self) -> Option<&str> {

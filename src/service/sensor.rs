@@ -60,7 +60,8 @@ impl Service {
         request: SensorRequest,
     ) -> Result<Started<SensorOrder>, ServiceError> {
         let side = self.cell_side()?;
-        let accepted = self.accept(request.order.clone()).await?;
+        let mut accepted = self.accept(request.order.clone()).await?;
+        accepted.resolved.look_along_rail();
         let fingerprint = fingerprint_of("sensor", &request);
         let key = request.order.request_id.clone().map(|id| RequestKey { id, fingerprint });
         if let Some(key) = &key
