@@ -1,5 +1,5 @@
-//! How far the fit moves when pieces of the surface are left out: groups of neighbouring sectors of the arc, of neighbouring
-//! profiles, and areas of both.
+//! How far the fit moves when pieces of the surface are left out: groups of neighbouring sectors of the arc, and of neighbouring
+//! profiles.
 //!
 //! The delete-a-group jackknife (m − 1)/m Σ_g δ_g δ_gᵀ with δ_g = (N − N_g)⁻¹ G_g is the covariance of the fit if the errors of
 //! different groups are independent, whatever is shared within them (Efron and Stein, Annals of Statistics 9, 1981). A form of
