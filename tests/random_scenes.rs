@@ -13,6 +13,8 @@
 )]
 
 mod made;
+#[path = "made/uploaded.rs"]
+mod uploaded;
 #[path = "random_scenes/wide.rs"]
 mod wide;
 

@@ -1,21 +1,16 @@
 //! Scenes drawn from everything that can be simulated, measured as an uploaded file is: missing values and repeated profiles
 //! are removed, points are grouped into profiles, and the axis may lie in any direction.
 
+use super::uploaded::Upload;
 use super::{Chance, Fate, scene, wrong_or_right};
-use coaxis::estimation::{Orientation, Outcome, Pose, Progress, Settings, estimate};
-use coaxis::geometry::{Axis, Frame};
-use coaxis::scan::decode::{Limits, Unit};
-use coaxis::scan::missing::clean;
-use coaxis::scan::slice::{SliceRequest, slice};
+use coaxis::estimation::{Orientation, Settings};
+use coaxis::geometry::Frame;
 use coaxis::scan::synthetic::{
     Bend, Coordinates, Curl, Export, LaserPlane, Part, Reflections, RepeatedX, Ripple, Sampling, SensorErrors,
-    Sentinel, SentinelPlace, Side, Steps, Surroundings, Travel, make, placed, random_frame,
+    Sentinel, SentinelPlace, Side, Steps, Surroundings, Travel, random_frame,
 };
-use coaxis::scan::{Cloud, Columns, Labels, Scan, Stripe};
-use nalgebra::{Matrix5, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use std::f64::consts::FRAC_PI_2;
 
 /// The number of the first of these scenes.
 pub(super) const FIRST: u64 = 1_000_000;
@@ -191,78 +186,11 @@ impl Wide {
 
     /// What becomes of the scene.
     pub(super) fn fate(&self) -> Fate {
-        // Every profile can be lost.
-        let Ok((scan, truth)) = make(&self.part) else { return Fate::Refused("nothing_scanned") };
-        let (scan, axis) = match &self.frame {
-            None => (scan, truth_axis(&truth.axis(), truth.x_ref_mm)),
-            Some(frame) => {
-                let shuffle_seed = self.is_shuffled.then_some(self.part.seed);
-                let placed_truth = truth.placed(frame).expect("a frame");
-                (placed(&scan, frame, shuffle_seed).expect("a frame"), placed_truth.axis)
-            }
-        };
-        let written = self.export.apply(scan, self.part.seed).expect("finite");
-        let (cloud, _) = clean(cloud(&written, self.frame.is_none()), None);
-        let limits = Limits { points_per_profile_max: usize::MAX, ..Limits::default() };
-        let Ok(scan) = slice(cloud, &SliceRequest::default(), &limits) else { return Fate::Refused("not_sliced") };
-        match estimate(&scan, &self.settings, &Progress::default()).outcome {
-            Outcome::Refused(refusal) => Fate::Refused(refusal.code()),
-            Outcome::Accepted(pose) => {
-                let (errors, standard) = compared(&pose, &axis, self.part.radius_mm);
-                wrong_or_right(errors, standard)
-            }
+        let upload =
+            Upload { placed_at: self.frame, is_shuffled: self.is_shuffled, export: self.export, declared: None };
+        match upload.measured(&self.part, &self.settings) {
+            Err(code) => Fate::Refused(code),
+            Ok((errors, standard)) => wrong_or_right(errors, standard),
         }
     }
-}
-
-fn truth_axis(line: &coaxis::geometry::AxisLine, x_ref: f64) -> Axis {
-    let [y, z] = line.at(x_ref);
-    Axis { point_mm: [x_ref, y, z], direction: line.direction() }
-}
-
-/// The scan as a decoded file: with a profile column, or without any grouping.
-fn cloud(scan: &Scan, has_profiles: bool) -> Cloud {
-    let (mut stripes, mut y, mut z): (Vec<Stripe>, _, _) = (Vec::new(), Vec::new(), Vec::new());
-    for (index, station) in scan.stations().iter().enumerate() {
-        let label = if has_profiles { index as f64 } else { 0.0 };
-        for [own_x, own_y, own_z] in scan.points_of(station) {
-            y.push(own_y);
-            z.push(own_z);
-            match stripes.last_mut() {
-                Some(last) if last.label == label && last.x == own_x => last.end = y.len(),
-                _ => stripes.push(Stripe { label, x: own_x, end: y.len() }),
-            }
-        }
-    }
-    let labels = if has_profiles { Labels::Column("profile".to_owned()) } else { Labels::None };
-    let blanks = scan.blanks().to_vec();
-    Cloud { stripes, columns: Columns::F64 { y, z }, labels, unit: Unit::Millimetre, blanks, missing_count: 0 }
-}
-
-/// Errors of (deflection, pitch, y_ref, z_ref, radius) and their standard uncertainties, in the coordinates of the scan where
-/// the axis lies near X there, else in the frame of the pose, radians and mm.
-fn compared(pose: &Pose, truth: &Axis, radius_mm: f64) -> ([f64; 5], [f64; 5]) {
-    // It is symmetric: the order of rows and columns does not matter.
-    let own = Matrix5::from(pose.uncertainty.covariance);
-    let (line, x_ref, covariance, true_line) = match pose.on_rail() {
-        Some(rail) => (rail.axis, rail.x_ref, Matrix5::from(rail.uncertainty.covariance), truth.line()),
-        None => (pose.axis, pose.x_ref, own, in_frame_of(pose, truth).line()),
-    };
-    let standard = covariance.diagonal().map(|variance| variance.max(0.0).sqrt()).into();
-    let [y, z] = line.at(x_ref);
-    // An axis far from that of the pose has no slopes there, and the angle between them is at least 90° − 60°.
-    let Some(true_line) = true_line else { return ([FRAC_PI_2; 5], standard) };
-    let [true_y, true_z] = true_line.at(x_ref);
-    let angles = [line.deflection().radians(), line.pitch().radians()];
-    let true_angles = [true_line.deflection().radians(), true_line.pitch().radians()];
-    let errors =
-        [angles[0] - true_angles[0], angles[1] - true_angles[1], y - true_y, z - true_z, pose.radius - radius_mm];
-    (errors, standard)
-}
-
-fn in_frame_of(pose: &Pose, axis: &Axis) -> Axis {
-    let Some(cut) = &pose.cut else { return *axis };
-    let rotation = cut.frame.rotation().expect("a frame of sections");
-    let point = rotation * (Vector3::from(axis.point_mm) - Vector3::from(cut.frame.origin_mm));
-    Axis { point_mm: point.into(), direction: (rotation * Vector3::from(axis.direction)).into() }
 }
