@@ -11,11 +11,14 @@
 )]
 
 mod made;
+#[path = "made/uploaded.rs"]
+mod uploaded;
 
 use coaxis::estimation::{Method, Outcome, Pose, Progress, Settings, estimate};
-use coaxis::scan::synthetic::{Part, Truth, make};
+use coaxis::scan::synthetic::{LaserPlane, Part, Truth, make, random_frame};
 use made::{count, errors, standard};
 use rayon::prelude::*;
+use uploaded::Upload;
 
 /// Seeds a scene that continuous integration has time for.
 const SEEDS: u64 = 60;
@@ -66,7 +69,7 @@ fn coverage(settings: &Settings, seeds_count: u64, part: impl Fn(u64) -> Part + 
 }
 
 /// Prints a line of the table; false where a share is outside of what it may be by more than chance.
-fn line(name: &str, noise: &str, shares: &[f64; NUMBERS], answered: f64, seeds_count: u64, allowed: [f64; 2]) -> bool {
+fn line(name: &str, noise: &str, shares: &[f64], answered: f64, seeds_count: u64, allowed: [f64; 2]) -> bool {
     let cells: Vec<String> = shares.iter().map(|share| format!("{:.1}", 100.0 * share)).collect();
     println!("| {name} | {noise} | {} | {:.0} |", cells.join(" | "), 100.0 * answered);
     // A share of n seeds scatters by √(p(1 − p)/n); three and a half of them are granted over 28 and more shares.
@@ -109,10 +112,44 @@ fn two_standard_uncertainties_of_cylinder_hold_the_truth() {
         ..part
     });
     scene("radius 50, 25 profiles", HELD, &|part| Part { radius_mm: 50.0, profiles_count: 25, ..part });
+    let laser_plane = LaserPlane { about_y_deg: 10.0, about_z_deg: 10.0 };
+    scene("laser plane turned by 10° about both", HELD, &|part| Part { laser_plane, ..part });
     // Few profiles say little of how little they say: more is held than asked for.
     let at_least = [HELD[0], 1.0];
     scene("10 profiles", at_least, &|part| Part { profiles_count: 10, ..part });
     scene("5 profiles", at_least, &|part| Part { profiles_count: 5, ..part });
+    assert!(right, "a share is not what it should be");
+}
+
+/// Deflection, pitch, y_ref, z_ref and radius of the scan as a cloud whose rail lies in any direction and whose points are in no
+/// order: nothing tells which points one profile shares.
+#[test]
+fn two_standard_uncertainties_hold_the_truth_in_any_direction() {
+    let settings = Settings { method: Method::Cylinder, ..Settings::default() };
+    let seeds_count = count("COAXIS_SEEDS", SEEDS);
+    let mut right = true;
+    let mut scene = |name: &str, change: &(dyn Fn(Part) -> Part + Sync)| {
+        for (noise, correlation, jitter) in NOISES {
+            let held = |seed| {
+                let frame = random_frame(seed, 1000.0);
+                let upload = Upload { placed_at: Some(frame), is_shuffled: true, ..Upload::default() };
+                let measured = upload.measured(&change(part(seed, (correlation, jitter))), &settings);
+                let (errors, standard) = measured.ok()?;
+                Some([0, 1, 2, 3, 4].map(|i| errors[i].abs() <= 2.0 * standard[i]))
+            };
+            let answers: Vec<[bool; 5]> = (0..seeds_count).into_par_iter().filter_map(held).collect();
+            let share = |i: usize| answers.iter().filter(|held| held[i]).count() as f64 / answers.len().max(1) as f64;
+            let answered = answers.len() as f64 / seeds_count as f64;
+            right &= line(name, noise, &[0, 1, 2, 3, 4].map(share), answered, seeds_count, HELD);
+        }
+    };
+    scene("any direction, 140°", &|part| part);
+    scene("any direction, 120°, interference", &|part| Part {
+        arc_deg: 120.0,
+        interference: Part::with_interference(0).interference,
+        ..part
+    });
+    scene("any direction, radius 50", &|part| Part { radius_mm: 50.0, ..part });
     assert!(right, "a share is not what it should be");
 }
 

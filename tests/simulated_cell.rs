@@ -1,8 +1,15 @@
 //! The made cell keeps the contract that every adaptor keeps, fails as it is told to, and shows its sensor the part where
 //! the manipulators really carry it. Truth is the made part; time is paused.
 
-#![expect(clippy::expect_used, clippy::panic, clippy::indexing_slicing, reason = "a test may fail")]
+#![expect(
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing,
+    clippy::print_stdout,
+    reason = "a test may fail, and says what it saw"
+)]
 
+use coaxis::config::{Cell, Config, Layers};
 use coaxis::device::contract::motion::{check_manipulator_motion, check_sensor_scan, check_stage_motion};
 use coaxis::device::contract::{Report, check_manipulator, check_sensor, check_stage};
 use coaxis::device::sequence::is_newer;
@@ -10,7 +17,7 @@ use coaxis::device::simulated::{Device, Fault, FaultSwitch, Mounting, Settings, 
 use coaxis::device::{
     Action, AxisState, Command, DeviceError, Manipulator, Pending, Profile, ProfileSensor, Reading, ScanFault, Stage,
 };
-use coaxis::estimation::{Outcome, Pose, Progress, TypeB, estimate};
+use coaxis::estimation::{Outcome, Pose, Progress, estimate};
 use coaxis::geometry::AxisLine;
 use coaxis::motion::{Axes, Axis, AxisLimits, Carrier, Pair, Position};
 use coaxis::scan::{Columns, Scan, Station};
@@ -19,6 +26,8 @@ use std::time::Duration;
 use tokio::time::{sleep, timeout};
 
 const M1: Device = Device::Manipulator(Carrier::M1);
+/// Scans of the cell as shipped that continuous integration has time for.
+const SCANS: u64 = 6;
 
 fn mountings() -> Pair<Mounting> {
     let linear = AxisLimits { lower: -40.0, upper: 40.0, speed: 10.0, acceleration: 50.0, jerk: 500.0, step: 40.0 };
@@ -333,9 +342,11 @@ fn scan_of(profiles: &[Profile]) -> Scan {
     Scan::new(stations, Columns::F32 { y, z }, "made".to_owned()).expect("a scan")
 }
 
+/// As the service measures a scan by the sensor of a cell that states no calibration.
 fn measured(world: &World, profiles: &[Profile]) -> Pose {
-    let type_b = TypeB { stage_straightness_mm: world.settings().stage.straightness_mm, ..TypeB::default() };
-    let settings = coaxis::estimation::Settings { type_b, ..Default::default() };
+    let cell = Cell { simulated: world.settings().clone(), ..Cell::default() };
+    let stated = Config::default().estimation;
+    let settings = coaxis::estimation::Settings { type_b: cell.type_b_of_scans(stated.type_b), ..stated };
     match estimate(&scan_of(profiles), &settings, &Progress::default()).outcome {
         Outcome::Accepted(pose) => *pose,
         Outcome::Refused(refusal) => panic!("refused: {refusal}"),
@@ -379,6 +390,36 @@ async fn the_sensor_sees_the_part_where_the_manipulators_really_carry_it() {
     carry(&world, &Pair { m1: lift(6.0, -3.0, 0.1), m2: lift(2.0, -9.0, 0.1) }).await;
     sees("turned").await;
     assert!((world.true_roll() - 0.1).abs() < 1e-4, "{}", world.true_roll());
+}
+
+/// `COAXIS_SCANS=200 cargo test --test simulated_cell as_shipped -- --nocapture` prints the shares of docs/estimation.md.
+#[tokio::test(start_paused = true)]
+async fn the_uncertainty_of_the_cell_as_shipped_contains_the_errors() {
+    let shipped = Layers::default().text("docker/coaxis.toml", include_str!("../docker/coaxis.toml"));
+    let shipped = shipped.and_then(Layers::build).expect("it can be used");
+    assert!(shipped.cell == Config::default().cell && shipped.estimation == Config::default().estimation);
+    let scans_count = std::env::var("COAXIS_SCANS").ok().and_then(|text| text.parse().ok()).unwrap_or(SCANS);
+    let (mut within, mut worst) = ([0_u64; 5], 0.0_f64);
+    for seed in 1..=scans_count {
+        let cell = Cell { simulated: Settings { seed, ..shipped.cell.simulated.clone() }, ..shipped.cell.clone() };
+        let world = World::new(&cell.simulated, &cell.mountings()).expect("settings that are allowed");
+        let profiles = take_scan(&world, cell.scan.x_from_mm, cell.scan.profiles_count).await;
+        let pose = measured(&world, &profiles);
+        assert!(pose.uncertainty.includes_calibration());
+        let [deflection, pitch, y, z] = off(&pose, &world.truth());
+        let radius = pose.radius - cell.simulated.part.radius_mm;
+        let radius = radius / pose.uncertainty.covariance[4][4].sqrt();
+        for (within, off) in within.iter_mut().zip([deflection, pitch, y, z, radius]) {
+            *within += u64::from(off.abs() <= 2.0);
+            worst = worst.max(off.abs());
+        }
+    }
+    let share = within.iter().sum::<u64>() as f64 / (5 * scans_count) as f64;
+    println!("{within:?} of {scans_count} within U, {:.1} % of all, at worst {worst:.1} u", 100.0 * share);
+    // A share of 5n numbers scatters by √(0.954·0.046/5n); three of them are granted to few scans.
+    let granted = 3.0 * (0.954 * 0.046 / (5 * scans_count) as f64).sqrt();
+    assert!((0.93_f64.min(0.954 - granted)..=0.98_f64.max(0.954 + granted)).contains(&share), "{share}");
+    assert!(worst <= 5.0, "off by {worst} u");
 }
 
 const fn lift(y: f64, z: f64, c: f64) -> Position {

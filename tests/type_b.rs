@@ -34,19 +34,16 @@ fn line(pose: &Pose, source: &str) -> [f64; 5] {
     pose.uncertainty.budget.iter().find(|line| line.source == source).expect("a line of the budget").standard
 }
 
-/// The scan as a stage takes it that is off by `u` mm, alike over `length` mm as exp(−distance/length).
+/// The scan as a stage takes it that is off by `u` mm in y and in z, smoothly along the rail with this correlation length.
 fn carried_off(scan: &Scan, u: f64, length: f64, seed: u64) -> Scan {
-    let mut chance = ChaCha8Rng::seed_from_u64(seed);
-    let mut draw = || <StandardNormal as Distribution<f64>>::sample(&StandardNormal, &mut chance);
+    let off = [0, 1].map(|axis| smooth_deviation(length, 2 * seed + axis));
     let (mut y, mut z) = (Vec::new(), Vec::new());
-    let (mut off, mut before) = ([u * draw(), u * draw()], scan.stations()[0].x);
     for station in scan.stations() {
-        let alike = (-(station.x - before) / length).exp();
-        off = off.map(|off| off * alike + u * (1.0 - alike * alike).sqrt() * draw());
-        before = station.x;
+        // The deviation is drawn between −400 and 400 mm, the parts lie between 0 and 800.
+        let [off_y, off_z] = [0, 1].map(|axis| u * off[axis](station.x - 400.0));
         for point in (station.start..station.end).filter_map(|i| scan.columns().get(i)) {
-            y.push(point[0] + off[0]);
-            z.push(point[1] + off[1]);
+            y.push(point[0] + off_y);
+            z.push(point[1] + off_z);
         }
     }
     Scan::new(scan.stations().to_vec(), Columns::F64 { y, z }, "made".to_owned()).expect("valid")

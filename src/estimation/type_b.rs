@@ -15,7 +15,8 @@ use serde::{Deserialize, Serialize};
 pub struct TypeB {
     /// How far the stage carries the sensor off a straight line, in y and in z, at any place of the rail, mm.
     pub stage_straightness_mm: f64,
-    /// Places of the rail that are this far apart are off independently; nearer ones share it, as exp(−distance/this), mm.
+    /// Places of the rail this far apart are off with the correlation exp(−1/2), as exp(−distance²/2·this²): a guide bends
+    /// smoothly, mm.
     pub stage_straightness_length_mm: f64,
     /// Deviation of the sensor's distance from the true one at any place of the laser line, alike in every profile, mm.
     pub sensor_linearity_mm: f64,
@@ -107,7 +108,8 @@ impl TypeB {
     }
 
     /// Whether any standard uncertainty is stated.
-    pub(super) fn is_stated(&self) -> bool {
+    #[must_use]
+    pub fn is_stated(&self) -> bool {
         let growth = self.temperature_sigma_k * self.expansion_per_k;
         let stated = [
             self.stage_straightness_mm,
@@ -145,13 +147,16 @@ impl TypeB {
         [extrinsics, temperature].into_iter().flatten().collect()
     }
 
-    /// Σ ρ(x, x′) u² E Eᵀ′ over pairs of profiles, y and z apart: the profiles are off by as much as the rail is there.
+    /// Σ ρ(x, x′) u² E Eᵀ′ over pairs of profiles, y and z apart: the profiles are off by as much as the rail is there. A
+    /// correlation of exp(−distance/length) would be that of a rail with a kink at every place, and would state a slope that is
+    /// too small: most of a smooth bend over the length of a scan is a slope.
     fn straightness(&self, influences: &[Influence]) -> Matrix5<f64> {
         let stretches = stretches(influences);
         let mut sum = Matrix5::zeros();
         for a in &stretches {
             for b in &stretches {
-                let alike = (-(a.x - b.x).abs() / self.stage_straightness_length_mm).exp();
+                let distance = (a.x - b.x) / self.stage_straightness_length_mm;
+                let alike = (-0.5 * distance * distance).exp();
                 sum += a.effect * b.effect.transpose() * alike;
             }
         }
@@ -235,8 +240,8 @@ mod tests {
         let alike = TypeB { stage_straightness_mm: 0.01, stage_straightness_length_mm: 1e5, ..TypeB::default() };
         let [p, q, y, z, radius] = standard(alike, &line_through(&stations));
         assert!((y - 0.01).abs() < 1e-4 && (z - 0.01).abs() < 1e-4, "{y} {z}");
-        // Of exp(−d/L) for d ≪ L the slope keeps about √(6/5 · 300 mm/L)·0.01 mm / 300 mm: next to nothing.
-        assert!(p < 3e-6 && q < 3e-6 && radius == 0.0, "{p} {q}");
+        // A smooth rail has a slope of 0.01 mm/L at any place.
+        assert!((p - 1e-7).abs() < 1e-9 && (q - 1e-7).abs() < 1e-9 && radius == 0.0, "{p} {q}");
     }
 
     #[test]

@@ -5,7 +5,7 @@ use super::tee::READ_BLOCK_BYTES;
 use super::{
     Arrived, Identity, MeasureError, Measured, Measurement, Origin, Recipe, RecipeName, Resolved, Service, ServiceError,
 };
-use crate::estimation::{Profile, Progress};
+use crate::estimation::{Profile, Progress, Settings};
 use crate::scan::decode::{Format, Limits};
 use crate::store::{CompleteScan, Inserted, MeasurementRow, NewMeasurement, RequestKey, ScanRow};
 use serde::Serialize;
@@ -63,12 +63,17 @@ impl Service {
     /// [`ServiceError::Option`], [`ServiceError::RecipeUnknown`], [`ServiceError::Recipe`], [`ServiceError::Compute`]
     /// where the queue is full.
     pub async fn accept(&self, order: Order) -> Result<Accepted, ServiceError> {
-        order.overrides.resolve(&self.defaults).map_err(ServiceError::Option)?;
+        self.accept_with(order, &self.defaults).await
+    }
+
+    /// The same with other defaults than those of the configuration.
+    pub(super) async fn accept_with(&self, order: Order, defaults: &Settings) -> Result<Accepted, ServiceError> {
+        order.overrides.resolve(defaults).map_err(ServiceError::Option)?;
         let under = match &order.recipe {
             Some(name) => self.recipe(name).await?.recipe,
             None => Recipe::default(),
         };
-        let resolved = order.overrides.clone().over(&under).resolve(&self.defaults)?;
+        let resolved = order.overrides.clone().over(&under).resolve(defaults)?;
         let answered = self.is_answered(order.request_id.as_deref()).await?;
         if !answered {
             self.compute.check_free()?;

@@ -12,7 +12,7 @@ use super::{
 };
 use crate::cell::{Job, JobEnd, ScanOrder};
 use crate::device::Profile;
-use crate::estimation::Progress;
+use crate::estimation::{Progress, Settings};
 use crate::scan::Cloud;
 use crate::scan::encode::encode_cloud;
 use crate::store::{CompleteScan, Listing, Page, RequestKey, ScanRow};
@@ -60,7 +60,8 @@ impl Service {
         request: SensorRequest,
     ) -> Result<Started<SensorOrder>, ServiceError> {
         let side = self.cell_side()?;
-        let mut accepted = self.accept(request.order.clone()).await?;
+        let type_b = side.config.type_b_of_scans(self.defaults.type_b);
+        let mut accepted = self.accept_with(request.order.clone(), &Settings { type_b, ..self.defaults }).await?;
         accepted.resolved.look_along_rail();
         let fingerprint = fingerprint_of("sensor", &request);
         let key = request.order.request_id.clone().map(|id| RequestKey { id, fingerprint });

@@ -81,7 +81,7 @@ fn cloud(scan: &Scan, has_profiles: bool) -> Cloud {
 }
 
 /// In the coordinates of the scan where the axis lies near X there, else in the frame of the pose.
-fn compared(pose: &Pose, truth: &Axis, radius_mm: f64) -> Compared {
+pub(crate) fn compared(pose: &Pose, truth: &Axis, radius_mm: f64) -> Compared {
     // It is symmetric: the order of rows and columns does not matter.
     let own = Matrix5::from(pose.uncertainty.covariance);
     let (line, x_ref, covariance, true_line) = match pose.on_rail() {
@@ -103,7 +103,7 @@ fn compared(pose: &Pose, truth: &Axis, radius_mm: f64) -> Compared {
     (errors, standard)
 }
 
-fn in_frame(frame: &Frame, axis: &Axis) -> Axis {
+pub(crate) fn in_frame(frame: &Frame, axis: &Axis) -> Axis {
     let rotation = frame.rotation().expect("a frame");
     let point = rotation * (Vector3::from(axis.point_mm) - Vector3::from(frame.origin_mm));
     Axis { point_mm: point.into(), direction: (rotation * Vector3::from(axis.direction)).into() }

@@ -1,9 +1,10 @@
 //! The cell's configuration as motion, cell and the simulation take it: lengths stay, degrees become radians, milliseconds
 //! become durations. Must not decide anything.
 
-use super::{Cell, LinearLimits, SupportLimits, Timing, TurnLimits};
+use super::{Cell, LinearLimits, SensorAdaptor, SupportLimits, Timing, TurnLimits};
 use crate::cell::Settings;
-use crate::device::simulated::Mounting;
+use crate::device::simulated::{Mounting, Straightness};
+use crate::estimation::TypeB;
 use crate::motion::{Arrangement, Axes, AxisLimits, Pair, Support};
 use std::time::Duration;
 
@@ -57,6 +58,22 @@ impl Cell {
             lease_least: ms(self.lease.ttl_min_ms),
             lease_most: ms(self.lease.ttl_max_ms),
             ..Settings::new(self.arrangement())
+        }
+    }
+
+    /// What calibration says of a scan by the sensor: what the configuration states (`estimation.type_b`). Where it states
+    /// nothing and the sensor is simulated, what its simulated stage is known to do.
+    #[must_use]
+    pub fn type_b_of_scans(&self, stated: TypeB) -> TypeB {
+        if self.sensor.adaptor != SensorAdaptor::Simulated || stated.is_stated() {
+            return stated;
+        }
+        let Straightness { standard_mm, correlation_length_mm } = self.simulated.straightness();
+        TypeB {
+            stage_straightness_mm: standard_mm,
+            // The range that a recipe can state.
+            stage_straightness_length_mm: correlation_length_mm.clamp(1.0, 1e5),
+            ..stated
         }
     }
 

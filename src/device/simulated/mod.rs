@@ -33,6 +33,7 @@ pub use controller::{Controller, ControllerSettings, Taken, code};
 pub use faults::{Device, Fault, Struck};
 pub use manipulator::SimulatedManipulator;
 pub use profiler::SimulatedSensor;
+pub use rail::Straightness;
 pub use record::{Executed, Record};
 pub use settings::{
     ManipulatorSettings, Mounting, PartSettings, SensorSettings, SettingError, Settings, StageSettings,

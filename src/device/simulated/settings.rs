@@ -1,6 +1,7 @@
 //! What the made cell is like, as the configuration says it: lengths in mm, angles in degrees. Defaults are the published
 //! situation: a part of 200 mm radius with holes and clamps on it, tilted by about a degree. Must not know how it behaves.
 
+use super::rail::{Rail, Straightness};
 use crate::motion::{Axes, Axis, AxisLimits, Pair};
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
@@ -250,6 +251,14 @@ fn rule(name: &'static str, value: f64, (range, allowed): (RangeInclusive<f64>, 
 }
 
 impl Settings {
+    /// What the calibration of the simulated stage would say. Nothing else is off in the cell that a scan does not show: the
+    /// sensor stands where the rail frame has it, and measures distances without a systematic error.
+    #[must_use]
+    pub fn straightness(&self) -> Straightness {
+        let StageSettings { lower_mm, upper_mm, straightness_mm, .. } = self.stage;
+        Rail::calibration(straightness_mm, upper_mm - lower_mm)
+    }
+
     /// Checks every value against its range.
     ///
     /// # Errors
