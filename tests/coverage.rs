@@ -10,6 +10,8 @@
     reason = "a test may fail, and says what it saw"
 )]
 
+#[path = "made/any_direction.rs"]
+mod any_direction;
 mod made;
 #[path = "made/uploaded.rs"]
 mod uploaded;

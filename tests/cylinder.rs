@@ -4,10 +4,11 @@
 
 #![expect(clippy::panic, clippy::expect_used, clippy::print_stdout, reason = "a test may fail, and says what it saw")]
 
+#[path = "made/any_direction.rs"]
+mod any_direction;
 mod made;
-#[path = "made/uploaded.rs"]
-mod uploaded;
 
+use any_direction::{compared, in_frame};
 use coaxis::estimation::{Estimate, Method, Outcome, Pose, Progress, RadiusRule, Refusal, Settings, estimate};
 use coaxis::geometry::AxisLine;
 use coaxis::scan::synthetic::{
@@ -15,7 +16,6 @@ use coaxis::scan::synthetic::{
 };
 use made::{count, errors, standard};
 use rayon::prelude::*;
-use uploaded::{compared, in_frame};
 
 /// Seeds a scene that continuous integration has time for. All of them, with the table of docs/benchmarks.md:
 /// `COAXIS_SEEDS=200 cargo test --release --test cylinder -- --nocapture --test-threads 1`.

@@ -12,9 +12,12 @@
     reason = "a test may fail, and says what it saw"
 )]
 
+#[path = "made/any_direction.rs"]
+mod any_direction;
 #[path = "made/uploaded.rs"]
 mod uploaded;
 
+use any_direction::Compared;
 use coaxis::estimation::{Settings, TypeB};
 use coaxis::geometry::{AxisLine, Frame};
 use coaxis::scan::synthetic::{
@@ -26,7 +29,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use statrs::distribution::{Binomial, DiscreteCDF};
 use std::f64::consts::TAU;
-use uploaded::{Compared, Upload};
+use uploaded::Upload;
 
 /// Seeds of a kind that continuous integration has time for.
 const SEEDS: u64 = 4;

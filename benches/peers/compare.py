@@ -37,6 +37,8 @@ def on_scan(
     truth = json.loads((folder / "truth.json").read_text())
     entries = []
     for peer in peers:
+        if scene.turned and peer.needs_profiles:
+            continue
         again = late[peer.name, scene.name] < TIMEOUTS_MAX
         found = run(peer, folder, limit_s) if again else Run("timeout", {}, None, None, None, None, None)
         late[peer.name, scene.name] += found.state == "timeout"

@@ -25,7 +25,7 @@ def centres(profiles: list[np.ndarray], fit: EllipseFit) -> np.ndarray:
 def least_squares_line(found: np.ndarray) -> Pose:
     """The line that numpy's polynomial fit gives."""
     (p, y0), (q, z0) = np.polyfit(found[:, 0], found[:, 1:3], 1).T
-    return Pose(p, q, y0, z0, float(np.median(found[:, 3])))
+    return Pose(np.array([0.0, y0, z0]), np.array([1.0, p, q]), float(np.median(found[:, 3])))
 
 
 def robust_line(found: np.ndarray) -> Pose:

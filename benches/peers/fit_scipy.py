@@ -1,6 +1,7 @@
 """SciPy: least_squares with Cauchy loss on the orthogonal distances of a cylinder, in stages from a coarse scale to
 the noise, with the derivatives written out. The start is what a user would write down first: the middle of what is
-seen, one radius below its top.
+seen, one radius below its top. A cloud is first laid along its longest principal axis with the sensor above, and cut into
+200 slabs for the start.
 """
 
 import numpy as np
@@ -13,6 +14,8 @@ from protocol import Hints, NoPose, Pose, serve
 COARSE_COUNT, SAMPLE_COUNT = 5_000, 50_000
 #: Scales of the loss, as multiples of the noise: the coarse stages, and the last.
 COARSE, FINE = (400.0, 60.0, 10.0), 2.0
+#: Slabs of a cloud for the start.
+SLABS_COUNT = 200
 
 
 def distances(unknown: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -52,8 +55,29 @@ def solve(unknown: np.ndarray, points: np.ndarray, scale: float, tolerance: floa
     ).x  # fmt: skip
 
 
+def laid_along_x(points: np.ndarray, hints: Hints) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The points along their longest principal axis with the sensor above; the rotation's rows, and the origin."""
+    origin = points.mean(axis=0)
+    along = np.linalg.eigh(np.cov((points - origin).T))[1][:, 2]
+    up = np.array(hints.towards_sensor)
+    up -= (up @ along) * along
+    up /= np.linalg.norm(up)
+    rotation = np.stack([along, np.cross(up, along), up])
+    return (points - origin) @ rotation.T, rotation, origin
+
+
 def fit(profiles: list[np.ndarray], hints: Hints, all_points: bool) -> Pose:
     """The stages one after the other."""
+    if len(profiles) > 1:
+        return fit_along_x(profiles, hints, all_points)
+    points, rotation, origin = laid_along_x(profiles[0], hints)
+    points = points[np.argsort(points[:, 0])]
+    pose = fit_along_x(np.array_split(points, SLABS_COUNT), hints, all_points)
+    return Pose(origin + pose.point @ rotation, pose.direction @ rotation, pose.radius)
+
+
+def fit_along_x(profiles: list[np.ndarray], hints: Hints, all_points: bool) -> Pose:
+    """The stages for an axis near X."""
     x_mid = (profiles[0][0, 0] + profiles[-1][0, 0]) / 2.0
     points = np.concatenate(profiles) - (x_mid, 0.0, 0.0)
     chosen = np.random.default_rng(0).integers(len(points), size=SAMPLE_COUNT)
@@ -65,7 +89,7 @@ def fit(profiles: list[np.ndarray], hints: Hints, all_points: bool) -> Pose:
     p, q, y, z, radius = unknown
     if not hints.radius_min <= radius <= hints.radius_max:
         raise NoPose(f"a radius of {radius:.1f} mm")
-    return Pose(p, q, y - p * x_mid, z - q * x_mid, radius)
+    return Pose(np.array([x_mid, y, z]), np.array([1.0, p, q]), radius)
 
 
 if __name__ == "__main__":

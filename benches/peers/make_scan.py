@@ -7,7 +7,7 @@ the axis (1, p, q) at t = R / √(1 − (p sin φ + q cos φ)² / (1 + p² + q²
 import json
 import sys
 import zlib
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -143,8 +143,48 @@ def bound(
     return float(angles.max()), float(np.sqrt(variances[2] + variances[3]))
 
 
-def hints(scene: Scene, seed: int) -> dict[str, float]:
-    """What every peer is told: the radius within 15 %, a range that holds it, the noise within 25 %, the pitch."""
+#: A turned cloud is moved by up to this far along each axis, mm.
+MOVED = 1000.0
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The rigid motion of a turned scan."""
+
+    rotation: np.ndarray
+    origin: np.ndarray
+
+    def of(self, points: np.ndarray) -> np.ndarray:
+        """The points after it."""
+        return points @ self.rotation.T + self.origin
+
+
+def motion(scene: Scene, seed: int) -> Motion:
+    """Any orientation is equally likely: the rotation of a random unit quaternion."""
+    chance = np.random.default_rng([seed, zlib.crc32(scene.name.encode()), 2])
+    w, x, y, z = (lambda q: q / np.linalg.norm(q))(chance.normal(size=4))
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return Motion(np.eye(3) + 2.0 * w * cross + 2.0 * cross @ cross, chance.uniform(-MOVED, MOVED, 3))
+
+
+def turned(scan: np.ndarray, truth: Truth, by: Motion, seed: int) -> tuple[np.ndarray, dict[str, object]]:
+    """The points as a cloud in no order, (points, xyz), and the truth with the axis in their coordinates."""
+    points = scan[~np.isnan(scan[..., 2])].astype(np.float64)
+    points = np.random.default_rng([seed, 3]).permutation(by.of(points)).astype(np.float32)
+    at = [by.of(np.array([x, truth.y0 + truth.p * x, truth.z0 + truth.q * x])) for x in (0.0, truth.x_mid)]
+    direction = by.rotation @ np.array([1.0, truth.p, truth.q])
+    axis = {
+        "origin": at[0].tolist(),
+        "mid": at[1].tolist(),
+        "direction": (direction / np.linalg.norm(direction)).tolist(),
+    }
+    return points, asdict(truth) | {"axis": axis}
+
+
+def hints(scene: Scene, seed: int) -> dict[str, object]:
+    """What every peer is told: the radius within 15 %, a range that holds it, the noise within 25 %, the pitch, and where
+    the sensor looked from.
+    """
     chance = np.random.default_rng([seed, zlib.crc32(scene.name.encode()), 1])
     radius = scene.radius * chance.uniform(0.85, 1.15)
     return {
@@ -153,12 +193,13 @@ def hints(scene: Scene, seed: int) -> dict[str, float]:
         "radius_max": radius * 1.2,
         "noise": scene.sigma * chance.uniform(0.75, 1.25),
         "pitch": scene.length / (scene.profiles - 1),
+        "towards_sensor": (motion(scene, seed).rotation[:, 2] if scene.turned else np.array([0.0, 0.0, 1.0])).tolist(),
     }
 
 
 def write_pcd(path: Path, scan: np.ndarray) -> None:
-    """Binary PCD, organised: a row a profile."""
-    height, width, _ = scan.shape
+    """Binary PCD, organised: a row a profile; of a cloud one row."""
+    height, width = scan.shape[:-1] if scan.ndim == 3 else (1, len(scan))
     header = (
         "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
         f"WIDTH {width}\nHEIGHT {height}\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {width * height}\nDATA binary\n"
@@ -171,11 +212,14 @@ def write_pcd(path: Path, scan: np.ndarray) -> None:
 def main(name: str, seed: int, folder: Path) -> None:
     """Writes scan.npy, scan.pcd, truth.json and hints.json into `folder`."""
     scene = next(scene for scene in SCENES if scene.name == name)
-    scan, truth = make(scene, seed)
+    scan, straight = make(scene, seed)
+    truth: dict[str, object] = asdict(straight)
+    if scene.turned:
+        scan, truth = turned(scan, straight, motion(scene, seed), seed)
     folder.mkdir(parents=True, exist_ok=True)
     np.save(folder / "scan.npy", scan)
     write_pcd(folder / "scan.pcd", scan)
-    (folder / "truth.json").write_text(json.dumps(vars(truth)))
+    (folder / "truth.json").write_text(json.dumps(truth))
     (folder / "hints.json").write_text(json.dumps(hints(scene, seed)))
 
 

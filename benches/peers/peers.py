@@ -18,13 +18,20 @@ class Peer:
     #: What the peer reads.
     scan: str = "scan.npy"
     environment: dict[str, str] = field(default_factory=dict)
+    #: Whether it needs profiles along the rail, so that it cannot be asked for a cloud in no order.
+    needs_profiles: bool = False
     #: What a user would call for a file instead, where that is not the same program; the scan is added behind.
     from_file: list[str] | None = None
 
 
-def python(name: str, script: str, variant: str) -> Peer:
+def python(name: str, script: str, variant: str, needs_profiles: bool = False) -> Peer:
     """A peer in Python."""
-    return Peer(name, [sys.executable, str(HERE / script), variant])
+    return Peer(name, [sys.executable, str(HERE / script), variant], needs_profiles=needs_profiles)
+
+
+def cgal(name: str) -> Peer:
+    """CGAL's shape detection."""
+    return Peer(name, [str(HERE / "build/cgal_cylinder"), "efficient_ransac"], scan="scan.pcd")
 
 
 def pcl(name: str, variant: str) -> Peer:
@@ -37,10 +44,10 @@ def engeom(name: str, variant: str) -> Peer:
     return Peer(name, [str(HERE / "engeom/target/release/engeom_peer"), variant])
 
 
-def ours(name: str, method: str, **environment: str) -> Peer:
+def ours(name: str, method: str, needs_profiles: bool = False, **environment: str) -> Peer:
     """One of our methods; from a file it is what a user calls."""
     measure = [str(ROOT / "target/release/coaxis"), "measure", "--json", "--method", method]
-    return Peer(name, [str(ROOT / "target/release/coaxis_peer"), method], environment=environment, from_file=measure)
+    return Peer(name, [str(ROOT / "target/release/coaxis_peer"), method], environment=environment, needs_profiles=needs_profiles, from_file=measure)
 
 
 #: The one that the others are compared with.
@@ -58,12 +65,13 @@ PEERS = [
     pcl("PCL LMedS, voxels", "voxel_lmeds"),
     engeom("engeom MAGSAC++, every n-th", "sample"),
     engeom("engeom MAGSAC++, refitted", "again"),
+    cgal("CGAL Efficient RANSAC (as CloudCompare's)"),
     python("SciPy Cauchy, 50 000 points", "fit_scipy.py", "sample"),
     python("SciPy Cauchy, all points", "fit_scipy.py", "all"),
-    python("OpenCV fitEllipse + line", "fit_opencv.py", "ellipse_line"),
-    python("OpenCV fitEllipseAMS + line", "fit_opencv.py", "ams_line"),
-    python("OpenCV fitEllipseDirect + line", "fit_opencv.py", "direct_line"),
-    python("OpenCV fitEllipseDirect + robust line", "fit_opencv.py", "direct_robust"),
-    python("scikit-image RANSAC ellipse + line", "fit_skimage.py", "ransac"),
+    python("OpenCV fitEllipse + line", "fit_opencv.py", "ellipse_line", needs_profiles=True),
+    python("OpenCV fitEllipseAMS + line", "fit_opencv.py", "ams_line", needs_profiles=True),
+    python("OpenCV fitEllipseDirect + line", "fit_opencv.py", "direct_line", needs_profiles=True),
+    python("OpenCV fitEllipseDirect + robust line", "fit_opencv.py", "direct_robust", needs_profiles=True),
+    python("scikit-image RANSAC ellipse + line", "fit_skimage.py", "ransac", needs_profiles=True),
     python("pyransac3d Cylinder", "fit_pyransac3d.py", "cylinder"),
 ]

@@ -1,5 +1,6 @@
 """What every peer speaks: `peer VARIANT SCAN HINTS [REPEATS]` prints one line of JSON, the pose and the seconds that
-each estimation took from points in memory. Here for the peers in Python. Must not know any method.
+each estimation took from points in memory. The pose is the axis as y = y0 + p x, z = z0 + q x; peers that take clouds in any
+orientation state it as point and direction as well. Here for the peers in Python. Must not know any method.
 """
 
 import json
@@ -14,13 +15,19 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Pose:
-    """The axis y = y0 + p x, z = z0 + q x and the radius, mm."""
+    """The axis through a point along a direction and the radius, mm."""
 
-    p: float
-    q: float
-    y0: float
-    z0: float
+    point: np.ndarray
+    direction: np.ndarray
     radius: float
+
+    def stated(self) -> dict[str, object]:
+        """As it is printed; an axis square to X has no slopes, and no number of JSON either."""
+        x, y, z = (float(value) for value in self.direction)
+        p, q = (y / x, z / x) if x else (1e300, 1e300)
+        line = {"p": p, "q": q, "y0": float(self.point[1]) - p * float(self.point[0])}
+        line |= {"z0": float(self.point[2]) - q * float(self.point[0]), "radius": float(self.radius)}
+        return line | {"point": [float(value) for value in self.point], "direction": [x, y, z]}
 
 
 @dataclass(frozen=True)
@@ -32,6 +39,7 @@ class Hints:
     radius_max: float
     noise: float
     pitch: float
+    towards_sensor: list[float]
 
 
 class NoPose(Exception):
@@ -43,14 +51,14 @@ Fit = Callable[[list[np.ndarray], Hints], Pose]
 
 
 def load(path: Path) -> list[np.ndarray]:
-    """The profiles of a scan in double precision, without missing points."""
-    return [row[~np.isnan(row[:, 2])] for row in np.load(path).astype(np.float64)]
+    """The profiles of a scan in double precision, without missing points; a cloud is one of them."""
+    scan = np.load(path).astype(np.float64)
+    return [row[~np.isnan(row[:, 2])] for row in (scan if scan.ndim == 3 else scan[None])]
 
 
 def pose_from_line(point: np.ndarray, direction: np.ndarray, radius: float) -> Pose:
     """The pose of an axis through `point` along `direction`."""
-    p, q = direction[1] / direction[0], direction[2] / direction[0]
-    return Pose(p, q, point[1] - p * point[0], point[2] - q * point[0], radius)
+    return Pose(point, direction, radius)
 
 
 def serve(variants: dict[str, Fit]) -> None:
@@ -63,7 +71,7 @@ def serve(variants: dict[str, Fit]) -> None:
         start = time.perf_counter()
         try:
             pose = variants[variant](profiles, hints)
-            answer = {name: float(value) for name, value in vars(pose).items()}
+            answer = pose.stated()
         except NoPose as reason:
             answer = {"refused": str(reason)}
         seconds.append(time.perf_counter() - start)

@@ -28,6 +28,8 @@ class Scene:
     #: Share of the points that are missing, and that are thrown off by up to 10 mm.
     drop_outs: float = 0.0
     spikes: float = 0.0
+    #: Whether the points are a cloud in no order, turned to a random orientation and moved by up to 1 m along each axis.
+    turned: bool = False
 
 
 PAPER: dict[str, Any] = {"screw_holes": 0.20, "straight_holes": 0.16, "clamps": 0.24}
@@ -59,5 +61,11 @@ SCENES = [
     paper("tilt_10", "axis 10° off the rail", tilt=10.0),
     Scene("tape_0.4", "tape of 0.4 mm over half the arc on 60 % of the profiles", tape=0.4),
     Scene("tape_1.5", "tape of 1.5 mm over half the arc on 60 % of the profiles", tape=1.5),
+    Scene("turned", "nothing but the part, in any orientation", turned=True),
+    paper("turned_paper", "in any orientation", turned=True),
+    Scene("turned_clamps_50", "clamps_50, in any orientation", clamps=0.90, clamp_arc=0.50, turned=True),
+    paper("turned_noise_0.2", "σ = 0.2 mm, in any orientation", sigma=0.2, turned=True),
+    paper("turned_arc_90", "90° seen, in any orientation", arc=90.0, turned=True),
+    paper("turned_radius_20", "R = 20 mm, in any orientation", radius=20.0, turned=True),
     paper("huge", "5000 × 1280 points", profiles=5000, points=1280),
 ]

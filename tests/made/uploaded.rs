@@ -1,15 +1,14 @@
 //! A synthetic scan on the path of an uploaded file: missing values and repeated profiles are removed, points are grouped into
 //! profiles, and the pose is compared with the truth of the generator in the coordinates in which it is stated.
 
-use coaxis::estimation::{Outcome, Pose, Progress, Settings, estimate};
+use super::any_direction::{Compared, compared, in_frame};
+use coaxis::estimation::{Outcome, Progress, Settings, estimate};
 use coaxis::geometry::{Axis, AxisLine, Frame};
 use coaxis::scan::decode::{Limits, Unit};
 use coaxis::scan::missing::clean;
 use coaxis::scan::slice::{SliceRequest, slice};
 use coaxis::scan::synthetic::{Export, Part, make, placed};
 use coaxis::scan::{Cloud, Columns, Labels, Scan, Stripe};
-use nalgebra::{Matrix5, Vector3};
-use std::f64::consts::FRAC_PI_2;
 
 /// How a scan reaches the service.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -23,9 +22,6 @@ pub(crate) struct Upload {
     /// The frame that the recipe declares.
     pub(crate) declared: Option<Frame>,
 }
-
-/// Errors of (deflection, pitch, y_ref, z_ref, radius) and their standard uncertainties, radians and mm.
-pub(crate) type Compared = ([f64; 5], [f64; 5]);
 
 impl Upload {
     /// Measures the part.
@@ -78,33 +74,4 @@ fn cloud(scan: &Scan, has_profiles: bool) -> Cloud {
     let labels = if has_profiles { Labels::Column("profile".to_owned()) } else { Labels::None };
     let blanks = scan.blanks().to_vec();
     Cloud { stripes, columns: Columns::F64 { y, z }, labels, unit: Unit::Millimetre, blanks, missing_count: 0 }
-}
-
-/// In the coordinates of the scan where the axis lies near X there, else in the frame of the pose.
-pub(crate) fn compared(pose: &Pose, truth: &Axis, radius_mm: f64) -> Compared {
-    // It is symmetric: the order of rows and columns does not matter.
-    let own = Matrix5::from(pose.uncertainty.covariance);
-    let (line, x_ref, covariance, true_line) = match pose.on_rail() {
-        Some(rail) => (rail.axis, rail.x_ref, Matrix5::from(rail.uncertainty.covariance), truth.line()),
-        None => {
-            let in_own_frame = pose.cut.as_ref().map_or(*truth, |cut| in_frame(&cut.frame, truth));
-            (pose.axis, pose.x_ref, own, in_own_frame.line())
-        }
-    };
-    let standard = covariance.diagonal().map(|variance| variance.max(0.0).sqrt()).into();
-    let [y, z] = line.at(x_ref);
-    // An axis far from that of the pose has no slopes there, and the angle between them is at least 90° − 60°.
-    let Some(true_line) = true_line else { return ([FRAC_PI_2; 5], standard) };
-    let [true_y, true_z] = true_line.at(x_ref);
-    let angles = [line.deflection().radians(), line.pitch().radians()];
-    let true_angles = [true_line.deflection().radians(), true_line.pitch().radians()];
-    let errors =
-        [angles[0] - true_angles[0], angles[1] - true_angles[1], y - true_y, z - true_z, pose.radius - radius_mm];
-    (errors, standard)
-}
-
-pub(crate) fn in_frame(frame: &Frame, axis: &Axis) -> Axis {
-    let rotation = frame.rotation().expect("a frame");
-    let point = rotation * (Vector3::from(axis.point_mm) - Vector3::from(frame.origin_mm));
-    Axis { point_mm: point.into(), direction: (rotation * Vector3::from(axis.direction)).into() }
 }

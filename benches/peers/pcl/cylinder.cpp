@@ -161,6 +161,7 @@ void print(const std::optional<std::vector<float>>& found, const std::vector<dou
     const auto& c = *found;
     const double p = c[4] / c[3], q = c[5] / c[3];
     std::printf("{\"p\": %.9g, \"q\": %.9g, \"y0\": %.9g, \"z0\": %.9g, \"radius\": %.9g", p, q, c[1] - p * c[0], c[2] - q * c[0], c[6]);
+    std::printf(", \"point\": [%.9g, %.9g, %.9g], \"direction\": [%.9g, %.9g, %.9g]", c[0], c[1], c[2], c[3], c[4], c[5]);
   } else {
     std::printf("{\"refused\": \"no cylinder found\"");
   }

@@ -28,13 +28,14 @@ struct Hints {
     radius_max: f64,
     noise: f64,
     pitch: f64,
+    towards_sensor: [f64; 3],
 }
 
-/// The axis y = y0 + p x, z = z0 + q x and the radius, mm; or why there is none.
+/// The axis y = y0 + p x, z = z0 + q x, the same as point and direction, and the radius, mm; or why there is none.
 #[derive(Serialize)]
 #[serde(untagged)]
 enum Answer {
-    Pose { p: f64, q: f64, y0: f64, z0: f64, radius: f64 },
+    Pose { p: f64, q: f64, y0: f64, z0: f64, radius: f64, point: [f64; 3], direction: [f64; 3] },
     None { refused: String },
 }
 
@@ -64,7 +65,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The points of a single-precision array (profiles, points, 3), without the missing ones.
+/// The points of a single-precision array (profiles, points, 3) or (points, 3), without the missing ones.
 fn points_of_npy(bytes: &[u8]) -> Result<Vec<Point3>, Box<dyn Error>> {
     let header_length = usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
     let numbers = bytes.get(10 + header_length..).ok_or("the array is cut off")?;
@@ -91,7 +92,7 @@ fn every_nth(points: &[Point3], count: usize) -> Vec<Point3> {
 
 /// The consensus wants oriented points; their normals are estimated as the crate does it.
 fn with_normals(points: Vec<Point3>, hints: &Hints) -> engeom::Result<Vec<SurfacePoint3>> {
-    let up = vec![Vector3::z(); points.len()];
+    let up = vec![Vector3::from(hints.towards_sensor); points.len()];
     let cloud = PointCloud3::new(points);
     // A neighbourhood must hold more than one profile.
     let neighbourhood = (NEIGHBOUR_SHARE * hints.radius).max(1.6 * hints.pitch);
@@ -114,5 +115,6 @@ fn refit(points: &[Point3], mut cylinder: Cylinder3, reach: f64) -> engeom::Resu
 fn pose(cylinder: &Cylinder3) -> Answer {
     let (at, along) = (cylinder.center, cylinder.direction);
     let (p, q) = (along.y / along.x, along.z / along.x);
-    Answer::Pose { p, q, y0: at.y - p * at.x, z0: at.z - q * at.x, radius: cylinder.radius }
+    let (point, direction) = ([at.x, at.y, at.z], [along.x, along.y, along.z]);
+    Answer::Pose { p, q, y0: at.y - p * at.x, z0: at.z - q * at.x, radius: cylinder.radius, point, direction }
 }

@@ -8,6 +8,7 @@
 //! multiple that the default of 0.111 mm is of 0.05 mm. Prints the pose as one line of JSON.
 
 use coaxis::estimation::{Method, Outcome, Progress, Settings, estimate};
+use coaxis::geometry::AxisLine;
 use coaxis::scan::decode::{Format, Limits, Request, decode};
 use coaxis::scan::slice::{SliceRequest, slice};
 use serde_json::{Value, json};
@@ -47,7 +48,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn settings(method: Method, noise_mm: f64) -> Settings {
     let told = Settings { method, ..Settings::default() };
     match method {
-        Method::Cylinder => told,
+        Method::Cylinder | Method::LeastSquares => told,
         Method::SectionLine | Method::SectionLinePlain => Settings { epsilon_mm: EPSILON_MULTIPLE * noise_mm, ..told },
     }
 }
@@ -55,8 +56,16 @@ fn settings(method: Method, noise_mm: f64) -> Settings {
 fn shown(outcome: &Outcome) -> Value {
     match outcome {
         Outcome::Accepted(pose) => {
-            let axis = pose.axis;
-            json!({ "p": axis.p, "q": axis.q, "y0": axis.y0, "z0": axis.z0, "radius": pose.radius })
+            let placed = pose.axis_in_scan();
+            let mut shown =
+                json!({ "radius": pose.radius, "point": placed.point_mm, "direction": placed.direction });
+            if let Some(AxisLine { p, q, y0, z0 }) = placed.line() {
+                shown["p"] = json!(p);
+                shown["q"] = json!(q);
+                shown["y0"] = json!(y0);
+                shown["z0"] = json!(z0);
+            }
+            shown
         }
         Outcome::Refused(refusal) => json!({ "refused": format!("{refusal:?}") }),
     }
