@@ -1,6 +1,7 @@
 //! Measures a scan and records the result once per request. Must not know HTTP.
 
 use super::reading::ReadScan;
+use super::sensor::TAKEN_BY_SENSOR;
 use super::tee::READ_BLOCK_BYTES;
 use super::{
     Arrived, Identity, MeasureError, Measured, Measurement, Origin, Recipe, RecipeName, Resolved, Service, ServiceError,
@@ -120,6 +121,11 @@ impl Service {
         let file = self.store.open_scan(&row.id).await?;
         let file = file.ok_or_else(|| ServiceError::ScanFileMissing { id: row.id.clone() })?;
         let origin = Origin { parameter: Format::from_name(&row.format), ..Origin::default() };
+        // A scan by the sensor has the same uncertainty whenever it is measured.
+        let accepted = match row.description.as_deref() {
+            Some(TAKEN_BY_SENSOR) => self.accept_with(accepted.order, &self.sensor_defaults()).await?,
+            _ => accepted,
+        };
         let (measurement, profiles) = self.calculate(&row.id, Points::InFile(file), &origin, accepted).await?;
         let new = new_measurement(&measurement, &profiles, None, request)?;
         self.insert(measurement, new, None).await

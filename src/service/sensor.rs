@@ -24,6 +24,9 @@ use tokio::time::sleep;
 /// A full pool is asked again after this.
 const POOL_RETRY: Duration = Duration::from_millis(20);
 
+/// The description of a scan that was taken by the sensor.
+pub(super) const TAKEN_BY_SENSOR: &str = "taken by the sensor";
+
 /// A measurement by the sensor as it is kept beside its result.
 pub type SensorScan = Recorded<SensorOrder>;
 
@@ -60,8 +63,7 @@ impl Service {
         request: SensorRequest,
     ) -> Result<Started<SensorOrder>, ServiceError> {
         let side = self.cell_side()?;
-        let type_b = side.config.type_b_of_scans(self.defaults.type_b);
-        let mut accepted = self.accept_with(request.order.clone(), &Settings { type_b, ..self.defaults }).await?;
+        let mut accepted = self.accept_with(request.order.clone(), &self.sensor_defaults()).await?;
         accepted.resolved.look_along_rail();
         let fingerprint = fingerprint_of("sensor", &request);
         let key = request.order.request_id.clone().map(|id| RequestKey { id, fingerprint });
@@ -84,6 +86,13 @@ impl Service {
         check(&order, self.capacity.scan.profiles_max)?;
         let service = Arc::clone(self);
         whole(async move { service.begin_scan(request.lease_id, key, order, accepted).await }).await
+    }
+
+    /// What holds for scans by the sensor where neither the request nor its recipe says otherwise.
+    pub(super) fn sensor_defaults(&self) -> Settings {
+        let stated = self.defaults.type_b;
+        let type_b = self.cell_side().map_or(stated, |side| side.config.type_b_of_scans(stated));
+        Settings { type_b, ..self.defaults }
     }
 
     /// A measurement, whether it ran or not; waits for its end, no longer than `wait`.
@@ -251,7 +260,7 @@ impl Service {
             bytes_count: file.bytes_count(),
             format: measurement.format.name().to_owned(),
             points_count: Some(measurement.points_count),
-            description: Some("taken by the sensor".to_owned()),
+            description: Some(TAKEN_BY_SENSOR.to_owned()),
         };
         let new = new_measurement(&measurement, &profiles, Some(row), None)?;
         self.store.end_job_with(self.ended(&task.job, JobStanding::Done, None)?, new, file).await?;
