@@ -74,10 +74,13 @@ struct Scene {
     nominal_radius_mm: Option<f64>,
 }
 
+/// What is off in a scan, by chance or not.
+type Change = Box<dyn Fn(&mut Scene, &mut ChaCha8Rng) + Sync>;
+
 struct Kind {
     name: &'static str,
     due: Due,
-    change: Box<dyn Fn(&mut Scene, &mut ChaCha8Rng) + Sync>,
+    change: Change,
 }
 
 fn kind(name: &'static str, change: impl Fn(&mut Scene) + Sync + 'static) -> Kind {
@@ -344,7 +347,7 @@ fn reported_faults_are_within_the_stated_uncertainty() {
             kind.name
         );
         if !tally.refused.is_empty() {
-            eprintln!("refused as {:?}", tally.refused);
+            println!("refused as {:?}", tally.refused);
         }
         faults.extend(tally.fault(kind.due).map(|fault| format!("{}: {fault}", kind.name)));
     }
