@@ -15,9 +15,8 @@ pub(super) fn is_concave(scan: &Scan, pose: &Pose, reach: f64) -> bool {
     let axis = pose.axis_in_scan();
     let (origin, direction) = (Vector3::from(axis.point_mm), Vector3::from(axis.direction));
     let stride = scan.points().len().div_ceil(POINTS_MAX).max(1);
-    let points = scan.stations().iter().flat_map(|station| scan.points_of(station)).step_by(stride);
     let (mut sum, mut count) = (Vector3::zeros(), 0.0);
-    for point in points {
+    for point in scan.every_nth_point(stride) {
         let from = Vector3::from(point) - origin;
         let across = from - direction * from.dot(&direction);
         let distance = across.norm();

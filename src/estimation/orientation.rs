@@ -9,7 +9,7 @@
 //! The methods work in a frame whose X lies near the axis. The profiles of a scanner on its rail are in such a frame already;
 //! for a cloud, or an axis that lies elsewhere, the frame is made from the axis that was detected.
 
-use super::detect::{self, Detected};
+use super::detect::{Detected, Detection};
 use super::section_cut::SectionCut;
 use super::{
     Estimate, FoundCylinder, Method, Orientation, Outcome, Pose, Progress, Refusal, Settings, Warning, concave,
@@ -17,6 +17,7 @@ use super::{
 };
 use crate::geometry::Axis;
 use crate::scan::{Grouping, Scan};
+use std::ops::Range;
 
 /// Surfaces that are looked for in a cloud: two show whether there is a choice, more are listed where there is one.
 const SURFACES: usize = 2;
@@ -27,9 +28,8 @@ const RIVAL: f64 = 0.5;
 const MAJORITY: f64 = 0.5;
 /// An axis that lies farther from X of its sections than this, radians (1°), is cut again.
 const CUT_AGAIN: f64 = 0.017;
-/// Points of a cloud that are searched. More do not find a surface that these do not show.
-const SEARCHED_MAX: usize = 200_000;
-
+/// How far a detected radius may be from the nominal one, relative to it.
+const NOMINAL_REACH: f64 = 0.02;
 /// The whole measurement in the orientation that the settings ask for.
 pub(super) fn measure(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
     if settings.method == Method::LeastSquares {
@@ -99,7 +99,7 @@ fn no_axis_along_x(refusal: &Refusal) -> bool {
 
 /// Looks elsewhere after no axis was found along the rail.
 fn elsewhere(scan: &Scan, along_rail: Estimate, settings: &Settings) -> Estimate {
-    let found = detected(scan, settings, None, 1);
+    let found = detection(scan, settings).map_or_else(Vec::new, |mut detection| detection.cylinders(None, 1));
     let explains_most = |found: &&Detected| found.share >= MAJORITY && tilt_deg(found) > settings.tilt_max_deg;
     let Some(found) = found.first().filter(explains_most) else { return along_rail };
     match settings.orientation {
@@ -120,18 +120,20 @@ fn anywhere(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
     let along_x = ([1.0, 0.0, 0.0], settings.tilt_max_deg.to_radians());
     let is_rail = settings.orientation == Orientation::Rail;
     let along = is_rail.then_some(along_x);
-    let mut found = detected(scan, settings, along, 1);
+    let mut detection = detection(scan, settings);
+    let mut detected = |along, most| detection.as_mut().map_or_else(Vec::new, |it| it.cylinders(along, most));
+    let mut found = detected(along, 1);
     // What the first leaves may hold a rival.
     if found.first().is_some_and(|first| 1.0 - first.share >= RIVAL * first.share) {
-        found = detected(scan, settings, along, SURFACES);
+        found = detected(along, SURFACES);
         if rivals(&found).len() > 1 {
-            found = detected(scan, settings, along, LISTED_MAX);
+            found = detected(along, LISTED_MAX);
         }
     }
     match choose(&found, settings) {
         Ok(chosen) => about(scan, chosen, settings, progress),
         Err(refusal) => {
-            let beside = if is_rail { detected(scan, settings, None, 1) } else { Vec::new() };
+            let beside = if is_rail { detected(None, 1) } else { Vec::new() };
             let beside = beside.first().filter(|found| found.share >= MAJORITY);
             let refusal = match (beside, refusal) {
                 (Some(beside), Refusal::NoCylinder { .. }) => {
@@ -166,14 +168,15 @@ fn in_frame_refused(scan: &Scan, settings: &Settings, progress: &Progress) -> Es
     }
 }
 
-/// The surfaces of a scan, the one with most points first.
-fn detected(scan: &Scan, settings: &Settings, along: Option<([f64; 3], f64)>, most: usize) -> Vec<Detected> {
-    let points_count = scan.points().len();
-    let stride = points_count.div_ceil(SEARCHED_MAX).max(1);
-    let all = scan.stations().iter().flat_map(|station| scan.points_of(station));
-    let points: Vec<[f64; 3]> = all.step_by(stride).collect();
-    let request = detect::Request { nominal_radius_mm: settings.nominal_radius_mm, nominal_reach: 0.02, along, most };
-    detect::detect(&points, &request)
+/// The search for the surfaces of a scan, the one with most points first.
+fn detection(scan: &Scan, settings: &Settings) -> Option<Detection> {
+    let Range { start, end } = scan.points();
+    let point = |place: usize| {
+        let index = start + place;
+        let station = scan.stations().get(scan.stations().partition_point(|station| station.end <= index))?;
+        scan.point(station, index)
+    };
+    Detection::of(end - start, point, settings.nominal_radius_mm, NOMINAL_REACH)
 }
 
 /// The surfaces that could be the part by the number of their points.

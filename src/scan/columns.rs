@@ -84,7 +84,7 @@ impl Columns {
     pub fn first_not_finite(&self) -> Option<usize> {
         let (y, z) = match self {
             Self::F32 { y, z } => (first_where(y, |v| !v.is_finite()), first_where(z, |v| !v.is_finite())),
-            Self::F64 { y, z } => (first_where(y, |v| !v.is_finite()), first_where(z, |v| !v.is_finite())),
+            Self::F64 { y, z } => (first_not_finite(y), first_not_finite(z)),
         };
         y.into_iter().chain(z).min()
     }
@@ -104,6 +104,11 @@ impl Columns {
             }
         }
     }
+}
+
+/// The first value that is NaN or infinite.
+pub(super) fn first_not_finite(values: &[f64]) -> Option<usize> {
+    first_where(values, |v| !v.is_finite())
 }
 
 /// The first value that is `wrong`. Asks for whole blocks first, without a branch: a scan that is fine passes at the

@@ -17,6 +17,13 @@ pub(super) fn reserve<T>(column: &mut Vec<T>, more: usize) {
     }
 }
 
+/// So many zeros; the memory is touched where it is filled, by whatever thread does that.
+pub(crate) fn zeroed<T: Copy + Default>(count: usize) -> Vec<T> {
+    let mut column = vec![T::default(); count];
+    advise(&mut column);
+    column
+}
+
 fn advise<T>(column: &mut Vec<T>) {
     let bytes_count = column.capacity() * size_of::<T>();
     if bytes_count < LEAST_BYTES {

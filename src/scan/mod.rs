@@ -13,7 +13,7 @@ mod cloud;
 mod columns;
 pub mod decode;
 pub mod encode;
-mod huge_pages;
+pub(crate) mod huge_pages;
 mod lattice;
 pub mod missing;
 mod rule;
@@ -121,7 +121,7 @@ impl Scan {
     /// # Errors
     /// [`ScanError::NotFinite`] names the first x that is not finite or that is missing.
     pub fn with_own_x(self, own_x: Vec<f64>) -> Result<Self, ScanError> {
-        let index = own_x.iter().position(|x| !x.is_finite()).unwrap_or(own_x.len().min(self.columns.len()));
+        let index = columns::first_not_finite(&own_x).unwrap_or(own_x.len().min(self.columns.len()));
         if index != self.columns.len() || own_x.len() != index {
             return Err(ScanError::NotFinite { index });
         }
@@ -229,6 +229,16 @@ impl Scan {
     pub fn points_of<'a>(&'a self, station: &Station) -> impl Iterator<Item = [f64; 3]> + use<'a> {
         let station = *station;
         (station.start..station.end).filter_map(move |index| self.point(&station, index))
+    }
+
+    /// The first point, mm, and every one that lies `stride` behind the one before, without a look at those between.
+    pub fn every_nth_point(&self, stride: usize) -> impl Iterator<Item = [f64; 3]> {
+        let (first, stride) = (self.points().start, stride.max(1));
+        self.stations.iter().flat_map(move |station| {
+            let passed = station.start - first;
+            let start = first + passed.next_multiple_of(stride);
+            (start..station.end).step_by(stride).filter_map(|index| self.point(station, index))
+        })
     }
 
     /// The x of the points of a profile where they differ; `None` where the profile lies in one plane.

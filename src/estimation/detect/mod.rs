@@ -21,7 +21,7 @@ mod tree;
 
 use nalgebra::Vector3;
 use sample::Sample;
-use search::{Found, Wanted};
+use search::{Found, Search};
 use settle::Radii;
 
 /// What is looked for.
@@ -67,31 +67,59 @@ pub struct Detected {
 /// The cylinders of a cloud, the best supported first. Planes and bent planes are never among them.
 #[must_use]
 pub fn detect(points: &[[f64; 3]], request: &Request) -> Vec<Detected> {
-    let Some(sample) = Sample::take(points) else { return Vec::new() };
-    let nominal = |radius: f64| [1.0 - request.nominal_reach, 1.0 + request.nominal_reach].map(|v| v * radius);
-    let [least, most] = request.nominal_radius_mm.map_or([0.0, f64::INFINITY], nominal).map(|v| v / sample.size);
-    if !(least <= most && most > 0.0) {
-        return Vec::new();
-    }
-    let along =
-        request.along.and_then(|(direction, angle)| Some((Vector3::from(direction).try_normalize(0.0)?, angle.cos())));
-    let wanted = Wanted { radii: Radii([least.max(0.0), most]), along, most: request.most };
-    search::cylinders(&sample.points, &wanted).iter().map(|found| detected(found, &sample)).collect()
+    let point = |place: usize| points.get(place).copied();
+    let detection = Detection::of(points.len(), point, request.nominal_radius_mm, request.nominal_reach);
+    detection.map_or_else(Vec::new, |mut detection| detection.cylinders(request.along, request.most))
 }
 
-fn detected(found: &Found, sample: &Sample) -> Detected {
-    let Found { cylinder, sigma, count, extent: [low, high], arc, evidence } = *found;
-    let largest = cylinder.direction.get(cylinder.direction.iamax()).copied().unwrap_or(1.0);
-    let sign = largest.signum();
-    let extent = if sign < 0.0 { [-high, -low] } else { [low, high] };
-    Detected {
-        point: (sample.origin + cylinder.point * sample.size).into(),
-        direction: (cylinder.direction * sign).into(),
-        radius: cylinder.radius * sample.size,
-        sigma: sigma * sample.size,
-        share: count as f64 / sample.drawn_count.max(1) as f64,
-        extent: extent.map(|along| along * sample.size),
-        arc,
-        evidence,
+/// A detection that goes on where it stopped when it is asked for more.
+pub(super) struct Detection {
+    search: Search,
+    origin: Vector3<f64>,
+    size: f64,
+    drawn_count: usize,
+}
+
+impl Detection {
+    /// In a cloud of `count` points, given by their positions; `None` where it has no extent, or no radius is looked for.
+    pub(super) fn of(
+        count: usize,
+        point: impl Fn(usize) -> Option<[f64; 3]>,
+        nominal_radius_mm: Option<f64>,
+        nominal_reach: f64,
+    ) -> Option<Self> {
+        let Sample { points, origin, size, drawn_count } = Sample::take(count, point)?;
+        let nominal = |radius: f64| [1.0 - nominal_reach, 1.0 + nominal_reach].map(|v| v * radius);
+        let [least, most] = nominal_radius_mm.map_or([0.0, f64::INFINITY], nominal).map(|v| v / size);
+        let radii = Radii([least.max(0.0), most]);
+        let is_range = least <= most && most > 0.0;
+        is_range.then(|| Self { search: Search::new(points, radii), origin, size, drawn_count })
+    }
+
+    /// At most so many cylinders, the best supported first; with a direction and the largest angle of an axis to it, rad.
+    pub(super) fn cylinders(&mut self, along: Option<([f64; 3], f64)>, most: usize) -> Vec<Detected> {
+        let along =
+            along.and_then(|(direction, angle)| Some((Vector3::from(direction).try_normalize(0.0)?, angle.cos())));
+        let is_along =
+            |found: &Found| along.is_none_or(|(along, cos_min)| found.cylinder.direction.dot(&along).abs() >= cos_min);
+        let found = self.search.cylinders(most, is_along);
+        found.iter().map(|found| self.detected(found)).collect()
+    }
+
+    fn detected(&self, found: &Found) -> Detected {
+        let Found { cylinder, sigma, count, extent: [low, high], arc, evidence } = *found;
+        let largest = cylinder.direction.get(cylinder.direction.iamax()).copied().unwrap_or(1.0);
+        let sign = largest.signum();
+        let extent = if sign < 0.0 { [-high, -low] } else { [low, high] };
+        Detected {
+            point: (self.origin + cylinder.point * self.size).into(),
+            direction: (cylinder.direction * sign).into(),
+            radius: cylinder.radius * self.size,
+            sigma: sigma * self.size,
+            share: count as f64 / self.drawn_count.max(1) as f64,
+            extent: extent.map(|along| along * self.size),
+            arc,
+            evidence,
+        }
     }
 }

@@ -25,14 +25,14 @@ pub(super) struct Sample {
 }
 
 impl Sample {
-    /// `None` where the cloud has no extent.
-    pub(super) fn take(cloud: &[[f64; 3]]) -> Option<Self> {
+    /// Of a cloud of `count` points, given by their positions; `None` where it has no extent.
+    pub(super) fn take(count: usize, point: impl Fn(usize) -> Option<[f64; 3]>) -> Option<Self> {
         let finite = |point: &[f64; 3]| point.iter().all(|v| v.is_finite());
         let mut chance = ChaCha8Rng::seed_from_u64(SEED);
-        let mut drawn = draw(cloud, &mut chance);
+        let mut drawn = draw(count, &point, &mut chance);
         if !drawn.iter().all(finite) {
-            let cloud: Vec<[f64; 3]> = cloud.iter().copied().filter(finite).collect();
-            drawn = draw(&cloud, &mut chance);
+            let cloud: Vec<[f64; 3]> = (0..count).filter_map(&point).filter(finite).collect();
+            drawn = draw(cloud.len(), |place| cloud.get(place).copied(), &mut chance);
         }
         for last in (1..drawn.len()).rev() {
             drawn.swap(last, chance.random_range(0..=last));
@@ -54,10 +54,10 @@ impl Sample {
 
 /// One point of each of equal stretches of the file, at a random place: a fixed stride would resonate with the rows of an
 /// organised cloud.
-fn draw(cloud: &[[f64; 3]], chance: &mut ChaCha8Rng) -> Vec<[f64; 3]> {
-    let taken = cloud.len().min(POINTS_MAX);
-    let place = |i: usize| i * cloud.len() / taken.max(1);
-    (0..taken).filter_map(|i| cloud.get(chance.random_range(place(i)..place(i + 1))).copied()).collect()
+fn draw(count: usize, point: impl Fn(usize) -> Option<[f64; 3]>, chance: &mut ChaCha8Rng) -> Vec<[f64; 3]> {
+    let taken = count.min(POINTS_MAX);
+    let place = |i: usize| i * count / taken.max(1);
+    (0..taken).filter_map(|i| point(chance.random_range(place(i)..place(i + 1)))).collect()
 }
 
 /// The value below which this share of the values lies.
@@ -72,18 +72,22 @@ pub(super) fn quantile(values: impl Iterator<Item = f64>, share: f64) -> Option<
 mod tests {
     use super::*;
 
+    fn sample_of(cloud: &[[f64; 3]]) -> Option<Sample> {
+        Sample::take(cloud.len(), |place| cloud.get(place).copied())
+    }
+
     #[test]
     fn a_cloud_without_extent_has_no_sample() {
-        assert!(Sample::take(&[]).is_none());
-        assert!(Sample::take(&[[1.0, 2.0, 3.0]; 100]).is_none());
-        assert!(Sample::take(&[[f64::NAN; 3]; 100]).is_none());
+        assert!(sample_of(&[]).is_none());
+        assert!(sample_of(&[[1.0, 2.0, 3.0]; 100]).is_none());
+        assert!(sample_of(&[[f64::NAN; 3]; 100]).is_none());
     }
 
     #[test]
     fn points_that_are_not_finite_and_sentinels_are_left_out() {
         let mut cloud: Vec<[f64; 3]> = (0..100).map(|i| [f64::from(i), 0.0, 0.0]).collect();
         cloud.extend([[f64::NAN, 0.0, 0.0], [f64::INFINITY, 0.0, 0.0], [1e30, 0.0, 0.0]]);
-        let sample = Sample::take(&cloud).expect("a sample");
+        let sample = sample_of(&cloud).expect("a sample");
         assert_eq!((sample.points.len(), sample.drawn_count), (100, 101));
     }
 }

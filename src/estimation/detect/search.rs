@@ -14,16 +14,6 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 
-/// What a cylinder must satisfy.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Wanted {
-    pub(super) radii: Radii,
-    /// A direction and the cosine of the largest angle to it.
-    pub(super) along: Option<(Vector3<f64>, f64)>,
-    /// Cylinders that are looked for.
-    pub(super) most: usize,
-}
-
 /// A cylinder with what its points say.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Found {
@@ -96,30 +86,54 @@ struct Scored {
     score: Score,
 }
 
-/// The cylinders of points in random order within a cloud of size 1. Each has the most evidence among the points that the
-/// ones before it leave.
-pub(super) fn cylinders(points: &[Vector3<f64>], wanted: &Wanted) -> Vec<Found> {
-    let mut rest = points.to_vec();
-    let mut found: Vec<Found> = Vec::new();
-    let most = wanted.most.min(CYLINDERS_MAX);
-    for stage in 0..most + OTHERS_MAX {
-        if rest.len() < POINTS_MIN || found.len() >= most {
-            break;
+/// The surfaces of points in random order within a cloud of size 1. Each has the most evidence among the points that the ones
+/// before it leave. A search goes on where it stopped, so that asking for more repeats nothing.
+pub(super) struct Search {
+    radii: Radii,
+    rest: Vec<Vector3<f64>>,
+    /// One entry a surface that was taken out: a cylinder where it is one that is looked for.
+    taken: Vec<Option<Found>>,
+    ended: bool,
+}
+
+impl Search {
+    pub(super) fn new(points: Vec<Vector3<f64>>, radii: Radii) -> Self {
+        Self { radii, rest: points, taken: Vec::new(), ended: false }
+    }
+
+    /// The cylinders that are wanted, at most so many.
+    pub(super) fn cylinders(&mut self, most: usize, is_wanted: impl Fn(&Found) -> bool) -> Vec<Found> {
+        let mut found = Vec::new();
+        let most = most.min(CYLINDERS_MAX);
+        for stage in 0..most + OTHERS_MAX {
+            if found.len() >= most {
+                break;
+            }
+            if stage == self.taken.len() && !self.ended {
+                self.ended = self.take_out(stage as u64).is_none();
+            }
+            let Some(taken) = self.taken.get(stage) else { break };
+            found.extend(taken.filter(&is_wanted));
         }
-        let Some(best) = best(&rest, stage as u64) else { break };
-        if best.score.evidence <= significant(&best.settled.surface, rest.len()) {
-            break;
+        found
+    }
+
+    /// Takes the best surface out of the points; `None` where there is no other one after it.
+    fn take_out(&mut self, stage: u64) -> Option<()> {
+        if self.rest.len() < POINTS_MIN {
+            return None;
         }
-        found.extend(report(&best, &rest, wanted));
+        let best = best(&self.rest, stage)?;
+        if best.score.evidence <= significant(&best.settled.surface, self.rest.len()) {
+            return None;
+        }
+        self.taken.push(report(&best, &self.rest, self.radii));
         // Generously, so that the rim of the noise is not taken for a surface of its own.
         let reach = 2.0 * robust::TUKEY_C * best.settled.sigma;
-        let before = rest.len();
-        rest.retain(|point| best.settled.surface.distance(point).abs() >= reach);
-        if rest.len() == before {
-            break;
-        }
+        let before = self.rest.len();
+        self.rest.retain(|point| best.settled.surface.distance(point).abs() >= reach);
+        (self.rest.len() < before).then_some(())
     }
-    found
 }
 
 /// The surface with the most evidence.
@@ -305,8 +319,8 @@ fn with_wanted_radius(best: &Scored, points: &[Vector3<f64>], radii: Radii) -> O
 }
 
 /// What is reported of a surface, where it is a cylinder that is looked for.
-fn report(best: &Scored, points: &[Vector3<f64>], wanted: &Wanted) -> Option<Found> {
-    let Settled { surface, sigma } = with_wanted_radius(best, points, wanted.radii)?;
+fn report(best: &Scored, points: &[Vector3<f64>], radii: Radii) -> Option<Found> {
+    let Settled { surface, sigma } = with_wanted_radius(best, points, radii)?;
     let Surface::Cylinder(cylinder) = surface else { return None };
     let reach = robust::TUKEY_C * sigma;
     let on: Vec<&Vector3<f64>> = points.iter().filter(|point| cylinder.distance(point).abs() < reach).collect();
@@ -319,11 +333,10 @@ fn report(best: &Scored, points: &[Vector3<f64>], wanted: &Wanted) -> Option<Fou
         from.dot(&f).atan2(from.dot(&e))
     };
     let arc = arc(on.iter().map(angle));
-    let (Radii([_, most]), [low, high]) = (wanted.radii, extent);
+    let (Radii([_, most]), [low, high]) = (radii, extent);
     let is_rod = most.is_finite() && high - low >= ROD_LENGTH_MIN * cylinder.radius;
     let roughness_max = if is_rod { ROD_ROUGHNESS_MAX } else { ROUGHNESS_MAX };
-    let is_along = wanted.along.is_none_or(|(along, cos_min)| cylinder.direction.dot(&along).abs() >= cos_min);
-    let found = is_along && arc >= ARC_MIN && sigma <= roughness_max * cylinder.radius && on.len() >= POINTS_MIN;
+    let found = arc >= ARC_MIN && sigma <= roughness_max * cylinder.radius && on.len() >= POINTS_MIN;
     found.then_some(Found { cylinder, sigma, count: on.len(), extent, arc, evidence: best.score.evidence })
 }
 
