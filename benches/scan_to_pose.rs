@@ -9,15 +9,15 @@
 
 mod yardstick;
 
-use coaxis::estimation::{EndFaceRule, Method, Progress, Settings, estimate};
+use coaxis::estimation::{EndFaceRule, Method, Orientation, Progress, Settings, estimate};
 use coaxis::scan::Scan;
 use coaxis::scan::decode::{Format, Limits, Request, decode};
 use coaxis::scan::encode::encode;
 use coaxis::scan::slice::{SliceRequest, slice};
-use coaxis::scan::synthetic::{Edge, Edges, Part, make};
+use coaxis::scan::synthetic::{Edge, Edges, LaserPlane, Part, make, placed, random_frame};
 use std::error::Error;
 use std::hint::black_box;
-use yardstick::{POINTS_COUNT, PROFILES_COUNT, large_scan, median, narrowed, sum, timed};
+use yardstick::{POINTS_COUNT, PROFILES_COUNT, large_part, large_scan, median, narrowed, sum, timed};
 
 const ROUNDS_COUNT: usize = 7;
 /// The same of a scan that takes a twenty-fifth of the time.
@@ -56,6 +56,23 @@ fn main() -> Result<(), Box<dyn Error>> {
         let settings = Settings { method, ..Settings::default() };
         let name = format!("estimate {}", method.name());
         report(&name, 0, &single, ROUNDS_COUNT, || estimate(&single, &settings, &Progress::default()).profiles.len());
+    }
+    drop((single, double));
+    // Every point has an x of its own; in the cloud no two neighbours belong together.
+    let tilted = Part { laser_plane: LaserPlane { about_y_deg: 3.0, about_z_deg: 0.0 }, ..large_part() };
+    let million = Part { profiles_count: 1250, points_count: 800, spike_ratio: 0.005, ..Part::with_interference(1) };
+    for (part, frame, name) in [
+        (tilted, None, "estimate cylinder, tilted laser"),
+        (million, Some(random_frame(1, 1000.0)), "estimate cylinder, shuffled cloud"),
+    ] {
+        if !asked_for(name) {
+            continue;
+        }
+        let scan = make(&part)?.0;
+        let scan = frame.map_or_else(|| narrowed(&scan), |frame| Ok(placed(&scan, &frame, Some(1))?))?;
+        let orientation = frame.map_or(Orientation::Auto, |_| Orientation::Any);
+        let settings = Settings { method: Method::Cylinder, orientation, ..Settings::default() };
+        report(name, 0, &scan, ROUNDS_COUNT, || estimate(&scan, &settings, &Progress::default()).profiles.len());
     }
     // What does not grow with the scan shows on a short one.
     let short = Part { spike_ratio: 0.005, ..Part::with_interference(1) };

@@ -12,17 +12,21 @@ use std::time::Instant;
 pub(crate) const PROFILES_COUNT: usize = 5000;
 pub(crate) const POINTS_COUNT: usize = 1280;
 
-/// A part with screw holes, straight holes, clamps and spikes, in double precision.
-pub(crate) fn large_scan() -> Result<Scan, Box<dyn Error>> {
-    let part = Part {
+/// A part with screw holes, straight holes, clamps and spikes.
+pub(crate) fn large_part() -> Part {
+    Part {
         profiles_count: PROFILES_COUNT,
         points_count: POINTS_COUNT,
         // Stations an eighth of a millimetre apart, so that single precision holds them exactly.
         length_mm: (PROFILES_COUNT - 1) as f64 / 8.0,
         spike_ratio: 0.005,
         ..Part::with_interference(1)
-    };
-    Ok(make(&part)?.0)
+    }
+}
+
+/// Its scan, in double precision.
+pub(crate) fn large_scan() -> Result<Scan, Box<dyn Error>> {
+    Ok(make(&large_part())?.0)
 }
 
 /// The scan as a sensor would store it: single precision.
@@ -32,7 +36,9 @@ pub(crate) fn narrowed(scan: &Scan) -> Result<Scan, Box<dyn Error>> {
         Columns::F64 { y, z } => Columns::F32 { y: narrow(y), z: narrow(z) },
         single => single.clone(),
     };
-    Ok(Scan::new(scan.stations().to_vec(), columns, scan.rule().to_owned())?)
+    let narrowed = Scan::new(scan.stations().to_vec(), columns, scan.rule().to_owned())?;
+    let own_x = scan.stations().iter().filter_map(|station| scan.own_x(station)).flatten().copied();
+    Ok(if scan.is_planar() { narrowed } else { narrowed.with_own_x(own_x.collect())? })
 }
 
 /// The yardstick: the plain loop that adds up y and z in double precision, in their order, once.

@@ -304,4 +304,35 @@ mod tests {
             assert!(sections.points_of(station).all(|[_, y, z]| (y.hypot(z) - 20.0).abs() < 1e-9));
         }
     }
+
+    /// Of more points than one piece of work: each at an x of its own, on a lattice, and all at one x.
+    #[test]
+    fn sections_hold_the_points_in_order_of_x() {
+        const COUNT: usize = 150_000;
+        let axis = Axis { point_mm: [0.0; 3], direction: [1.0, 0.0, 0.0] };
+        let cut = SectionCut::about(&axis, 20.0, [0.0, 1500.0]).expect("a direction");
+        let places: [fn(usize) -> f64; 3] = [|i| i as f64 * 0.01, |i| (i / 700) as f64, |_| 750.0];
+        for place in places {
+            let scan_of = |order: &dyn Fn(usize) -> usize| {
+                let angle = |i: usize| order(i) as f64 * 0.7;
+                let y = (0..COUNT).map(|i| 20.0 * angle(i).sin()).collect();
+                let z = (0..COUNT).map(|i| 20.0 * angle(i).cos()).collect();
+                let station = Station { x: 0.0, start: 0, end: COUNT };
+                let scan = Scan::new(vec![station], Columns::F64 { y, z }, "one".to_owned()).expect("a scan");
+                scan.with_own_x((0..COUNT).map(|i| place(order(i))).collect()).expect("finite")
+            };
+            let sections = cut.apply(&scan_of(&|i| i)).expect("points");
+            assert_eq!((sections.stations().len(), sections.points()), (SECTIONS_MAX, 0..COUNT));
+            let mut last = f64::NEG_INFINITY;
+            for station in sections.stations() {
+                let mut points: Vec<[f64; 3]> = sections.points_of(station).collect();
+                assert!(points.iter().map(|[_, y, z]| y.atan2(*z)).is_sorted_by(|a, b| *a <= b + 1e-12));
+                points.sort_by(by_coordinates);
+                assert!(points[0][0] >= last);
+                assert_eq!(station.x, points[points.len() / 2][0]);
+                last = points[points.len() - 1][0];
+            }
+            assert_eq!(cut.apply(&scan_of(&|i| (i * 7919) % COUNT)).expect("points"), sections);
+        }
+    }
 }

@@ -258,3 +258,23 @@ impl Scan {
         self.columns.load(station.start..station.end, y, z);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_nth_point_is_counted_over_all_profiles_of_a_part() {
+        let ends = [3, 4, 11, 12, 20];
+        let starts = [0].into_iter().chain(ends);
+        let stations = starts.zip(ends).zip(0..).map(|((start, end), x)| Station { x: f64::from(x), start, end });
+        let y: Vec<f64> = (0..20).map(f64::from).collect();
+        let scan = Scan::new(stations.collect(), Columns::F64 { z: y.clone(), y }, String::new()).expect("a scan");
+        let part = scan.part(1..5).expect("profiles");
+        for stride in 0..25 {
+            let all = part.stations().iter().flat_map(|station| part.points_of(station));
+            let expected: Vec<[f64; 3]> = all.step_by(stride.max(1)).collect();
+            assert_eq!(part.every_nth_point(stride).collect::<Vec<_>>(), expected);
+        }
+    }
+}

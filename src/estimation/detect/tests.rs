@@ -210,6 +210,22 @@ fn a_cone_of_directions_chooses_among_cylinders() {
 }
 
 #[test]
+fn a_detection_that_goes_on_finds_what_one_that_starts_again_finds() {
+    let mut chance = ChaCha8Rng::seed_from_u64(13);
+    let along =
+        |direction: V, middle: V| Part { middle, direction, radius: 10.0, length: 100.0, arc: 3.0, sigma: 0.05 };
+    let mut points = along(V::x(), V::zeros()).points(2000, &mut chance);
+    points.extend(along(V::z(), V::new(0.0, 40.0, 0.0)).points(1200, &mut chance));
+    points.extend(along(V::y(), V::new(0.0, -80.0, 60.0)).points(800, &mut chance));
+    let mut detection = Detection::of(points.len(), |place| points.get(place).copied(), None, 0.02).expect("points");
+    for (direction, most) in [(None, 1), (Some(([0.0, 0.0, 1.0], 0.2)), 1), (None, 3), (None, 2), (None, 8)] {
+        let found = detection.cylinders(direction, most);
+        assert_eq!(found, detect(&points, &Request { along: direction, most, ..one() }));
+        assert_eq!(found.len(), most.min(3));
+    }
+}
+
+#[test]
 fn any_points_have_an_answer() {
     let line: Vec<[f64; 3]> = (0..50).map(|i| [f64::from(i), 2.0 * f64::from(i), 0.0]).collect();
     let lattice: Vec<[f64; 3]> = (0..900).map(|i| [f64::from(i % 30), f64::from(i / 30), 0.0]).collect();
