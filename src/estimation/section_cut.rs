@@ -171,8 +171,9 @@ impl Kept {
         (0..STRETCHES).map(|index| self.chunks.iter().filter_map(|chunk| chunk.ends.get(index)).sum()).collect()
     }
 
-    /// The points, with those of these ranks where they are in order of x, and none before them that comes after.
-    fn arranged(&self, ends: &[usize], ranks: &[usize]) -> Vec<[f64; 3]> {
+    /// The points, with those of these ranks where they are in order of x, and none before them that comes after. Takes the
+    /// chunks, so that the points are not in memory three times.
+    fn arranged(self, ends: &[usize], ranks: &[usize]) -> Vec<[f64; 3]> {
         let mut points = huge_pages::zeroed::<[f64; 3]>(ends.last().copied().unwrap_or(0));
         let stretches: Vec<_> = split(&mut points, ends).zip(ends).enumerate().collect();
         stretches.into_par_iter().with_min_len(STRETCHES_AT_ONCE).for_each(|(index, (stretch, end))| {
@@ -194,10 +195,8 @@ impl Kept {
 /// the rank `start`.
 fn select(points: &mut [[f64; 3]], start: usize, ranks: &[usize]) {
     let (before, [rank, after @ ..]) = ranks.split_at(ranks.len() / 2) else { return };
-    let (place, points_count) = (rank - start, points.len());
-    if place >= points_count {
-        return;
-    }
+    let points_count = points.len();
+    let Some(place) = rank.checked_sub(start).filter(|place| *place < points_count) else { return };
     let (below, _, above) = points.select_nth_unstable_by(place, by_coordinates);
     if points_count > CHUNK {
         rayon::join(|| select(below, start, before), || select(above, rank + 1, after));
