@@ -197,6 +197,10 @@ impl Search<'_> {
         roughness: f64,
         coarse: Candidate,
     ) -> Result<Candidate, Refusal> {
+        // Neighbours are taken to scatter by no less than that, so there is no need to look at them.
+        if coarse.settled.sigma < SUSPICIOUS * roughness {
+            return Ok(coarse);
+        }
         let reach = robust::TUKEY_C * coarse.settled.sigma;
         let surface = patches::look(scan, used, &coarse.settled.cylinder, reach);
         let averages = surface.and_then(|surface| surface.average(Cut::Profiles));
