@@ -188,14 +188,15 @@ fn holds(scene: &Scene) {
     assert!(unseen_count as f64 <= unseen_ratio_max * count, "{}: {unseen_count} not seen", scene.name);
 }
 
-fn title() {
+fn meet_their_limits(scenes: Vec<Scene>) {
     println!("| scene | open mm | rms mm | bias mm | worst mm | stated mm | held by ± U % | not seen |");
+    for scene in scenes {
+        holds(&scene);
+    }
 }
 
-#[test]
-fn a_clean_edge_is_known_far_better_than_the_spacing() {
-    title();
-    for scene in [
+fn clean_edges() -> Vec<Scene> {
+    vec![
         Scene { name: "R 200, 140°, deflection 0.5°", ..PLAIN },
         Scene { name: "R 200, 140°, pitch 0.5°", tilt_deg: [0.0, 0.5], ..PLAIN },
         Scene {
@@ -215,19 +216,20 @@ fn a_clean_edge_is_known_far_better_than_the_spacing() {
         Scene { name: "no tilt, spacing 5", tilt_deg: [0.0, 0.0], spacing_mm: 5.0, ..PLAIN },
         Scene { name: "0.36° and 1.11°, spacing 2", tilt_deg: [0.36, 1.11], spacing_mm: 2.0, ..PLAIN },
         Scene { name: "section_line, deflection 0.5°", method: Method::SectionLine, ..PLAIN },
-    ] {
-        holds(&scene);
-    }
+    ]
 }
 
 #[test]
-fn noise_jitter_and_a_pose_that_is_known_badly_are_stated() {
-    title();
+fn a_clean_edge_is_known_far_better_than_the_spacing() {
+    meet_their_limits(clean_edges());
+}
+
+fn uncertain_poses() -> Vec<Scene> {
     let chamfer = |chamfer_mm: f64| Edge { chamfer_mm, ..SHARP };
     let noisy = |part: Part| Part { noise_sigma_mm: 0.2, ..part };
     let shaken = |part: Part| Part { noise_correlation: 0.9, jitter_sigma_mm: 0.03, ..part };
     let steep = Scene { tilt_deg: [3.0, -4.0], ..PLAIN };
-    for scene in [
+    vec![
         Scene { name: "section_line, 90°", arc_deg: 90.0, method: Method::SectionLine, rms_max_mm: 0.3, ..PLAIN },
         Scene { name: "jitter, correlated noise, pitch 0.5°", tilt_deg: [0.0, 0.5], also: shaken, ..PLAIN },
         Scene { name: "noise 0.2, chamfer 1", edge: chamfer(1.0), also: noisy, ..PLAIN },
@@ -266,18 +268,19 @@ fn noise_jitter_and_a_pose_that_is_known_badly_are_stated() {
             rms_max_mm: 1.5,
             ..PLAIN
         },
-    ] {
-        holds(&scene);
-    }
+    ]
 }
 
 #[test]
-fn chamfers_ragged_edges_and_drop_outs_cost_little() {
-    title();
+fn noise_jitter_and_a_pose_that_is_known_badly_are_stated() {
+    meet_their_limits(uncertain_poses());
+}
+
+fn damaged_edges() -> Vec<Scene> {
     let hurt = Edge { ragged_ratio: 0.3, ragged_mm: 2.0, ..SHARP };
     let paper = Interference { screw_holes: 0.2, straight_holes: 0.16, ..Interference::NONE };
     let hard = Scene { rms_max_mm: 0.2, ..PLAIN };
-    for scene in [
+    vec![
         Scene { name: "chamfer 0.5", edge: Edge { chamfer_mm: 0.5, ..SHARP }, ..hard },
         Scene { name: "chamfer 2", edge: Edge { chamfer_mm: 2.0, ..SHARP }, ..hard },
         Scene {
@@ -309,17 +312,18 @@ fn chamfers_ragged_edges_and_drop_outs_cost_little() {
             ..hard
         },
         Scene { name: "holes, chamfer 1", interference: paper, edge: Edge { chamfer_mm: 1.0, ..SHARP }, ..hard },
-    ] {
-        holds(&scene);
-    }
+    ]
 }
 
 #[test]
-fn what_lies_beyond_the_end_does_not_extend_the_part() {
-    title();
+fn chamfers_ragged_edges_and_drop_outs_cost_little() {
+    meet_their_limits(damaged_edges());
+}
+
+fn beyond_the_end() -> Vec<Scene> {
     let beyond = |gap_mm: f64, height_mm: f64| Edge { beyond: Some(Neighbour { gap_mm, height_mm }), ..SHARP };
     let clamp = Interference { clamps: 0.3, clamp_arc: 0.6, clamp_height_mm: 25.0, ..Interference::NONE };
-    for scene in [
+    vec![
         Scene { name: "another part beyond 6 mm", edge: beyond(6.0, 0.0), ..PLAIN },
         Scene {
             name: "another part beyond 3 mm, no tilt, spacing 0.5",
@@ -332,9 +336,12 @@ fn what_lies_beyond_the_end_does_not_extend_the_part() {
         Scene { name: "a support 5 mm below", edge: beyond(0.0, -5.0), ..PLAIN },
         Scene { name: "a shaft 1 mm below", edge: beyond(0.0, -1.0), ..PLAIN },
         Scene { name: "clamps on 60 % of the arc", interference: clamp, ..PLAIN },
-    ] {
-        holds(&scene);
-    }
+    ]
+}
+
+#[test]
+fn what_lies_beyond_the_end_does_not_extend_the_part() {
+    meet_their_limits(beyond_the_end());
 }
 
 #[test]

@@ -1,166 +1,92 @@
-//! What lies below the surface at its end: a chamfer, which is part of the part, or a slant whose end is not told. Must not
-//! know what a plane of the end is.
+//! What follows below the end of the surface: a chamfer, which is part of the part, a shaft or support, which is not, or a
+//! slant of which the scan does not show the end.
+//!
+//! Spacing by spacing outward from the end of the surface, the places below it are followed as long as they get deeper no
+//! faster than a chamfer does. A support farther below is not reached that way.
 
-use super::cells::{Cell, Seen};
+use super::occupancy::{CELLS_MIN, Cells, DEPTH_MAX, LOST_MAX, SHARE_MIN, Slant};
+use crate::estimation::conclude::median;
 
-/// Points below the surface that make a chamfer, or a slant that goes on; the share of them that tells its depth, and how steep
-/// it may be: 60° are usual.
-const POINTS_MIN: usize = 5;
-const DEEPEST_SHARE: f64 = 0.1;
+/// Steepest slope that is followed: chamfers of 30°, 45° and 60° are usual (tan 60° = 1.7).
 const SLOPE_MAX: f64 = 2.0;
+/// Flattest slope of a chamfer: 6°. Lead-in chamfers have 15° (0.27); a shaft along the axis has 0.
+const SLOPE_MIN: f64 = 0.1;
+/// Share of the points, the deepest ones, whose mean fixes the line: the end plane lies there.
+const DEEPEST_SHARE: f64 = 0.1;
 
-/// What goes on below is seen in this share of the columns; and below this slope it is flat.
-const SLANT_SHARE_MIN: f64 = 0.1;
-const FLAT_MAX: f64 = 0.1;
-
-/// Where points below the surface are part of it: a slant, through the deepest of its points.
+/// What lies below the end of the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Chamfer {
-    from: f64,
-    to: f64,
-    /// A place on it, mm.
-    at: f64,
-    /// How deep it is there, mm.
-    depth: f64,
-    /// By how much it is deeper per millimetre outward.
-    slope: f64,
+pub(super) enum Beneath {
+    /// Nothing, or something too far below to belong to the part.
+    Nothing,
+    /// A slant that ends.
+    Chamfer(Slant),
+    /// A shaft or a support, along the axis.
+    Ledge(Slant),
+    /// A slant that does not end in the scan, or only as deep as no chamfer is.
+    Endless(Slant),
 }
 
-impl Chamfer {
-    /// From the points below the surface between two places; `None` where there is no chamfer.
-    pub(super) fn seen(cells: &[Cell], from: f64, to: f64) -> Option<Self> {
-        let below = |cell: &Cell| match cell.seen {
-            Seen::Below { t, depth } if t > from && t <= to => Some([t, depth]),
-            _ => None,
-        };
-        let mut points: Vec<[f64; 2]> = cells.iter().filter_map(below).collect();
-        points.sort_by(|[_, a], [_, b]| b.total_cmp(a));
-        let deepest = points.get(..(DEEPEST_SHARE * points.len() as f64).ceil() as usize)?;
-        let [at, depth] = mean(deepest);
-        let slope = slope(&points).clamp(0.0, SLOPE_MAX);
-        (points.len() >= POINTS_MIN).then_some(Self { from, to, at, depth, slope })
-    }
-
-    /// Whether it reaches to a place along the axis.
-    fn holds(&self, t: f64) -> bool {
-        t > self.from && t <= self.to
-    }
-
-    /// How far a point on it lies along the axis that on the surface would lie `lead` beyond `from`: leads grow with the
-    /// distance from the axis, so that t = from + lead·(1 − d/R), and the depth d = depth + slope·(t − at).
-    pub(super) fn place(&self, from: f64, lead: f64, radius: f64) -> f64 {
-        let share = lead / radius;
-        (from + lead - share * (self.depth - self.slope * self.at)) / (1.0 + share * self.slope)
+impl Beneath {
+    /// How far it was followed.
+    pub(super) fn to(&self, surface_end: f64) -> f64 {
+        match self {
+            Self::Nothing => surface_end,
+            Self::Chamfer(slant) | Self::Ledge(slant) | Self::Endless(slant) => slant.to,
+        }
     }
 }
 
-/// Whether a cell shows the part; `None` where nobody can say.
-pub(super) fn is_part(seen: Seen, chamfer: Option<Chamfer>) -> Option<bool> {
-    match seen {
-        Seen::Surface { .. } => Some(true),
-        Seen::Below { t, .. } => Some(chamfer.is_some_and(|chamfer| chamfer.holds(t))),
-        Seen::Deep { .. } | Seen::Nothing => Some(false),
-        Seen::Hidden => None,
+/// What continues below a surface that ends at `surface_end`, give or take half a spacing.
+pub(super) fn beneath(cells: &Cells, surface_end: f64, spacing: f64, tolerance: f64) -> Beneath {
+    let start = surface_end - 0.5 * spacing;
+    let mut bins: Vec<(f64, Option<f64>)> =
+        cells.depths().filter(|(t, _)| *t > start).map(|(t, depth)| (((t - start) / spacing).floor(), depth)).collect();
+    bins.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+    let (mut to, mut depth_to, mut followed_count, mut void_count) = (start, 0.0, 0, 0);
+    for of_bin in bins.chunk_by(|(a, _), (b, _)| a == b).filter(|of_bin| of_bin.len() >= CELLS_MIN) {
+        let end = start + spacing * (1.0 + of_bin.first().map_or(0.0, |(bin, _)| *bin));
+        let depth_max = depth_to + SLOPE_MAX * (end - to) + tolerance;
+        let reached: Vec<f64> = of_bin.iter().filter_map(|(_, depth)| *depth).filter(|d| *d <= depth_max).collect();
+        if (reached.len() as f64) >= SHARE_MIN * of_bin.len() as f64 {
+            (to, depth_to) = (end, median(reached.into_iter()).unwrap_or(depth_to));
+            (followed_count, void_count) = (followed_count + 1, 0);
+            continue;
+        }
+        void_count += 1;
+        if void_count > LOST_MAX {
+            break;
+        }
+    }
+    // A few points may lie up to a spacing to either side of what was followed.
+    let depth_max = depth_to + SLOPE_MAX * spacing + tolerance;
+    let Some(slant) = line(cells, [start - spacing, to + spacing], depth_max).filter(|_| followed_count > 0) else {
+        return Beneath::Nothing;
+    };
+    let flat = followed_count > 1 && slant.slope < SLOPE_MIN;
+    let ends = void_count > 0 && depth_to + slant.slope * spacing < DEPTH_MAX * cells.columns.radius;
+    match (flat, ends) {
+        (true, _) => Beneath::Ledge(slant),
+        (false, true) => Beneath::Chamfer(slant),
+        (false, false) => Beneath::Endless(slant),
     }
 }
 
-/// Of places with their depths.
+/// The line with the least-squares slope through the mean of the deepest points; `None` for few points.
+fn line(cells: &Cells, [from, to]: [f64; 2], depth_max: f64) -> Option<Slant> {
+    let below = cells.depths().filter_map(|(t, depth)| Some([t, depth?]));
+    let mut points: Vec<[f64; 2]> = below.filter(|[t, d]| *t > from && *t <= to && *d <= depth_max).collect();
+    points.sort_by(|[_, a], [_, b]| b.total_cmp(a));
+    let [at, depth] = mean(points.get(..(DEEPEST_SHARE * points.len() as f64).ceil() as usize)?);
+    let [mean_t, mean_depth] = mean(&points);
+    let moments = points.iter().map(|[t, depth]| [(t - mean_t) * (depth - mean_depth), (t - mean_t).powi(2)]);
+    let [product, square] = moments.fold([0.0; 2], |[product, square], [p, s]| [product + p, square + s]);
+    // Where all points lie at one place, the slope does not matter.
+    let slope = if square > 0.0 { (product / square).clamp(0.0, SLOPE_MAX) } else { 0.0 };
+    (points.len() > CELLS_MIN).then_some(Slant { from, to, depth_max, at, depth, slope })
+}
+
 fn mean(points: &[[f64; 2]]) -> [f64; 2] {
     let sum = points.iter().fold([0.0; 2], |[ts, depths], [t, depth]| [ts + t, depths + depth]);
     sum.map(|sum| sum / points.len() as f64)
-}
-
-/// By how much the depth grows with the place, by least squares; none where all are at one place.
-fn slope(points: &[[f64; 2]]) -> f64 {
-    let [mean_t, mean_depth] = mean(points);
-    let products = points.iter().map(|[t, depth]| [(t - mean_t) * (depth - mean_depth), (t - mean_t).powi(2)]);
-    let [both, square] = products.fold([0.0; 2], |[both, square], [b, s]| [both + b, square + s]);
-    if square > 0.0 { both / square } else { 0.0 }
-}
-
-/// Whether beyond the last place that shows the part it goes on below as a slant would, deeper or longer than what is told:
-/// nobody can say where that ends. A support or a shaft lies farther below, or goes on at one depth.
-pub(super) fn goes_on(
-    cells: &[Cell],
-    columns_count: usize,
-    chamfer: Option<Chamfer>,
-    last: f64,
-    tolerance: f64,
-) -> bool {
-    let next = (0..columns_count).filter_map(|column| {
-        let of_column: Vec<&Cell> = cells.iter().skip(column).step_by(columns_count.max(1)).collect();
-        Next::beyond(&of_column, chamfer, last)
-    });
-    let slants: Vec<Next> = next.filter(|next| next.deeper <= SLOPE_MAX * next.step + tolerance).collect();
-    let grown = slants.iter().filter_map(|next| next.grows);
-    let [grown, steps, count] = grown.fold([0.0; 3], |[sum, steps, n], [by, step]| [sum + by, steps + step, n + 1.0]);
-    let ends = 2.0 * count < slants.len() as f64;
-    slants.len() >= POINTS_MIN.max((SLANT_SHARE_MIN * columns_count as f64) as usize)
-        && (ends || grown > FLAT_MAX * steps)
-}
-
-/// What a column shows in the plane beyond the last one that shows the part.
-struct Next {
-    /// How far that is, mm, and by how much what it shows is deeper.
-    step: f64,
-    deeper: f64,
-    /// By how much the plane after it is deeper still, and how far it is.
-    grows: Option<[f64; 2]>,
-}
-
-impl Next {
-    /// `None` where the column shows nothing below there.
-    fn beyond(of_column: &[&Cell], chamfer: Option<Chamfer>, last: f64) -> Option<Self> {
-        let is_last =
-            |cell: &&Cell| is_part(cell.seen, chamfer) == Some(true) && cell.seen.t().is_some_and(|t| t <= last);
-        let at = of_column.iter().rposition(is_last)?;
-        let [part, next] = [at, at + 1].map(|index| of_column.get(index));
-        let (part, next) = part.zip(next)?;
-        let depth = next.seen.depth()?;
-        let grows = of_column.get(at + 2).and_then(|cell| Some([cell.seen.depth()? - depth, cell.ahead - next.ahead]));
-        Some(Self { step: next.ahead - part.ahead, deeper: depth - part.seen.depth().unwrap_or(0.0), grows })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn below(t: f64, depth: f64) -> Cell {
-        Cell { ahead: 0.0, seen: Seen::Below { t, depth } }
-    }
-
-    /// 45°, from the surface at 10.
-    #[test]
-    fn a_chamfer_is_a_slant_and_what_it_lacks_lies_on_it() {
-        let cells: Vec<Cell> = (1..=20).map(|index| 0.1 * f64::from(index)).map(|d| below(10.0 + d, d)).collect();
-        let chamfer = Chamfer::seen(&cells, 9.0, 17.0).expect("a chamfer");
-        let (radius, lead) = (8.0, 0.8);
-        let t = chamfer.place(11.5, lead, radius);
-        let depth = t - 10.0;
-        assert!((t - (11.5 + lead * (1.0 - depth / radius))).abs() < 1e-9, "{t}");
-    }
-
-    #[test]
-    fn few_points_are_no_chamfer() {
-        assert_eq!(Chamfer::seen(&[below(10.0, 0.5); 4], 9.0, 17.0), None);
-    }
-
-    /// Ten columns that end at 10, and what three planes a millimetre apart show beyond.
-    fn beyond(depths: [Option<f64>; 3]) -> Vec<Cell> {
-        let surface = Seen::Surface { first: 10.0, t: 10.0 };
-        let seen = depths.map(|depth| depth.map_or(Seen::Nothing, |depth| Seen::Deep { depth }));
-        let planes = std::iter::once(surface).chain(seen).enumerate();
-        planes.flat_map(|(index, seen)| [Cell { ahead: 10.0 + index as f64, seen }; 10]).collect()
-    }
-
-    #[test]
-    fn a_slant_goes_on_and_a_support_a_shaft_and_nothing_do_not() {
-        let goes_on = |depths| goes_on(&beyond(depths), 10, None, 10.0, 0.15);
-        assert!(goes_on([Some(0.3), Some(0.6), Some(0.9)]));
-        assert!(goes_on([Some(1.5), None, None]));
-        assert!(!goes_on([Some(5.0), Some(5.0), Some(5.0)]));
-        assert!(!goes_on([Some(1.0), Some(1.0), Some(1.0)]));
-        assert!(!goes_on([None, Some(1.0), Some(2.0)]));
-    }
 }

@@ -1,71 +1,83 @@
-//! Where the part ends: the end plane is square to the axis, so one number is sought, its offset along the axis. In: a scan
-//! and its accepted pose; out: the point where the axis meets the plane, or a warning that the scan does not show it. Must
-//! not know how the pose was found.
+//! Where the part ends: the end plane is perpendicular to the axis, so one number is sought, its place along the axis. The
+//! result is the point where the axis meets the plane, or a warning that the scan does not show it.
 //!
-//! A place on the cylinder lies at t = T·(P − P_ref), outward. Places that show a point lie before the plane, those that
-//! show none beyond it, in every column of every profile: with a tilted axis the columns reach t in other phases of the
-//! spacing, and the plane is known far better than the spacing.
+//! With a tilted axis the columns of points reach the plane at different phases of the spacing of the profiles, so the
+//! plane is known far better than the spacing. The calculation runs twice, coarsely over the whole scan and with every
+//! point about the end, in the order of the modules:
 //!
 //! ```text
-//! planes --64 points each--> cells --reach--> about where --every point, at most 256 planes--> cells
-//!                --reach--> up to the first gap --offset--> likelihood of t --marginal, over poses--> t --view--> EndFace
+//! points --unroll--> (angle, place, height) --occupancy--> observations of presence --chamfer--> what belongs to the part
+//!        --likelihood--> of a plane --motions, marginalise--> over the poses --posterior--> place and uncertainty
 //! ```
 
-mod cells;
 mod chamfer;
-mod evidence;
-mod fine;
-mod lattice;
-mod marginal;
-mod offset;
+mod likelihood;
+mod marginalise;
+mod motions;
+mod occupancy;
 mod posterior;
-mod reach;
-mod sway;
-mod view;
+mod unroll;
 
 use super::{End, EndFace, EndFaces, Estimate, Outcome, Pose, Settings, TypeB, Warning, type_b};
 use crate::scan::{Grouping, Scan};
-use fine::Stage;
-use lattice::Lattice;
+use chamfer::Beneath;
+use likelihood::Likelihood;
+use motions::Motions;
 use nalgebra::Matrix5;
-use offset::Offset;
-use view::{Glimpse, View};
+use occupancy::{Cells, Observation, Slant};
+use posterior::Posterior;
+use unroll::{Columns, Plane, Unrolled, View};
 
-/// Read of a plane to find about where the part ends, and the columns that these points are put in.
+/// Points of a plane, columns and planes of the coarse look. Four points a column bear a quarter of drop-outs.
 const COARSE_POINTS_MAX: usize = 64;
 const COARSE_COLUMNS: usize = 16;
-/// Planes that are looked at for that. More are taken at a stride.
 const COARSE_PLANES_MAX: usize = 4096;
-/// A point counts as on the surface within so many standard deviations of its height or within ε, whichever is more: at
-/// first of its noise alone, about the end of what the pose leaves open as well. And the share of the first tolerance that
-/// this may be.
+/// A point lies on the surface within ε or so many standard deviations of its height, whichever is more: in the coarse look
+/// of its noise, in the fine one of its noise and of the height that the pose leaves there.
 const COARSE_SIGMAS: f64 = 5.0;
 const FINE_SIGMAS: f64 = 3.0;
-const OPEN_MAX: f64 = 0.75;
+/// Largest uncertainty of the height as a share of the coarse tolerance: beyond it the surface may leave its tolerance
+/// without an end.
+const HEIGHT_SHARE_MAX: f64 = 0.75;
+/// Planes of the fine look; more are taken at a stride.
+const PLANES_MAX: usize = 256;
+/// Points of a column in each plane, so that none is empty by the raster, and least and most columns.
+const POINTS_PER_COLUMN: f64 = 2.0;
+const COLUMNS_MIN: usize = 8;
+const COLUMNS_MAX: usize = 1024;
+/// Spacings that are examined before the end, those next to the end that are left to a ragged edge, and those examined
+/// beyond the end and what continues below it: a gap takes four.
+const BEFORE: f64 = 10.0;
+const UNSETTLED: f64 = 2.0;
+const BEYOND: f64 = 4.0;
 
 /// Adds the end faces that the settings ask for to an accepted estimate, and a warning for each that is not seen.
 pub(super) fn complete(scan: &Scan, settings: &Settings, estimate: &mut Estimate) {
     let asked = settings.end_face;
     let Outcome::Accepted(pose) = &mut estimate.outcome else { return };
-    // Sections that were cut from a cloud end where points were cut off, and show no column of a raster.
+    // Sections that were cut from a cloud end where points were cut off, and their points form no columns.
     if scan.grouping() == Grouping::Chosen {
         let unseen = [End::Near, End::Far].into_iter().filter(|end| asked.asks_for(*end));
         estimate.conditioning.warnings.extend(unseen.map(|end| Warning::EndFaceNotSeen { end }));
         return;
     }
-    let sigma = estimate.residuals.map_or(0.0, |residuals| residuals.sigma);
-    let covariance = against_scan(pose, &settings.type_b);
-    let known = Known { scan, pose, covariance, sigma, epsilon: settings.epsilon_mm };
-    let seen = |end| known.find(end).and_then(|found| found.face(&settings.type_b));
-    let face = |end| asked.asks_for(end).then(|| seen(end));
+    let search = Search {
+        scan,
+        pose,
+        covariance: relative_to_scan(pose, &settings.type_b),
+        sigma: estimate.residuals.map_or(0.0, |residuals| residuals.sigma),
+        epsilon: settings.epsilon_mm,
+        type_b: &settings.type_b,
+    };
+    let face = |end| asked.asks_for(end).then(|| search.find(end));
     let (near, far) = rayon::join(|| face(End::Near), || face(End::Far));
     let unseen = [(End::Near, near), (End::Far, far)].into_iter().filter(|(_, face)| matches!(face, Some(None)));
     estimate.conditioning.warnings.extend(unseen.map(|(end, _)| Warning::EndFaceNotSeen { end }));
     pose.end_faces = EndFaces { asked, near: near.flatten(), far: far.flatten() };
 }
 
-/// The covariance of the pose against what the scan shows: what moves the whole scan moves the edge with the axis.
-fn against_scan(pose: &Pose, type_b: &TypeB) -> Matrix5<f64> {
+/// The covariance of the pose relative to the scan: what moves the whole scan moves the edge with the axis.
+fn relative_to_scan(pose: &Pose, type_b: &TypeB) -> Matrix5<f64> {
     let whole = type_b.of_whole_scan(&type_b::Found {
         axis: pose.axis,
         x_ref: pose.x_ref,
@@ -75,65 +87,151 @@ fn against_scan(pose: &Pose, type_b: &TypeB) -> Matrix5<f64> {
     pose.uncertainty.without(&whole)
 }
 
-/// What is known before an end is looked for.
-struct Known<'a> {
+/// What is known before an end is sought.
+struct Search<'a> {
     scan: &'a Scan,
     pose: &'a Pose,
     covariance: Matrix5<f64>,
     /// Noise of a point, mm.
     sigma: f64,
-    /// ε, mm.
     epsilon: f64,
+    type_b: &'a TypeB,
 }
 
-impl Known<'_> {
-    /// `None` where the scan does not show the end.
-    fn find(&self, end: End) -> Option<Found> {
+/// What the coarse look finds. Lengths in mm along the axis.
+struct About {
+    /// End of the last spacing that shows the surface.
+    last: f64,
+    /// How far something continues below the surface.
+    beneath_to: f64,
+    /// Where something else begins.
+    next: f64,
+    /// How far the end may lie from `last` because planes were left out.
+    slack: f64,
+    /// How far from the surface a point on it may lie.
+    tolerance: f64,
+    /// Least and largest lead of the columns.
+    leads: [f64; 2],
+}
+
+impl Search<'_> {
+    /// `None` if the scan does not show the end.
+    fn find(&self, end: End) -> Option<EndFace> {
         let view = View::new(self.pose, end);
         let planes = view.planes_outward(self.scan);
-        let coarse = view::thin(&planes, COARSE_PLANES_MAX);
-        let coarse_spacing = view::spacing(&coarse)?;
-        let glimpses = view.look(self.scan, &coarse, COARSE_POINTS_MAX);
+        let spacing = unroll::spacing(&planes)?;
+        let about = self.about(&view, &planes, spacing)?;
+        self.fine(&view, &planes, spacing, &about)
+    }
+
+    fn about(&self, view: &View, planes: &[Plane], spacing: f64) -> Option<About> {
+        let coarse = unroll::thin(planes, COARSE_PLANES_MAX);
+        let coarse_spacing = unroll::spacing(&coarse)?;
+        let points = view.unroll(self.scan, &coarse, COARSE_POINTS_MAX);
         let tolerance = self.tolerance(COARSE_SIGMAS, 0.0);
-        let on_surface = |glimpse: &&Glimpse| glimpse.height.abs() <= tolerance;
-        let angles = glimpses.iter().filter(on_surface).map(|glimpse| glimpse.angle).collect();
-        let lattice = Lattice::of(angles, COARSE_COLUMNS, &view)?;
-        let seen = cells::cells(&glimpses, &coarse, &lattice, tolerance);
-        let about = reach::reach(&evidence::evidence(&seen, &lattice, None, 0.0), 0.0, coarse_spacing)?;
-        // On an axis that may be off by that much the surface leaves its tolerance, and that is no end.
-        let open = view.height_open(&self.covariance, lattice.angles(), about.last);
-        if open > OPEN_MAX * tolerance {
+        let columns = columns(&points, view, tolerance, |_| COARSE_COLUMNS, |_| true)?;
+        let leads = columns.leads();
+        let cells = Cells::of(&points, &coarse, columns, tolerance);
+        let extent = occupancy::extent(&cells.observations(None, 0.0), 0.0, coarse_spacing)?;
+        let height = view.height_uncertainty(&self.covariance, &cells.columns, extent.last);
+        if height > HEIGHT_SHARE_MAX * tolerance {
             return None;
         }
-        let slack = 2.0 * (coarse_spacing - view::spacing(&planes)?).max(0.0);
-        let (tolerance, span) = (self.tolerance(FINE_SIGMAS, open), lattice.span());
-        let stage =
-            Stage { view: &view, covariance: &self.covariance, sigma: self.sigma, about, slack, tolerance, span };
-        let (offset, looked_at) = stage.offset(self.scan, &planes)?;
-        Some(Found { view, offset, looked_at })
+        // The surface ends within the last spacing that shows it.
+        let beneath = chamfer::beneath(&cells, extent.last - coarse_spacing, coarse_spacing, tolerance);
+        Some(About {
+            last: extent.last,
+            beneath_to: beneath.to(extent.last).max(extent.last),
+            next: extent.next,
+            slack: 2.0 * (coarse_spacing - spacing).max(0.0),
+            tolerance: self.tolerance(FINE_SIGMAS, height),
+            leads,
+        })
     }
 
-    /// How far from the surface a point may lie on it, where the pose leaves its height open to that standard deviation, mm.
-    fn tolerance(&self, sigmas: f64, open: f64) -> f64 {
-        self.epsilon.max(sigmas * self.sigma.hypot(open))
+    fn fine(&self, view: &View, planes: &[Plane], spacing: f64, about: &About) -> Option<EndFace> {
+        let settled = about.last - about.slack - UNSETTLED * spacing;
+        let examined = BEFORE * spacing;
+        let from = settled - examined;
+        let to = about.next.min(about.beneath_to + about.slack + BEYOND * spacing);
+        let [least, most] = about.leads;
+        let within = planes.iter().filter(|plane| plane.t + most >= from && plane.t + least <= to);
+        let planes = unroll::thin(&within.cloned().collect::<Vec<_>>(), PLANES_MAX);
+        let spacing = unroll::spacing(&planes)?.max(spacing);
+        let points = view.unroll(self.scan, &planes, usize::MAX);
+        let of_count = |count: usize| (count as f64 * spacing / examined / POINTS_PER_COLUMN).round() as usize;
+        let columns_count = |count: usize| of_count(count).clamp(COLUMNS_MIN, COLUMNS_MAX);
+        let columns = columns(&points, view, about.tolerance, columns_count, |t| t >= from && t <= settled)?;
+        let covariance = self.covariance.fixed_view::<4, 4>(0, 0).into_owned();
+        let motions = Motions::about(about.last, view, &columns, covariance)?;
+        let cells = Cells::of(&points, &planes, columns, about.tolerance);
+        let region = Region { cells: &cells, from, to, spacing, sigma: self.sigma };
+        let end = region.end(about.tolerance)?;
+        let posterior = Posterior::of(&marginalise::planes(&end.likelihood.steps, &motions, end.to)?)?;
+        let shortfall = posterior.flank_shortfall(&end.observations, &cells.columns, &motions);
+        let centre = view.axis_at(posterior.mean);
+        let standard = |variance_of_x: f64| {
+            let normal = motions.common + variance_of_x / view.x_by_t().powi(2);
+            (posterior.half_of_expanded(normal.sqrt()) + shortfall) * view.x_by_t()
+        };
+        // An axis that is less certain lets the surface leave its tolerance, which looks like an end.
+        let known = 2.0 * standard(0.0) <= examined;
+        known.then(|| EndFace { centre, x_standard: standard(self.type_b.along_x(centre)) })
+    }
+
+    /// How far from the surface a point on it may lie if its height has this standard deviation beside its noise, mm.
+    fn tolerance(&self, sigmas: f64, height: f64) -> f64 {
+        self.epsilon.max(sigmas * self.sigma.hypot(height))
     }
 }
 
-/// An end as it was seen.
-struct Found {
-    view: View,
-    offset: Offset,
-    /// How much was looked at before the end, mm.
-    looked_at: f64,
+/// Columns of the points on the surface at the places that are wanted, as many as `columns_count` says for these points.
+fn columns(
+    points: &[Unrolled],
+    view: &View,
+    tolerance: f64,
+    columns_count: impl Fn(usize) -> usize,
+    wanted: impl Fn(f64) -> bool,
+) -> Option<Columns> {
+    let on_surface = points.iter().filter(|point| point.height.abs() <= tolerance && wanted(point.t));
+    let angles: Vec<f64> = on_surface.map(|point| point.angle).collect();
+    let columns_count = columns_count(angles.len());
+    Columns::of(angles, columns_count, view)
 }
 
-impl Found {
-    /// `None` where the pose leaves more open than was looked at: an axis that is off lets the surface leave its tolerance,
-    /// and that is no end.
-    fn face(&self, type_b: &TypeB) -> Option<EndFace> {
-        let centre = self.view.point(&self.offset);
-        let standard = |variance: f64| self.view.half_of_expanded(&self.offset, variance);
-        let x_standard = standard(type_b.along_x(centre));
-        (2.0 * standard(0.0) <= self.looked_at).then_some(EndFace { centre, x_standard })
+/// The cells about the end, from a place to another.
+struct Region<'a> {
+    cells: &'a Cells,
+    from: f64,
+    to: f64,
+    spacing: f64,
+    /// Noise of a point, mm.
+    sigma: f64,
+}
+
+/// An end with what it was found from.
+struct FoundEnd {
+    observations: Vec<Observation>,
+    likelihood: Likelihood,
+    to: f64,
+}
+
+impl Region<'_> {
+    /// The end of the surface or, if a chamfer follows, the end of that.
+    fn end(&self, tolerance: f64) -> Option<FoundEnd> {
+        let surface = self.end_with(None)?;
+        match chamfer::beneath(self.cells, surface.likelihood.last, self.spacing, tolerance) {
+            Beneath::Nothing | Beneath::Ledge(_) => Some(surface),
+            Beneath::Chamfer(slant) => self.end_with(Some(&slant)),
+            Beneath::Endless(_) => None,
+        }
+    }
+
+    fn end_with(&self, slant: Option<&Slant>) -> Option<FoundEnd> {
+        let mut observations = self.cells.observations(slant, self.sigma);
+        let to = self.to.min(occupancy::extent(&observations, self.from, self.spacing)?.next);
+        observations.retain(|observation| observation.t >= self.from && observation.t <= to);
+        let likelihood = Likelihood::of(&observations, self.spacing, self.cells.columns.len())?;
+        Some(FoundEnd { observations, likelihood, to })
     }
 }

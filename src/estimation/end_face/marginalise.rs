@@ -1,0 +1,219 @@
+//! The plane over all poses that the covariance allows: an edge that several columns show fits some of them better than
+//! others.
+//!
+//! The nodes of a grid over the two motions of the columns are weighed by their normal density and by the likelihood of
+//! their planes, and the grid contracts about those that weigh. The posterior of the plane is that of all nodes together.
+
+use super::likelihood::{Step, sums};
+use super::motions::{Motion, Motions, SWEEPS_MAX};
+use nalgebra::{Matrix2, Vector2};
+use std::f64::consts::FRAC_1_SQRT_2;
+
+/// Planes e¹⁶ (10⁷) times less likely are left out.
+const LOG_RATIO_MAX: f64 = 16.0;
+/// Nodes along each motion, and their reach in standard deviations: 99.7 % of a normal density, at steps of one.
+const NODES: usize = 7;
+const REACH: f64 = 3.0;
+/// How often the grid contracts. Where the pose is known badly, the first grids are too coarse for a sharp edge.
+const CONTRACTIONS: usize = 5;
+/// Share of the variance between nodes by which steps are softened, so that coarse grids do not miss the edge. All of it,
+/// taken as independent from step to step, would hide the edge.
+const SOFTENED: f64 = 0.03;
+/// A step whose place is uncertain is divided at these of its standard deviations, each in the middle of its part.
+const PARTS: [f64; 8] = [-2.45, -1.75, -1.05, -0.35, 0.35, 1.05, 1.75, 2.45];
+const HALF_PART: f64 = 0.35;
+/// A smaller step is not divided.
+const GAIN_MIN: f64 = 0.5;
+
+/// A plane anywhere between two places.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Piece {
+    pub(super) from: f64,
+    pub(super) to: f64,
+    /// Logarithm of its density up to a constant.
+    pub(super) log: f64,
+}
+
+impl Piece {
+    /// Relative to a piece of this logarithm.
+    pub(super) fn weight(&self, largest: f64) -> f64 {
+        (self.log - largest).exp() * (self.to - self.from)
+    }
+}
+
+pub(super) fn largest(pieces: &[Piece]) -> f64 {
+    pieces.iter().map(|piece| piece.log).fold(f64::NEG_INFINITY, f64::max)
+}
+
+fn likely(mut pieces: Vec<Piece>) -> Vec<Piece> {
+    let least = largest(&pieces) - LOG_RATIO_MAX;
+    pieces.retain(|piece| piece.log > least);
+    pieces
+}
+
+/// Where the plane may be, up to `to`, from steps in order of t; `None` without steps or weights.
+pub(super) fn planes(steps: &[Step], motions: &Motions, to: f64) -> Option<Vec<Piece>> {
+    let near = Near::of(steps, motions, to)?;
+    let mut grid = Grid { centre: Motion::zeros(), reach: Matrix2::from_diagonal_element(REACH) };
+    for _ in 0..CONTRACTIONS {
+        grid = grid.contracted(&near.softened(grid)?)?;
+    }
+    let near = near.softened(grid)?;
+    Some(likely(grid.nodes().flat_map(|at| likely(near.planes(at))).collect()))
+}
+
+impl Step {
+    /// As a plane meets it that may lie to either side of its place: up to z standard deviations the likelihood has grown
+    /// by ln(1 + (e^gain − 1)·Φ(z)).
+    fn parts(self) -> impl Iterator<Item = Self> {
+        let Self { t, gain, variance, .. } = self;
+        let grown = move |z: f64| (gain.exp_m1() * 0.5 * libm::erfc(-z * FRAC_1_SQRT_2)).ln_1p();
+        let whole = variance <= 0.0 || gain.abs() <= GAIN_MIN;
+        let part = move |(index, z): (usize, f64)| {
+            let from = if index == 0 { 0.0 } else { grown(z - HALF_PART) };
+            let to = if index + 1 == PARTS.len() { gain } else { grown(z + HALF_PART) };
+            Self { t: t + z * variance.sqrt(), gain: to - from, ..self }
+        };
+        let parts = PARTS.into_iter().enumerate().map(part).filter(move |_| !whole);
+        parts.chain(whole.then_some(self))
+    }
+}
+
+/// The steps that a motion can bring to where the plane may be, in order of t.
+struct Near<'a> {
+    steps: Vec<Step>,
+    motions: &'a Motions,
+    to: f64,
+}
+
+impl<'a> Near<'a> {
+    fn of(steps: &[Step], motions: &'a Motions, to: f64) -> Option<Self> {
+        let variance = steps.iter().map(|step| step.variance).fold(0.0, f64::max);
+        Self::within(steps, motions, to, 2.0 * REACH * (motions.largest() + variance.sqrt()))
+    }
+
+    /// Those within a margin about where the plane is likely; `None` without any.
+    fn within(steps: &[Step], motions: &'a Motions, to: f64, margin: f64) -> Option<Self> {
+        let most = sums(steps).map(|step| step.gain).fold(f64::NEG_INFINITY, f64::max);
+        let likely = || sums(steps).filter(|step| step.gain > most - LOG_RATIO_MAX).map(|step| step.t);
+        let (first, last) = (likely().next()?, likely().last()?);
+        let next = steps.iter().find(|step| step.t > last).map_or(to, |step| step.t);
+        let to = to.min(next + margin);
+        let steps = steps.iter().filter(|step| step.t >= first - margin && step.t <= to).copied().collect();
+        Some(Self { steps, motions, to })
+    }
+
+    /// As a node meets them that stands for all poses about it: poses between nodes move the steps by so much more.
+    fn softened(&self, grid: Grid) -> Option<Self> {
+        let between = grid.between() * SOFTENED;
+        let met = |step: &Step| {
+            let variance = step.variance + self.motions.variance_by(step.column, &between);
+            Step { variance, ..*step }.parts()
+        };
+        let mut parts: Vec<Step> = self.steps.iter().flat_map(met).collect();
+        parts.sort_by(|a, b| a.t.total_cmp(&b.t));
+        Self::within(&parts, self.motions, self.to, 2.0 * REACH * self.motions.largest())
+    }
+
+    /// The planes with the columns where they are at a node.
+    fn planes(&self, at: Motion) -> Vec<Piece> {
+        let moved = |step: &Step| [step.t + self.motions.of_column(step.column, at), step.gain];
+        let mut steps: Vec<[f64; 2]> = self.steps.iter().map(moved).collect();
+        steps.sort_unstable_by(|[a, _], [b, _]| a.total_cmp(b));
+        let ends = steps.iter().skip(1).map(|[t, _]| *t).chain([self.to]);
+        let mut log = -0.5 * at.norm_squared();
+        let piece = |([from, gain], to): (&[f64; 2], f64)| {
+            log += gain;
+            Piece { from: *from, to, log }
+        };
+        steps.iter().zip(ends).map(piece).filter(|piece| piece.to > piece.from).collect()
+    }
+}
+
+/// A grid over the motions.
+#[derive(Debug, Clone, Copy)]
+struct Grid {
+    centre: Motion,
+    /// How far it reaches along its two directions, one in each column.
+    reach: Matrix2<f64>,
+}
+
+impl Grid {
+    /// Covariance of the motions that are nearer to a node than to another.
+    fn between(self) -> Matrix2<f64> {
+        let step = self.reach * (2.0 / (NODES - 1) as f64);
+        step * step.transpose() / 12.0
+    }
+
+    fn nodes(self) -> impl Iterator<Item = Motion> {
+        let place = |index: usize| 2.0 * index as f64 / (NODES - 1) as f64 - 1.0;
+        let node = move |i: usize, j: usize| self.centre + self.reach * Motion::new(place(i), place(j));
+        (0..NODES).flat_map(move |i| (0..NODES).map(move |j| node(i, j)))
+    }
+
+    /// About the nodes that weigh, as far as they do.
+    fn contracted(self, near: &Near<'_>) -> Option<Self> {
+        let weigh = |at: Motion| {
+            let planes = near.planes(at);
+            let most = largest(&planes);
+            (at, most + planes.iter().map(|plane| plane.weight(most)).sum::<f64>().ln())
+        };
+        let nodes: Vec<(Motion, f64)> = self.nodes().map(weigh).collect();
+        let most = nodes.iter().map(|(_, log)| *log).fold(f64::NEG_INFINITY, f64::max);
+        let weighed = || nodes.iter().map(|(at, log)| (*at, (log - most).exp()));
+        let all: f64 = weighed().map(|(_, weight)| weight).sum();
+        let centre = weighed().map(|(at, weight)| at * weight).sum::<Motion>() / all;
+        let square = |(at, weight): (Motion, f64)| (at - centre) * (at - centre).transpose() * weight;
+        let covariance = weighed().map(square).sum::<Matrix2<f64>>() / all;
+        let eigen = covariance.try_symmetric_eigen(f64::EPSILON, SWEEPS_MAX)?;
+        let between = self.between();
+        let reach = |direction: Vector2<f64>, variance: f64| {
+            // Poses between nodes are not resolved.
+            let least = direction.dot(&(between * direction));
+            direction * (REACH * variance.max(least).min(1.0).sqrt())
+        };
+        let [first, second] = [0, 1].map(|index| eigen.eigenvectors.column(index).into_owned());
+        let [of_first, of_second] = <[f64; 2]>::from(eigen.eigenvalues);
+        Some(Self { centre, reach: Matrix2::from_columns(&[reach(first, of_first), reach(second, of_second)]) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Matrix4, Vector4};
+
+    /// The mean of the plane with two columns that a motion of standard deviation `moved` moves against each other.
+    fn mean(steps: &[(f64, f64, usize, f64)], moved: f64, to: f64) -> f64 {
+        let by = Vector4::new(moved, 0.0, 0.0, 0.0);
+        let motions = Motions::of(&[by, -by], Matrix4::identity()).expect("motions");
+        let step = |&(t, gain, column, variance): &(f64, f64, usize, f64)| Step { t, gain, column, variance };
+        let pieces = planes(&steps.iter().map(step).collect::<Vec<_>>(), &motions, to).expect("planes");
+        let most = largest(&pieces);
+        let weighed = pieces.iter().map(|p| [p.weight(most), p.weight(most) * 0.5 * (p.from + p.to)]);
+        let [weight, moment] = weighed.fold([0.0; 2], |[a, b], [x, y]| [a + x, b + y]);
+        moment / weight
+    }
+
+    #[test]
+    fn a_plane_lies_anywhere_between_a_cell_that_shows_the_part_and_one_that_lacks_it() {
+        let found = mean(&[(1.0, 9.0, 0, 0.0), (3.0, -9.0, 1, 0.0)], 0.0, 4.0);
+        assert!((found - 2.0).abs() < 1e-3, "{found}");
+    }
+
+    /// Column 0 has the plane within (0.0, 0.2), column 1 within (0.4, 0.6). A motion of 0.2 of either brings them together;
+    /// without one the plane is where the last cell shows the part, since a drop-out is likelier than a stray point.
+    #[test]
+    fn columns_in_conflict_that_the_pose_explains_meet_in_the_middle() {
+        let steps = [(0.0, 9.0, 0, 0.0), (0.2, -5.0, 0, 0.0), (0.4, 9.0, 1, 0.0), (0.6, -9.0, 1, 0.0)];
+        let [rigid, moved] = [0.0, 0.2].map(|by| mean(&steps, by, 1.0));
+        assert!((rigid - 0.5).abs() < 0.01 && (moved - 0.3).abs() < 0.02, "{rigid} {moved}");
+    }
+
+    /// ∫ (1 − Φ((x − 3)/0.2)) dx from 1 = 2, as with a sharp end at 3; ∫ (x − 1)·(1 − Φ) dx = (2² + 0.2²)/2.
+    #[test]
+    fn a_cell_whose_place_is_uncertain_ends_the_plane_gradually() {
+        let found = mean(&[(1.0, 20.0, 0, 0.0), (3.0, -20.0, 1, 0.04)], 0.0, 5.0);
+        assert!((found - (1.0 + 2.02 / 2.0)).abs() < 5e-3, "{found}");
+    }
+}
