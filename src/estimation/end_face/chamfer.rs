@@ -90,3 +90,46 @@ fn mean(points: &[[f64; 2]]) -> [f64; 2] {
     let sum = points.iter().fold([0.0; 2], |[ts, depths], [t, depth]| [ts + t, depths + depth]);
     sum.map(|sum| sum / points.len() as f64)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimation::end_face::unroll::{Column, Columns, Plane, Unrolled};
+
+    /// Ten columns of a part of radius 20 along X that ends at 3, and the depth that they show in each plane beyond.
+    fn beyond(depths: &[Option<f64>]) -> Beneath {
+        let column = Column { angle: 0.0, lead: 0.0, slope: [0.0; 2], before: None, rising: true };
+        let columns = Columns { bounds: (1..10).map(f64::from).collect(), all: vec![column; 10], radius: 20.0 };
+        let shown: Vec<Option<f64>> = [Some(0.0); 4].iter().chain(depths).copied().collect();
+        let planes: Vec<Plane> =
+            (0..shown.len()).map(|index| Plane { x: 0.0, t: index as f64, points: 0..0 }).collect();
+        let point = |(plane, depth): (usize, &Option<f64>)| {
+            let (t, depth) = (plane as f64, *depth);
+            (0..10).filter_map(move |column| {
+                Some(Unrolled { plane, t, t_on_surface: t, angle: f64::from(column) + 0.5, height: -depth? })
+            })
+        };
+        let points: Vec<Unrolled> = shown.iter().enumerate().flat_map(point).collect();
+        beneath(&Cells::of(&points, &planes, columns, 0.1), 3.0, 1.0, 0.1)
+    }
+
+    #[test]
+    fn a_slant_that_ends_is_a_chamfer() {
+        let Beneath::Chamfer(slant) = beyond(&[Some(0.5), Some(1.5), None, None]) else { panic!("no chamfer") };
+        assert!((slant.slope - 1.0).abs() < 1e-9 && (slant.at, slant.depth) == (5.0, 1.5), "{slant:?}");
+        assert!(matches!(beyond(&[Some(0.5), None, None]), Beneath::Chamfer(_)));
+        // A background farther below does not continue it.
+        assert!(matches!(beyond(&[Some(0.5), Some(7.0), Some(7.0)]), Beneath::Chamfer(_)));
+    }
+
+    #[test]
+    fn a_slant_that_does_not_end_a_shaft_and_a_support_are_none() {
+        assert!(matches!(beyond(&[Some(0.5), Some(1.5), Some(2.5)]), Beneath::Endless(_)));
+        let cone: Vec<Option<f64>> = (1..15).map(|depth| Some(f64::from(depth))).collect();
+        assert!(matches!(beyond(&cone), Beneath::Endless(_)));
+        assert!(matches!(beyond(&[Some(1.0); 4]), Beneath::Ledge(_)));
+        assert!(matches!(beyond(&[Some(1.0), Some(1.0), None, None]), Beneath::Ledge(_)));
+        assert_eq!(beyond(&[Some(5.0); 4]), Beneath::Nothing);
+        assert_eq!(beyond(&[None; 4]), Beneath::Nothing);
+    }
+}

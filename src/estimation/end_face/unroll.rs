@@ -20,10 +20,10 @@ const STANDING_SHARE: f64 = 0.01;
 /// The plane of a profile; one without points has an empty range.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Plane {
-    x: f64,
+    pub(super) x: f64,
     /// Where the axis meets it, mm along the axis.
     pub(super) t: f64,
-    points: Range<usize>,
+    pub(super) points: Range<usize>,
 }
 
 /// A point in cylinder coordinates.
@@ -115,10 +115,6 @@ impl View {
         [reach * sin, reach * cos]
     }
 
-    pub(super) const fn radius(&self) -> f64 {
-        self.radius
-    }
-
     fn x_at(&self, t: f64) -> f64 {
         self.x_ref + self.side * t / self.n
     }
@@ -190,7 +186,7 @@ pub(super) fn thin(planes: &[Plane], planes_max: usize) -> Vec<Plane> {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Columns {
     /// Where each column but the first begins, radians.
-    bounds: Vec<f64>,
+    pub(super) bounds: Vec<f64>,
     /// In order of their angle.
     pub(super) all: Vec<Column>,
     pub(super) radius: f64,
@@ -255,5 +251,29 @@ impl Columns {
     pub(super) fn mean_step(&self) -> f64 {
         let pairs = self.all.windows(2).filter_map(|pair| Some((pair.last()?.lead - pair.first()?.lead).abs()));
         pairs.sum::<f64>() / self.len() as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const VIEW: View = View {
+        axis: AxisLine { p: 0.05, q: -0.07, y0: 3.0, z0: -2.0 },
+        x_ref: 10.0,
+        radius: 20.0,
+        n: 1.003_693,
+        side: 1.0,
+    };
+
+    /// A point 0.5 mm off the surface along its line of sight.
+    #[test]
+    fn noise_across_the_surface_does_not_move_the_place_on_it() {
+        let [y, z] = VIEW.axis.at(30.0);
+        let [u, w] = VIEW.surface(0.6);
+        let [on, off] = [1.0, 1.025].map(|share| VIEW.point(0, [30.0, y + share * u, z + share * w]));
+        assert!((on.height.abs() < 1e-4) && (off.height - 0.5).abs() < 1e-4, "{on:?} {off:?}");
+        assert!((on.t - VIEW.plane_at(30.0) - VIEW.lead(0.6)).abs() < 1e-4, "{on:?}");
+        assert!((off.t_on_surface - on.t).abs() < 1e-6 && (off.t - on.t).abs() > 0.01, "{on:?} {off:?}");
     }
 }
