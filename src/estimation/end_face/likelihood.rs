@@ -16,8 +16,9 @@ const PRIOR_CELLS: f64 = 10.0;
 const PRIOR_CELLS_BEFORE: f64 = 1.0;
 /// Largest probabilities: a cell that shows the part must stay likelier before the plane than beyond it.
 const MISSING_MAX: [f64; 1 + RUN_MAX] = [0.5, 0.99, 0.99, 0.99];
-/// Cells are counted over this many spacings before the plane: an edge is the more ragged the nearer to its end.
-const COUNTED_SPACINGS: f64 = 0.5;
+/// Cells are counted over this many spacings before the plane: one meets each column once. An edge is the more ragged the
+/// nearer to its end.
+const COUNTED_SPACINGS: f64 = 1.0;
 /// The likelihood of an end must fall by e⁸ (1 in 3000) on both sides.
 const LOG_RATIO_MIN: f64 = 8.0;
 /// Share of the columns that must end before the last plane.
