@@ -6,8 +6,7 @@
 
 use super::occupancy::{Observation, RUN_MAX};
 
-/// Probability that a cell beyond the part shows something. With it ten cells outweigh e⁶⁰; a half or a double changes
-/// the sharp edges by less than one cell.
+/// Probability that a cell beyond the part shows something. Half and double of it change no scene of the tests.
 const STRAY: f64 = 1e-3;
 /// Prior probabilities that a cell before the plane lacks the part: after none, one, two, and three or more that lack it.
 const MISSING: [f64; 1 + RUN_MAX] = [0.01, 0.9, 0.9, 0.9];
