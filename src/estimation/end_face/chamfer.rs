@@ -28,11 +28,12 @@ pub(super) enum Beneath {
 }
 
 impl Beneath {
-    /// How far it was followed.
-    pub(super) fn to(&self, surface_end: f64) -> f64 {
+    /// How far it has to be examined: a ledge no farther than `ledge_max`, since more of it shows nothing new.
+    pub(super) fn to(&self, surface_end: f64, ledge_max: f64) -> f64 {
         match self {
             Self::Nothing => surface_end,
-            Self::Chamfer(slant) | Self::Ledge(slant) | Self::Endless(slant) => slant.to,
+            Self::Ledge(slant) => slant.to.min(ledge_max),
+            Self::Chamfer(slant) | Self::Endless(slant) => slant.to,
         }
     }
 }

@@ -139,9 +139,11 @@ impl Search<'_> {
         }
         // The surface ends within the last spacing that shows it.
         let beneath = chamfer::beneath(&cells, extent.last - coarse_spacing, coarse_spacing, tolerance);
+        // A long shaft would leave the fine look planes at a stride.
+        let ledge_max = extent.last + 0.5 * PLANES_MAX as f64 * spacing;
         Some(About {
             last: extent.last,
-            beneath_to: beneath.to(extent.last).max(extent.last),
+            beneath_to: beneath.to(extent.last, ledge_max).max(extent.last),
             next: extent.next,
             slack: 2.0 * (coarse_spacing - spacing).max(0.0),
             tolerance: self.tolerance(FINE_SIGMAS, height),
