@@ -11,6 +11,7 @@
 
 use super::detect::{Detected, Detection};
 use super::section_cut::SectionCut;
+use super::settings::NOMINAL_REACH;
 use super::{
     Estimate, FoundCylinder, Method, Orientation, Outcome, Pose, Progress, Refusal, Settings, Warning, concave,
     in_frame, least_squares, robust,
@@ -28,8 +29,7 @@ const RIVAL: f64 = 0.5;
 const MAJORITY: f64 = 0.5;
 /// An axis that lies farther from X of its sections than this, radians (1°), is cut again.
 const CUT_AGAIN: f64 = 0.017;
-/// How far a detected radius may be from the nominal one, relative to it.
-const NOMINAL_REACH: f64 = 0.02;
+
 /// The whole measurement in the orientation that the settings ask for.
 pub(super) fn measure(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
     if settings.method == Method::LeastSquares {

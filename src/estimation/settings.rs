@@ -3,6 +3,9 @@
 use super::TypeB;
 use serde::{Deserialize, Serialize};
 
+/// How far a radius that is looked for may be from the nominal one, relative to it.
+pub(super) const NOMINAL_REACH: f64 = 0.02;
+
 /// How the pose is found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -15,8 +15,8 @@ use serde::{Deserialize, Serialize};
 pub struct TypeB {
     /// How far the stage carries the sensor off a straight line, in y and in z, at any place of the rail, mm.
     pub stage_straightness_mm: f64,
-    /// Places of the rail this far apart are off with the correlation exp(−1/2), as exp(−distance²/2·this²): a guide bends
-    /// smoothly, mm.
+    /// Places of the rail this far apart are off with the correlation exp(−1/2), as exp(−distance²/(2·this²)), since a guide
+    /// bends smoothly, mm.
     pub stage_straightness_length_mm: f64,
     /// Deviation of the sensor's distance from the true one at any place of the laser line, alike in every profile, mm.
     pub sensor_linearity_mm: f64,

@@ -24,7 +24,8 @@ use tokio::time::sleep;
 /// A full pool is asked again after this.
 const POOL_RETRY: Duration = Duration::from_millis(20);
 
-/// The description of a scan that was taken by the sensor.
+/// The description of a scan that was taken by the sensor. It tells such a scan from an upload, since no client can write the
+/// description of a scan.
 pub(super) const TAKEN_BY_SENSOR: &str = "taken by the sensor";
 
 /// A measurement by the sensor as it is kept beside its result.

@@ -10,15 +10,13 @@
 #include <CGAL/jet_estimate_normals.h>
 #include <CGAL/property_map.h>
 
-#include <chrono>
 #include <cmath>
-#include <cstdio>
-#include <cstring>
 #include <fstream>
-#include <iterator>
-#include <stdexcept>
+#include <optional>
 #include <string>
 #include <vector>
+
+#include "../protocol.hpp"
 
 namespace {
 
@@ -30,30 +28,12 @@ using Traits = CGAL::Shape_detection::Efficient_RANSAC_traits<Kernel, std::vecto
 using Ransac = CGAL::Shape_detection::Efficient_RANSAC<Traits>;
 using Cylinder = CGAL::Shape_detection::Cylinder<Traits>;
 
-/// What is told besides the scan, mm.
-struct Hints {
-  double radius, radius_min, radius_max, noise, pitch;
-};
-
 /// As the other peers that search in a sample.
 constexpr std::size_t kSampleCount = 20000;
 /// Neighbours of a normal: with 20 000 points of a part of 200 mm radius they lie within 12 mm, as those of PCL do.
 constexpr unsigned kNeighbours = 24;
 /// A shape has at least so much of the points.
 constexpr double kLeastShare = 0.05;
-
-double number_in(const std::string& text, const std::string& name) {
-  const auto at = text.find('"' + name + '"');
-  if (at == std::string::npos) throw std::runtime_error("no " + name + " among the hints");
-  return std::stod(text.substr(text.find(':', at) + 1));
-}
-
-Hints read_hints(const char* path) {
-  std::ifstream file(path);
-  const std::string text{std::istreambuf_iterator<char>(file), {}};
-  const auto told = [&](const char* name) { return number_in(text, name); };
-  return {told("radius"), told("radius_min"), told("radius_max"), told("noise"), told("pitch")};
-}
 
 /// The finite points of a binary PCD with single-precision x, y and z.
 std::vector<Kernel::Point_3> read_pcd(const char* path) {
@@ -66,27 +46,15 @@ std::vector<Kernel::Point_3> read_pcd(const char* path) {
   return points;
 }
 
-bool prime(std::size_t number) {
-  for (std::size_t i = 2; i * i <= number; ++i)
-    if (number % i == 0) return false;
-  return true;
-}
-
 /// Every n-th point with a prime n, which is never in step with the points of a profile.
 std::vector<Point> every_nth(const std::vector<Kernel::Point_3>& all, std::size_t count) {
-  std::size_t step = std::max<std::size_t>(1, all.size() / count);
-  while (!prime(step)) ++step;
+  const std::size_t step = step_for(all.size(), count);
   std::vector<Point> some;
   for (std::size_t i = 0; i < all.size(); i += step) some.emplace_back(all[i], Kernel::Vector_3(0, 0, 0));
   return some;
 }
 
-struct Pose {
-  bool found = false;
-  double point[3], direction[3], radius;
-};
-
-Pose estimate(const std::vector<Kernel::Point_3>& all, const Hints& hints) {
+std::optional<Pose> estimate(const std::vector<Kernel::Point_3>& all, const Hints& hints) {
   std::vector<Point> points = every_nth(all, kSampleCount);
   CGAL::jet_estimate_normals<CGAL::Sequential_tag>(
       points, kNeighbours, CGAL::parameters::point_map(PointMap()).normal_map(NormalMap()));
@@ -102,7 +70,7 @@ Pose estimate(const std::vector<Kernel::Point_3>& all, const Hints& hints) {
   // Connected over the profiles, and over the points of a profile in the sample.
   parameters.cluster_epsilon = std::max(0.06 * hints.radius, 2.0 * hints.pitch);
   ransac.detect(parameters);
-  Pose best;
+  std::optional<Pose> best;
   std::size_t most = 0;
   for (const auto& shape : ransac.shapes()) {
     const auto* cylinder = dynamic_cast<const Cylinder*>(shape.get());
@@ -113,24 +81,9 @@ Pose estimate(const std::vector<Kernel::Point_3>& all, const Hints& hints) {
     const auto axis = cylinder->axis();
     const auto at = axis.point(0);
     const auto along = axis.to_vector();
-    best = {true, {at.x(), at.y(), at.z()}, {along.x(), along.y(), along.z()}, cylinder->radius()};
+    best = Pose{{at.x(), at.y(), at.z()}, {along.x(), along.y(), along.z()}, cylinder->radius()};
   }
   return best;
-}
-
-void print(const Pose& pose, const std::vector<double>& seconds) {
-  if (pose.found) {
-    const auto& [x, y, z] = pose.point;
-    const auto& [u, v, w] = pose.direction;
-    const double p = v / u, q = w / u;
-    std::printf("{\"p\": %.12g, \"q\": %.12g, \"y0\": %.12g, \"z0\": %.12g, \"radius\": %.12g", p, q, y - p * x, z - q * x, pose.radius);
-    std::printf(", \"point\": [%.12g, %.12g, %.12g], \"direction\": [%.12g, %.12g, %.12g]", x, y, z, u, v, w);
-  } else {
-    std::printf("{\"refused\": \"no cylinder found\"");
-  }
-  std::printf(", \"seconds\": [");
-  for (std::size_t i = 0; i < seconds.size(); ++i) std::printf("%s%.9g", i ? ", " : "", seconds[i]);
-  std::printf("]}\n");
 }
 
 }  // namespace
@@ -140,12 +93,5 @@ int main(int count, char** arguments) {
   const Hints hints = read_hints(arguments[3]);
   const std::vector<Kernel::Point_3> points = read_pcd(arguments[2]);
   if (points.empty()) return 1;
-  Pose found;
-  std::vector<double> seconds;
-  for (int i = 0; i < (count > 4 ? std::stoi(arguments[4]) : 1); ++i) {
-    const auto start = std::chrono::steady_clock::now();
-    found = estimate(points, hints);
-    seconds.push_back(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
-  }
-  print(found, seconds);
+  time_and_print(count > 4 ? std::stoi(arguments[4]) : 1, [&] { return estimate(points, hints); });
 }

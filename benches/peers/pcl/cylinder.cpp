@@ -12,26 +12,17 @@
 #include <pcl/search/kdtree.h>
 #include <pcl/segmentation/sac_segmentation.h>
 
-#include <chrono>
-#include <cmath>
-#include <cstdio>
-#include <fstream>
-#include <iterator>
 #include <optional>
-#include <stdexcept>
 #include <string>
 #include <vector>
+
+#include "../protocol.hpp"
 
 namespace {
 
 using Cloud = pcl::PointCloud<pcl::PointXYZ>;
 using Normals = pcl::PointCloud<pcl::Normal>;
 using Model = pcl::SampleConsensusModelCylinder<pcl::PointXYZ, pcl::Normal>;
-
-/// What is told besides the scan, mm.
-struct Hints {
-  double radius, radius_min, radius_max, noise, pitch;
-};
 
 /// What a variant's name says.
 struct Variant {
@@ -46,29 +37,9 @@ constexpr double kSearchShare = 1.0 / 200.0;
 constexpr std::size_t kSampleCount = 20000;
 constexpr std::size_t kRefineCount = 250000;
 
-double number_in(const std::string& text, const std::string& name) {
-  const auto at = text.find('"' + name + '"');
-  if (at == std::string::npos) throw std::runtime_error("no " + name + " among the hints");
-  return std::stod(text.substr(text.find(':', at) + 1));
-}
-
-Hints read_hints(const char* path) {
-  std::ifstream file(path);
-  const std::string text{std::istreambuf_iterator<char>(file), {}};
-  const auto told = [&](const char* name) { return number_in(text, name); };
-  return {told("radius"), told("radius_min"), told("radius_max"), told("noise"), told("pitch")};
-}
-
-bool prime(std::size_t number) {
-  for (std::size_t i = 2; i * i <= number; ++i)
-    if (number % i == 0) return false;
-  return true;
-}
-
 /// Every n-th point with a prime n, which is never in step with the points of a profile.
 Cloud::Ptr every_nth(const Cloud& cloud, std::size_t count) {
-  std::size_t step = std::max<std::size_t>(1, cloud.size() / count);
-  while (!prime(step)) ++step;
+  const std::size_t step = step_for(cloud.size(), count);
   Cloud::Ptr some(new Cloud);
   for (std::size_t i = 0; i < cloud.size(); i += step) some->push_back(cloud[i]);
   return some;
@@ -156,20 +127,6 @@ std::optional<std::vector<float>> estimate(const Cloud::Ptr& cloud, const Hints&
   return variant.again ? again(cloud, found, hints) : found;
 }
 
-void print(const std::optional<std::vector<float>>& found, const std::vector<double>& seconds) {
-  if (found) {
-    const auto& c = *found;
-    const double p = c[4] / c[3], q = c[5] / c[3];
-    std::printf("{\"p\": %.9g, \"q\": %.9g, \"y0\": %.9g, \"z0\": %.9g, \"radius\": %.9g", p, q, c[1] - p * c[0], c[2] - q * c[0], c[6]);
-    std::printf(", \"point\": [%.9g, %.9g, %.9g], \"direction\": [%.9g, %.9g, %.9g]", c[0], c[1], c[2], c[3], c[4], c[5]);
-  } else {
-    std::printf("{\"refused\": \"no cylinder found\"");
-  }
-  std::printf(", \"seconds\": [");
-  for (std::size_t i = 0; i < seconds.size(); ++i) std::printf("%s%.9g", i ? ", " : "", seconds[i]);
-  std::printf("]}\n");
-}
-
 }  // namespace
 
 int main(int count, char** arguments) {
@@ -182,12 +139,10 @@ int main(int count, char** arguments) {
   if (pcl::io::loadPCDFile(arguments[2], *cloud) != 0) return 1;
   std::vector<int> kept;
   pcl::removeNaNFromPointCloud(*cloud, *cloud, kept);
-  std::optional<std::vector<float>> found;
-  std::vector<double> seconds;
-  for (int i = 0; i < (count > 4 ? std::stoi(arguments[4]) : 1); ++i) {
-    const auto start = std::chrono::steady_clock::now();
-    found = estimate(cloud, hints, variant);
-    seconds.push_back(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
-  }
-  print(found, seconds);
+  time_and_print(count > 4 ? std::stoi(arguments[4]) : 1, [&]() -> std::optional<Pose> {
+    const auto found = estimate(cloud, hints, variant);
+    if (!found) return std::nullopt;
+    const auto& c = *found;
+    return Pose{{c[0], c[1], c[2]}, {c[3], c[4], c[5]}, c[6]};
+  });
 }

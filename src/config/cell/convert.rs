@@ -1,5 +1,5 @@
 //! The cell's configuration as motion, cell and the simulation take it: lengths stay, degrees become radians, milliseconds
-//! become durations. Must not decide anything.
+//! become durations; and the calibration of a scan by a simulated sensor, which its simulation knows.
 
 use super::{Cell, LinearLimits, SensorAdaptor, SupportLimits, Timing, TurnLimits};
 use crate::cell::Settings;

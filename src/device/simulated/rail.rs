@@ -36,7 +36,8 @@ impl Rail {
     }
 
     /// What calibration could say of such a rail: a wave of unknown phase has the variance amplitude²/2 and the correlation
-    /// cos(2πk·distance/length), and all of them together begin as exp(−distance²/2·L²) does, L² = Σ variance / Σ variance·(2πk/length)².
+    /// cos(2πk·distance/length), and all of them together begin as exp(−distance²/(2L²)) does, with L² =
+    /// Σ variance / Σ variance·(2πk/length)².
     pub(super) fn calibration(bound_mm: f64, length_mm: f64) -> Straightness {
         let squares = |of_wave: fn(f64) -> f64| -> f64 {
             WAVES.iter().zip(1..).map(|(weight, k)| (weight * of_wave(f64::from(k))).powi(2)).sum()

@@ -16,6 +16,7 @@ use super::settle::Settled;
 use super::solve::{self, Problem, Solution};
 use super::step::Hold;
 use super::{areas, hold, too_few, too_short};
+use crate::estimation::settings::NOMINAL_REACH;
 use crate::estimation::unusable::unusable;
 use crate::estimation::{Progress, Reason, Refusal, Settings, robust};
 use crate::scan::Scan;
@@ -28,8 +29,6 @@ const SLOPE_MAX: f64 = 0.35;
 /// Radii that are looked for, in sizes of a profile: a full section has a third of its diagonal, less with a floor
 /// beside it, an arc of 10° six times it.
 const RADIUS_SIZES: [f64; 2] = [0.1, 8.0];
-/// Radii that are looked for about a nominal one, relative to it.
-const NOMINAL_REACH: f64 = 0.02;
 /// Radii that are looked for about one that was detected before, relative to it: on a short arc that is known badly; and the
 /// steepest slope against an axis that was detected.
 const EXPECTED_REACH: [f64; 2] = [0.5, 2.0];

@@ -19,6 +19,7 @@ mod surface;
 mod tests;
 mod tree;
 
+use super::settings::NOMINAL_REACH;
 use nalgebra::Vector3;
 use sample::Sample;
 use search::{Found, Search};
@@ -39,7 +40,7 @@ pub struct Request {
 
 impl Default for Request {
     fn default() -> Self {
-        Self { nominal_radius_mm: None, nominal_reach: 0.02, along: None, most: 1 }
+        Self { nominal_radius_mm: None, nominal_reach: NOMINAL_REACH, along: None, most: 1 }
     }
 }
 

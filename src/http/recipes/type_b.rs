@@ -12,13 +12,13 @@ pub struct TypeBDocument {
     /// How far the stage carries the sensor off a straight line, in y and in z, at any place of the rail.
     #[schema(minimum = 0.0, maximum = 1000.0)]
     pub stage_straightness_mm: f64,
-    /// Distance along the rail over which its deviation stays alike, as exp(−distance²/2·this²).
+    /// Distance along the rail over which its deviation stays alike, as exp(−distance²/(2·this²)).
     #[schema(minimum = 1.0, maximum = 100000.0)]
     pub stage_straightness_length_mm: f64,
     /// Deviation of the sensor's distance from the true one at any place of the laser line, alike in every profile.
     #[schema(minimum = 0.0, maximum = 1000.0)]
     pub sensor_linearity_mm: f64,
-    /// Distance along the laser line over which that deviation stays alike, as exp(−distance²/2·this²); null takes a fifth of the
+    /// Distance along the laser line over which that deviation stays alike, as exp(−distance²/(2·this²)); null takes a fifth of the
     /// width that is seen of the part, for which the effect is about the largest.
     #[schema(minimum = 1.0, maximum = 100000.0)]
     pub sensor_linearity_length_mm: Option<f64>,
