@@ -79,12 +79,18 @@ fn a_bent_part_is_said_to_be() {
 
 #[test]
 fn a_straight_cylinder_is_said_to_be_neither() {
+    let mut fields_count = 0;
     for seed in 0..40 {
         let (scan, _) = make(&part(seed)).expect("a part");
         let estimate = estimate(&scan, &Settings::default(), &Progress::default());
         assert_eq!(estimate.conditioning.warnings, [Warning::CalibrationNotStated], "seed {seed}");
-        assert_eq!(pose(&estimate).uncertainty.budget.len(), 1, "seed {seed}");
+        let sources = pose(&estimate).uncertainty.budget.iter().map(|line| line.source.as_str());
+        let others: Vec<&str> = sources.filter(|source| *source != "repeatability").collect();
+        assert!(others.is_empty() || others == ["layers"], "seed {seed}: {others:?}");
+        fields_count += others.len();
     }
+    // Chance shows a field in one of twenty, in the means or in the slopes; four of 40 are expected, nine are beyond 99 %.
+    assert!(fields_count < 9, "{fields_count} of 40");
 }
 
 /// An oval part: y about the axis is larger by a thousandth, 0.1 mm of 200 mm radius at the ends of 120°.

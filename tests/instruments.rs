@@ -158,6 +158,7 @@ fn sewer_pipes_have_their_diameter() {
         let expanded = 4.0 * found.uncertainty.covariance[4][4].sqrt();
         println!("{name}: D {:.2} ± {expanded:.2} mm, {diameter} expected", 2.0 * found.radius);
         assert!((2.0 * found.radius - diameter).abs() <= expanded, "{name}: {} ± {expanded}", 2.0 * found.radius);
+        assert!(expanded <= 4.0, "{name}: ± {expanded} mm");
     }
 }
 

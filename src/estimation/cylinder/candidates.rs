@@ -138,11 +138,6 @@ fn ranked(mut settled: Vec<Settled>, sample: &Sample, noise: Noise, least_reach:
     settled
 }
 
-/// Settles, and opens a window that turns out to be narrower than the noise.
-pub(super) fn grown(sample: &Sample, start: Cylinder, window: f64, hold: Hold) -> Option<Settled> {
-    opened(sample, settle(sample, start, window, hold)?, window, hold)
-}
-
 /// With its window opened until it is as wide as the noise.
 fn opened(sample: &Sample, mut settled: Settled, mut window: f64, hold: Hold) -> Option<Settled> {
     for _ in 0..GROWTHS_MAX {

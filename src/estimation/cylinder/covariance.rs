@@ -74,6 +74,33 @@ pub(super) fn sandwich(normal: &Matrix5<f64>, profiles: &[Sums], hold: Hold) -> 
     covariance.iter().all(|v| v.is_finite()).then_some(Scatter { covariance, freedom })
 }
 
+/// The same where the profiles are sections that were cut from a cloud. What the sensor took together is not known then: its
+/// profiles, whose points share errors, pass through several sections. So runs of 1, 2, 4, … neighbouring sections are the
+/// clusters in turn, as long as enough of them are left, and for each parameter the largest variance counts.
+pub(super) fn over_runs(normal: &Matrix5<f64>, sections: &[Sums], hold: Hold) -> Option<Scatter> {
+    let mut widest = sandwich(normal, sections, hold)?;
+    let sections: Vec<&Sums> = sections.iter().filter(|section| section.weight > 0.0).collect();
+    let mut length = 2;
+    while sections.len() as f64 >= FEW * length as f64 {
+        let run = |run: &[&Sums]| {
+            let mut sum = Sums::zero();
+            run.iter().for_each(|section| sum.add(section));
+            sum
+        };
+        let runs: Vec<Sums> = sections.chunks(length).map(run).collect();
+        let Scatter { covariance, freedom } = sandwich(normal, &runs, hold)?;
+        let own = widest.covariance.diagonal();
+        let wider =
+            covariance.diagonal().zip_map(&own, |runs, own| if own > 0.0 { (runs / own).max(1.0) } else { 1.0 });
+        let widen = Matrix5::from_diagonal(&wider.map(f64::sqrt));
+        widest.covariance = widen * widest.covariance * widen;
+        widest.freedom =
+            wider.zip_zip_map(&widest.freedom, &freedom, |by, own, runs| if by > 1.0 { runs } else { own });
+        length *= 2;
+    }
+    Some(widest)
+}
+
 /// What the fit moves by without a profile: (N − N_i)⁻¹ G_i.
 fn without(
     normal: &Matrix5<f64>,

@@ -10,7 +10,7 @@ use crate::estimation::budget::Line;
 use crate::estimation::type_b::{Found, Influence};
 use crate::estimation::{Settings, robust};
 use crate::scan::{Scan, Station};
-use nalgebra::{Matrix5, Vector5};
+use nalgebra::Vector5;
 
 /// Where y_ref and, behind it, z_ref stand among the parameters.
 const Y_REF: usize = 2;
@@ -25,10 +25,9 @@ pub(super) fn from_data(solution: &Solution, hold: Hold, settings: &Settings) ->
     [Some(repeatability), radius].into_iter().flatten().collect()
 }
 
-/// How far other readings of the data lie: each may be the right one, and none is independent of the others.
+/// What neighbouring parts of the surface share.
 pub(super) fn from_layers(solution: &Solution) -> Option<Line> {
-    let spread: Matrix5<f64> = solution.rivals.iter().map(|shift| shift * shift.transpose()).sum();
-    (!solution.rivals.is_empty()).then(|| Line::of_slopes(Line::LAYERS, &spread, &solution.cylinder.axis()))
+    solution.field.map(|field| Line::of_slopes(Line::LAYERS, &field, &solution.cylinder.axis()))
 }
 
 /// What the resolution of the coordinates does, where they lie on a lattice.

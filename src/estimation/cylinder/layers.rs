@@ -6,24 +6,17 @@
 //! surfaces are looked for again, among the averages, by the same consensus and with the same choice; patches off the part
 //! are taken out, those beside them with half of the patience, and the points that are left are fitted once more.
 
-use super::areas;
 use super::candidates::{self, COVERAGE_MIN, Candidate, Choice, Noise};
 use super::consensus::Bounds;
-use super::extent;
+use super::field;
 use super::model::Cylinder;
 use super::patches::{self, Averages, Cut, Patch, Surface};
-use super::readings;
-use super::repeats;
-use super::resample;
 use super::rest::Rest;
 use super::settle::Settled;
 use super::smooth;
 use super::solve::{self, Problem, Solution};
-use super::step::Hold;
 use crate::estimation::{Progress, robust};
 use crate::scan::Scan;
-use nalgebra::Vector5;
-use std::borrow::Cow;
 
 /// Points within so many cut-offs of the fit are averaged.
 const REACH: f64 = 1.5;
@@ -35,8 +28,6 @@ const OFF_SHARE: f64 = 0.005;
 const QUARTER_TO_SIGMA: f64 = 0.3186;
 /// Where more than this share of the surface lies in layers, what is left is not certain to be the part.
 const LAYER_RATIO_MAX: f64 = 0.3;
-/// Another reading of a mixture of surfaces is on this share of the profiles at least.
-const RIVAL_COVERAGE: f64 = 0.5;
 /// Averages of many points show every deviation of a real part's form; below this share of the points' noise it is no layer.
 const SCATTER_MIN: f64 = 0.3;
 /// Far off is an average beyond so many of their standard deviations,
@@ -48,10 +39,6 @@ const TOLERANCE: f64 = 3.0;
 /// Points that make a patch.
 const POINTS_WANTED: usize = 12;
 const ROUNDS: usize = 3;
-/// Where y_ref and, behind it, z_ref stand among the parameters.
-const Y_REF: usize = 2;
-/// A shift of the profile follows about half of a layer's height.
-const LEVELLED: f64 = 2.0;
 
 /// What became of the fit.
 pub(super) enum Verdict {
@@ -59,8 +46,6 @@ pub(super) enum Verdict {
     Clean,
     /// Fitted again without the layers.
     Mended(Box<Solution>),
-    /// Left as it is: the nominal radius vouches for the part, but not for what of it lies in layers.
-    Open { rivals: Vec<Vector5<f64>> },
     /// Two surfaces could be the part.
     Two(Candidate, Candidate),
     /// So much lies in layers that what is left may be one, too, or a mixture of both.
@@ -71,69 +56,36 @@ pub(super) enum Verdict {
 pub(super) fn mend(
     problem: &Problem<'_>,
     fit: &Solution,
-    surface: Option<&Surface>,
     bounds: &Bounds,
     nominal_radius: Option<f64>,
+    surface: &Surface,
 ) -> Verdict {
-    let mut verdict = Verdict::Clean;
-    let mut rivals = Vec::new();
-    let mut surface = surface.map(Cow::Borrowed);
-    if let Some(averages) = surface.as_ref().and_then(|surface| surface.average(Cut::Points(POINTS_WANTED))) {
-        match mend_at(problem, fit, bounds, nominal_radius, &averages) {
-            Verdict::Clean => {}
-            Verdict::Open { rivals: readings } => rivals.extend(readings),
-            Verdict::Mended(mended) => {
-                surface = look(problem, &mended).map(Cow::Owned);
-                verdict = Verdict::Mended(mended);
-            }
-            refused @ (Verdict::Two(..) | Verdict::Undecided { .. }) => return refused,
-        }
+    let Some(averages) = surface.average(Cut::Points(POINTS_WANTED)) else { return Verdict::Clean };
+    let hold = problem.hold;
+    let own = own_scatter(&averages).max(SCATTER_MIN * fit.sigma);
+    if !suspicious(&averages, own) || explained(&averages, own) {
+        return Verdict::Clean;
     }
-    let base: &Solution = if let Verdict::Mended(mended) = &verdict { mended } else { fit };
-    if let Some(surface) = surface.as_deref() {
-        let mut low_readings = readings::lower(surface, &base.cylinder, problem.hold, base.sigma);
-        // What is taken out would repeat; of what is left it was asked before.
-        let (asked, answered) = match &verdict {
-            Verdict::Mended(mended) => (false, !mended.rivals.is_empty()),
-            _ => (true, false),
+    let sample = averages.sample();
+    let closer = Bounds { tolerance: TOLERANCE * own, ..*bounds };
+    let found = candidates::candidates(&sample, &closer, Noise::Known(own), hold);
+    let part = match candidates::choose(&found, nominal_radius, &sample) {
+        // What is not on most profiles is not the part; whole profiles that are off are no layers.
+        Choice::One(candidate) if candidate.coverage < COVERAGE_MIN => return Verdict::Clean,
+        Choice::One(candidate) => candidate.settled,
+        Choice::Two(a, b) => return Verdict::Two(a, b),
+        Choice::None => return Verdict::Clean,
+    };
+    let off = off(&averages, &part);
+    let layer_ratio = off.iter().filter(|off| **off).count() as f64 / averages.patches.iter().flatten().count() as f64;
+    if layer_ratio > LAYER_RATIO_MAX || rough(&averages, &part, own) {
+        // A part that is known to be there is answered as it is fitted: the field says what the layers do to it.
+        return match nominal_radius {
+            Some(_) => Verdict::Clean,
+            None => Verdict::Undecided { layer_ratio, reach_mm: reach(fit) },
         };
-        let excess = beyond_roughness(base, problem.roughness);
-        let height = if asked { repeating(base, surface, excess) } else { None };
-        if !answered && (height.is_some() || !rivals.is_empty() || !low_readings.is_empty()) {
-            low_readings.extend(low(problem.hold, base, surface, excess.max(height.unwrap_or(0.0))));
-        }
-        let resampled = if low_readings.is_empty() { None } else { resample::standard(surface, base, problem.hold) };
-        // They answer one question in several ways, so the worst of them counts, not their sum.
-        let bounded = low_readings.into_iter().map(|reading| resample::bounded(reading, resampled.as_ref()));
-        let aside = |reading: &Vector5<f64>| reading.fixed_rows::<2>(Y_REF).norm();
-        rivals.extend(bounded.max_by(|one, other| aside(one).total_cmp(&aside(other))));
     }
-    match verdict {
-        verdict if rivals.is_empty() => verdict,
-        Verdict::Mended(mended) => {
-            rivals.extend(&mended.rivals);
-            Verdict::Mended(Box::new(Solution { rivals, ..*mended }))
-        }
-        _ => Verdict::Open { rivals },
-    }
-}
-
-/// How high a layer is that profiles repeat, where they do.
-fn repeating(fit: &Solution, surface: &Surface, excess: f64) -> Option<f64> {
-    let repeated = repeats::repeated(surface, robust::TUKEY_C * fit.sigma);
-    repeated.tells(excess / fit.sigma).then_some(LEVELLED * repeated.shared)
-}
-
-/// What a layer does to the fit by which points scatter so much more.
-fn low(hold: Hold, fit: &Solution, surface: &Surface, scatter: f64) -> Option<Vector5<f64>> {
-    // Half of the points above the middle and half below scatter by half of the height.
-    readings::beside(surface, &fit.cylinder, hold, fit.sigma, 2.0 * scatter)
-}
-
-/// What points scatter by beyond their own roughness, mm; 0 where chance may be all of it.
-fn beyond_roughness(fit: &Solution, roughness: f64) -> f64 {
-    let excess = (fit.sigma.powi(2) - roughness.powi(2)).max(0.0).sqrt();
-    if excess > repeats::ROUGHER * fit.sigma { excess } else { 0.0 }
+    refit(problem, fit, &part, &averages, &off).map_or(Verdict::Clean, |mended| Verdict::Mended(Box::new(mended)))
 }
 
 fn reach(fit: &Solution) -> f64 {
@@ -145,52 +97,7 @@ pub(super) fn look(problem: &Problem<'_>, fit: &Solution) -> Option<Surface> {
     patches::look(problem.scan, problem.used, &fit.cylinder, reach(fit))
 }
 
-fn mend_at(
-    problem: &Problem<'_>,
-    fit: &Solution,
-    bounds: &Bounds,
-    nominal_radius: Option<f64>,
-    averages: &Averages,
-) -> Verdict {
-    let hold = problem.hold;
-    let own = own_scatter(averages).max(SCATTER_MIN * fit.sigma);
-    if !suspicious(averages, own) || explained(averages, own) {
-        return Verdict::Clean;
-    }
-    let sample = averages.sample();
-    let finer = Bounds { tolerance: TOLERANCE * own, ..*bounds };
-    let found = candidates::candidates(&sample, &finer, Noise::Known(own), hold);
-    let part = match candidates::choose(&found, nominal_radius, &sample) {
-        // What is not on most profiles is not the part; whole profiles that are off are no layers.
-        Choice::One(candidate) if candidate.coverage < COVERAGE_MIN => return Verdict::Clean,
-        Choice::One(candidate) => candidate.settled,
-        Choice::Two(a, b) => return Verdict::Two(a, b),
-        Choice::None => return Verdict::Clean,
-    };
-    let off = off(averages, &part);
-    let layer_ratio = off.iter().filter(|off| **off).count() as f64 / averages.patches.iter().flatten().count() as f64;
-    if layer_ratio > LAYER_RATIO_MAX || rough(averages, &part, own) {
-        // A part that is known to be there is answered as it is fitted, with the other readings in the uncertainty.
-        return match nominal_radius {
-            Some(_) => Verdict::Open { rivals: rival_readings(fit, &part, &found) },
-            None => Verdict::Undecided { layer_ratio, reach_mm: reach(fit) },
-        };
-    }
-    refit(problem, fit, &part, averages, &off).map_or(Verdict::Clean, |mended| Verdict::Mended(Box::new(mended)))
-}
-
-/// How far the fit is from the readings that a mixture of surfaces allows.
-fn rival_readings(fit: &Solution, part: &Settled, found: &[Candidate]) -> Vec<Vector5<f64>> {
-    let shown = found.iter().filter(|other| other.coverage >= RIVAL_COVERAGE && other.settled != *part);
-    let readings = shown.map(|other| other.settled);
-    readings.chain([*part]).map(|reading| fit.cylinder.to(&reading.cylinder)).collect()
-}
-
-/// Whether the averages, without a smooth form of the part, scatter as they do for themselves.
-pub(super) fn smooth(averages: &Averages) -> bool {
-    explained(averages, own_scatter(averages))
-}
-
+/// Whether the averages, without a smooth form of the part or shifts of profiles, scatter as they do for themselves.
 fn explained(averages: &Averages, own: f64) -> bool {
     let level = smooth::without_shifts(averages);
     let without = smooth::without_form(averages);
@@ -199,17 +106,17 @@ fn explained(averages: &Averages, own: f64) -> bool {
 
 /// What averages scatter by for themselves: the larger of what neighbours along the arc and along x differ by. Along x
 /// whole profiles may be off (vibration), which is no layer.
-pub(super) fn own_scatter(averages: &Averages) -> f64 {
+fn own_scatter(averages: &Averages) -> f64 {
     scatter_along_arc(averages).max(lower_sigma(averages.squared_differences_along_x()))
 }
 
 /// What neighbours along the arc differ by, as a standard deviation of one average.
-pub(super) fn scatter_along_arc(averages: &Averages) -> f64 {
+fn scatter_along_arc(averages: &Averages) -> f64 {
     robust::sigma(&averages.squared_differences_along_arc(), &mut Vec::new())
 }
 
 /// Robust standard deviation by the lower quarter: clamps that come and go along x leave it alone.
-pub(super) fn lower_sigma(mut squared: Vec<f64>) -> f64 {
+fn lower_sigma(mut squared: Vec<f64>) -> f64 {
     let quarter = squared.len() / 4;
     if squared.is_empty() {
         return 0.0;
@@ -275,19 +182,10 @@ fn refit(problem: &Problem<'_>, fit: &Solution, part: &Settled, averages: &Avera
     })?;
     let sigma = scatter(&rest.scan, &part.cylinder, fit.sigma);
     let silent = Progress::default();
-    let roughness = extent::roughness(&rest.scan);
-    let rest_problem = Problem { scan: &rest.scan, used: &rest.used, roughness, progress: &silent, ..*problem };
+    let rest_problem = Problem { scan: &rest.scan, used: &rest.used, progress: &silent, ..*problem };
     let mut solution = solve::solve(&rest_problem, &Settled { cylinder: part.cylinder, sigma })?;
-    if let Some(left) = look(&rest_problem, &solution) {
-        areas::widen(&rest_problem, &left, &mut solution);
-        let excess = beyond_roughness(&solution, roughness);
-        let height = repeating(&solution, &left, excess);
-        if let Some(reading) = height.and_then(|height| low(hold, &solution, &left, excess.max(height))) {
-            let resampled = resample::standard(&left, &solution, hold);
-            solution.rivals.push(resample::bounded(reading, resampled.as_ref()));
-        }
-    }
-    Some(rest.restore(solution))
+    solution.field = look(&rest_problem, &solution).and_then(|left| field::covariance(&left, &solution, hold));
+    Some(rest.restore(&solution))
 }
 
 /// Robust spread of the points that are left about the part.

@@ -2,22 +2,23 @@
 //! says about slopes and radius is as good as anybody's.
 //!
 //! ```text
-//! Scan --sample--> Sample --consensus--> starts --settle--> candidates --choose, finer--> one --solve--> Solution
+//! Scan --sample--> Sample --consensus--> starts --settle--> candidates --choose--> one --solve--> Solution
 //!   A                     (five points)         (coarse to fine)      (coverage, nominal radius)  (every point)
 //!   '---------------------------- rest: without points that lie far about the axis ---------------- pieces --'
 //!
-//! Solution --beneath, layers--> without thin layers --areas--> covariance --known, form--> budget, warnings
+//! Solution --beneath, layers--> without thin layers --field--> covariance --known, form--> budget, warnings
 //!     '--------judge----------> verdicts
 //! ```
 
-mod areas;
 mod beneath;
 mod block;
 mod candidates;
+mod cells;
 mod components;
 mod consensus;
 mod covariance;
 pub(super) mod extent;
+mod field;
 mod form;
 mod judge;
 mod kernel;
@@ -31,9 +32,6 @@ mod patches;
 mod pieces;
 mod profile;
 mod projection;
-mod readings;
-mod repeats;
-mod resample;
 mod resolution;
 mod rest;
 mod sample;

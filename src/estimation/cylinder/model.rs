@@ -72,13 +72,6 @@ impl Cylinder {
         (finite && moved.radius > 0.0).then_some(moved)
     }
 
-    /// The step that leads from this cylinder to `other`.
-    pub(super) fn to(&self, other: &Self) -> Vector5<f64> {
-        let other = other.about(self.x_ref);
-        let (p, q) = (other.p - self.p, other.q - self.q);
-        Vector5::new(p, q, other.y_ref - self.y_ref, other.z_ref - self.z_ref, other.radius - self.radius)
-    }
-
     pub(super) fn slice(&self, x: f64) -> Slice {
         let dx = x - self.x_ref;
         Slice {

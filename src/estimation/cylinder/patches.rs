@@ -27,8 +27,6 @@ const CHUNK: usize = 64;
 /// How fine the patches are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Cut {
-    /// Each profile in few sectors.
-    Profiles,
     /// So many points a patch.
     Points(usize),
     /// As many of both, or as there are profiles.
@@ -45,8 +43,6 @@ pub(super) struct Near {
     pub(super) z: f64,
     /// About the axis, from the middle direction, radians.
     pub(super) angle: f64,
-    /// Its cosine and sine, which cost less together with it than later on.
-    pub(super) direction: [f64; 2],
     /// Signed distance from the cylinder, mm.
     pub(super) d: f64,
 }
@@ -137,9 +133,7 @@ pub(super) fn look(scan: &Scan, used: &[bool], cylinder: &Cylinder, reach: f64) 
                 let d = slice.distance(y, z);
                 if d.abs() < reach {
                     let [cos, sin] = turned(mean, &slice, y, z);
-                    let length = (cos * cos + sin * sin).sqrt().max(f64::MIN_POSITIVE);
-                    let direction = [cos / length, sin / length];
-                    near.push(Near { index, x, y, z, angle: sin.atan2(cos), direction, d });
+                    near.push(Near { index, x, y, z, angle: sin.atan2(cos), d });
                 }
             }
         }
@@ -218,7 +212,6 @@ impl Surface {
     pub(super) fn grid(&self, cut: Cut) -> Option<Grid> {
         let stations_count = self.stations_count;
         let (sectors, blocks) = match cut {
-            Cut::Profiles => (SECTORS_MIN, stations_count),
             Cut::Cells { sectors, blocks } => (sectors, blocks),
             Cut::Points(points) => {
                 let wanted = self.near.len() * self.thinned() / points;

@@ -47,7 +47,7 @@ impl Rest {
                 kept.push(*index);
             }
         }
-        let mut scan_left = Scan::new(stations, columns, scan.rule().to_owned()).ok()?;
+        let mut scan_left = Scan::new(stations, columns, scan.rule().to_owned()).ok()?.with_grouping(scan.grouping());
         if !scan.is_planar() {
             scan_left = scan_left.with_own_x(own_x).ok()?;
         }
@@ -56,7 +56,7 @@ impl Rest {
     }
 
     /// A solution of what is left, with its profiles in their places of the whole.
-    pub(super) fn restore(&self, solution: Solution) -> Solution {
+    pub(super) fn restore(&self, solution: &Solution) -> Solution {
         let mut profiles = vec![Sums::zero(); self.whole_count];
         let mut inner = vec![Inner::none(); self.whole_count];
         for ((index, sums), counts) in self.kept.iter().zip(&solution.profiles).zip(&solution.inner) {
@@ -64,7 +64,7 @@ impl Rest {
                 (*sums_of, *inner_of) = (*sums, *counts);
             }
         }
-        Solution { profiles, inner, ..solution }
+        Solution { profiles, inner, ..solution.clone() }
     }
 }
 

@@ -8,17 +8,17 @@ use super::extent;
 use super::judge;
 use super::layers::{self, Verdict};
 use super::model::Cylinder;
-use super::patches::{self, Cut, Directions};
+use super::patches::Directions;
 use super::pieces;
 use super::rest::Rest;
 use super::sample::Sample;
 use super::settle::Settled;
 use super::solve::{self, Problem, Solution};
 use super::step::Hold;
-use super::{areas, hold, too_few, too_short};
+use super::{field, hold, too_few, too_short};
 use crate::estimation::settings::NOMINAL_REACH;
 use crate::estimation::unusable::unusable;
-use crate::estimation::{Progress, Reason, Refusal, Settings, robust};
+use crate::estimation::{Progress, Reason, Refusal, Settings};
 use crate::scan::Scan;
 
 /// Sampled for the start: enough that the finest surface is told from its neighbours.
@@ -39,12 +39,6 @@ const TOLERANCE_SIZES: [f64; 2] = [0.002, 0.02];
 
 /// How often points in other directions may be left out before nothing hangs together.
 const ROUNDS_MAX: usize = 4;
-/// A surface so much rougher than neighbouring points is looked at again,
-const SUSPICIOUS: f64 = 2.0;
-/// unless they are so smooth, relative to its radius, that this is rounding.
-const ROUGHNESS_MIN: f64 = 1e-7;
-/// A closer look has found another surface where the scatter is below this share of the first.
-const FINER: f64 = 0.7;
 
 /// What is asked of every round.
 struct Search<'a> {
@@ -87,7 +81,7 @@ pub(super) fn search(
         let rest = rest.ok_or_else(|| search.no_cylinder())?;
         let used = enough(&rest.scan, settings);
         match search.round(&rest.scan, &used, &Progress::default())? {
-            Round::Found(solution) => return Ok(rest.restore(*solution)),
+            Round::Found(solution) => return Ok(rest.restore(&solution)),
             Round::Within(cylinder, directions) => within.push((cylinder, directions)),
         }
     }
@@ -115,7 +109,7 @@ impl Search<'_> {
         let roughness = extent::roughness(scan);
         let bounds = self.bounds(&sample, roughness);
         let chosen = match self.choose(&sample, &bounds, Noise::Unknown) {
-            Choice::One(candidate) => self.finer(scan, used, &sample, &bounds, roughness, candidate)?,
+            Choice::One(candidate) => candidate,
             Choice::Two(a, b) => return Err(two_cylinders(&a, &b)),
             Choice::None => return Err(self.no_cylinder()),
         };
@@ -126,7 +120,7 @@ impl Search<'_> {
             radius >= least && radius <= most && radius >= settings.radius_resolved_mm()
         };
         let epsilon = judge::epsilon(settings, chosen.settled.sigma);
-        let problem = Problem { scan, used, hold, epsilon, roughness, progress };
+        let problem = Problem { scan, used, hold, epsilon, progress };
         let mut solution =
             solve::solve(&problem, &chosen.settled).filter(resolved).ok_or_else(|| self.no_cylinder())?;
         let surface = layers::look(&problem, &solution);
@@ -136,9 +130,9 @@ impl Search<'_> {
         if let Some(refusal) = self.sleeve(&problem, &sample, &chosen, &solution) {
             return Err(refusal);
         }
-        match layers::mend(&problem, &solution, surface.as_ref(), &bounds, settings.nominal_radius_mm) {
+        let mend = |surface| layers::mend(&problem, &solution, &bounds, settings.nominal_radius_mm, surface);
+        match surface.as_ref().map_or(Verdict::Clean, mend) {
             Verdict::Clean => {}
-            Verdict::Open { rivals } => solution.rivals = rivals,
             Verdict::Mended(mended) => {
                 return Some(mended)
                     .filter(|mended| resolved(mended))
@@ -150,9 +144,7 @@ impl Search<'_> {
                 return Err(Refusal::LayersUndecided { layer_ratio, reach_mm });
             }
         }
-        if let Some(surface) = &surface {
-            areas::widen(&problem, surface, &mut solution);
-        }
+        solution.field = surface.as_ref().and_then(|surface| field::covariance(surface, &solution, hold));
         Ok(Round::Found(Box::new(solution)))
     }
 
@@ -182,44 +174,6 @@ impl Search<'_> {
         match choice(self.hold) {
             Choice::Two(..) if !matches!(self.hold, Hold::Free) => choice(Hold::Free),
             choice => choice,
-        }
-    }
-
-    /// The candidate looked at as closely as the points' own roughness allows: where a coarse look took a low layer and the part
-    /// for one rough surface, a fine one tells them apart.
-    fn finer(
-        &self,
-        scan: &Scan,
-        used: &[bool],
-        sample: &Sample,
-        bounds: &Bounds,
-        roughness: f64,
-        coarse: Candidate,
-    ) -> Result<Candidate, Refusal> {
-        // Neighbours are taken to scatter by no less than that, so there is no need to look at them.
-        if coarse.settled.sigma < SUSPICIOUS * roughness {
-            return Ok(coarse);
-        }
-        let reach = robust::TUKEY_C * coarse.settled.sigma;
-        let surface = patches::look(scan, used, &coarse.settled.cylinder, reach);
-        let averages = surface.and_then(|surface| surface.average(Cut::Profiles));
-        // Whole profiles may be off, which is no layer.
-        let neighbours = averages.as_ref().map_or(0.0, layers::own_scatter).max(roughness);
-        if coarse.settled.sigma < SUSPICIOUS * neighbours || neighbours < ROUGHNESS_MIN * coarse.settled.cylinder.radius
-        {
-            return Ok(coarse);
-        }
-        let bounds = Bounds { tolerance: TOLERANCE_ROUGHNESS * neighbours, ..*bounds };
-        match self.choose(sample, &bounds, Noise::Known(neighbours)) {
-            Choice::Two(..) if averages.as_ref().is_some_and(layers::smooth) => Ok(coarse),
-            Choice::Two(a, b) => Err(two_cylinders(&a, &b)),
-            Choice::One(fine) if fine.coverage >= candidates::COVERAGE_MIN => {
-                // Neighbours may share their noise: what one point scatters by is seen only now.
-                let settled = candidates::grown(sample, fine.settled.cylinder, robust::TUKEY_C * neighbours, self.hold);
-                let finer = settled.filter(|settled| settled.sigma < FINER * coarse.settled.sigma);
-                Ok(finer.map_or(coarse, |settled| Candidate { settled, ..fine }))
-            }
-            Choice::One(_) | Choice::None => Ok(coarse),
         }
     }
 

@@ -9,7 +9,7 @@
 //! pass serve for the profiles: the gradients corrected to first order, the counts as they are, for such a step moves the
 //! surface by a few hundredths of σ at most.
 
-use super::covariance::{Scatter, sandwich};
+use super::covariance::{Scatter, over_runs, sandwich};
 use super::kernel::{Curvature, Inner};
 use super::model::Cylinder;
 use super::profile::ProfilePoints;
@@ -19,7 +19,7 @@ use super::settle::Settled;
 use super::step::{self, Hold};
 use super::sums::Sums;
 use crate::estimation::{Progress, robust};
-use crate::scan::{Scan, Station};
+use crate::scan::{Grouping, Scan, Station};
 use nalgebra::{Matrix5, Vector5};
 use rayon::prelude::*;
 
@@ -32,8 +32,6 @@ pub(super) struct Problem<'a> {
     pub(super) hold: Hold,
     /// Distance of an inner point, mm.
     pub(super) epsilon: f64,
-    /// What neighbouring points scatter by, mm.
-    pub(super) roughness: f64,
     pub(super) progress: &'a Progress,
 }
 
@@ -51,8 +49,8 @@ pub(super) struct Solution {
     pub(super) inner: Vec<Inner>,
     /// Passes over all points.
     pub(super) passes_count: u32,
-    /// How far (p, q, y_ref, z_ref, R) are from other readings of the surface, where layers leave it open.
-    pub(super) rivals: Vec<Vector5<f64>>,
+    /// Covariance of (p, q, y_ref, z_ref, R) by what neighbouring parts of the surface share, where they do.
+    pub(super) field: Option<Matrix5<f64>>,
 }
 
 impl Solution {
@@ -102,9 +100,9 @@ pub(super) fn solve(problem: &Problem<'_>, start: &Settled) -> Option<Solution> 
         cylinder = cylinder.moved(&step)?;
         if left((normal * step).dot(&step).abs() / (sigma * sigma), sums.weight) < SETTLED {
             profiles.iter_mut().for_each(|profile| profile.gradient += profile.normal * step);
-            let Scatter { covariance, freedom } = sandwich(&normal, &profiles, problem.hold)?;
-            let rivals = Vec::new();
-            return Some(Solution { cylinder, sigma, covariance, freedom, profiles, inner, passes_count, rivals });
+            let clustered = if problem.scan.grouping() == Grouping::Chosen { over_runs } else { sandwich };
+            let Scatter { covariance, freedom } = clustered(&normal, &profiles, problem.hold)?;
+            return Some(Solution { cylinder, sigma, covariance, freedom, profiles, inner, passes_count, field: None });
         }
     }
     None

@@ -28,6 +28,8 @@ pub(super) fn system(sums: &Sums, hold: Hold, noise: f64, radius: f64) -> (Matri
         Hold::Free => {}
         Hold::Fixed { radius: known } => {
             let others = Matrix5::from_diagonal(&OTHERS);
+            // The radius goes all the way in one step, and the others have to follow it in the same one.
+            gradient += normal * RADIUS * (known - radius);
             normal = others * normal * others + Matrix5::from_diagonal(&RADIUS);
             gradient = gradient.component_mul(&OTHERS) + RADIUS * (radius - known);
         }
