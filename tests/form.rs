@@ -240,3 +240,28 @@ fn what_a_part_that_is_not_round_repeats_is_in_its_uncertainty() {
         assert!(errors.iter().all(|error| error.abs() < 4.0), "seed {seed}: {errors:?}");
     }
 }
+
+/// A scan of a part that only every so many profiles see; the others see points anywhere.
+fn seen_by_one_in(profiles_count: i32, seed: u64) -> Estimate {
+    let part = Part { interference: Interference::NONE, ..part(seed) };
+    let (scan, _) = make(&part).expect("a part");
+    let scattered = deformed(&scan, &part, |place, u, w| {
+        let profile = (place * 49.5 + 49.5).round() as i32;
+        if profile % profiles_count == 0 {
+            return [u, w];
+        }
+        let anywhere = |phase: f64| 400.0 * (((u * 12.9898 + w * 78.233 + phase).sin() * 43_758.545_3).fract() - 0.5);
+        [anywhere(place), anywhere(place + 1.0)]
+    });
+    estimate(&scattered, &Settings::default(), &Progress::default())
+}
+
+#[test]
+fn a_pose_rests_on_a_tenth_of_the_profiles_at_least() {
+    for seed in 0..4 {
+        let few = seen_by_one_in(12, seed).outcome;
+        assert!(matches!(few, Outcome::Refused(_)), "seed {seed}: {few:?}");
+        let many = seen_by_one_in(3, seed).outcome;
+        assert!(matches!(many, Outcome::Accepted(_)), "seed {seed}: {many:?}");
+    }
+}

@@ -1,9 +1,11 @@
 //! The sensor's linearity error: its distance scale deviates by a smooth function δ(y) of the place along the laser line, alike in
 //! every profile, so that more profiles do not average it out.
 //!
-//! δ is taken as a random function with the standard deviation u and the correlation exp(−(y − y′)²/2L²), and the pose answers
-//! with E(y) to a shift of the points about y in z. The covariance of the pose is then Σ ρ(y_a − y_b) u² E_a E_bᵀ over patches
-//! of the line.
+//! δ is taken as a random function with the standard deviation u and the correlation ρ = exp(−(y − y′)²/2L²), and the pose
+//! answers with E(y) to a shift of the points about y in z. The covariance of the pose is then Σ ρ(y_a − y_b) u² E_a E_bᵀ over
+//! patches of the line. Along a tilted part the points of one patch lie at different z, where δ differs as it does between
+//! places of the line: its slope along z has the standard deviation u/L, to which the pose answers with F(y), and Σ ρ (u/L)²
+//! F_a F_bᵀ is added.
 
 use nalgebra::{Matrix5, Vector5};
 
@@ -20,6 +22,8 @@ pub(super) struct PatchInfluence {
     /// Middle of the patch, mm.
     pub(super) y: f64,
     pub(super) effect: Vector5<f64>,
+    /// The same to a shift by 1 mm for each mm that a point lies higher than the others of the patch.
+    pub(super) slope: Vector5<f64>,
 }
 
 /// The laser line cut into patches of equal width.
@@ -49,10 +53,11 @@ impl Patches {
     }
 
     /// The influences of these patches, given in order.
-    pub(super) fn influences(&self, effects: Vec<Vector5<f64>>) -> Vec<PatchInfluence> {
-        let influence = |(index, effect): (usize, Vector5<f64>)| PatchInfluence {
+    pub(super) fn influences(&self, effects: Vec<[Vector5<f64>; 2]>) -> Vec<PatchInfluence> {
+        let influence = |(index, [effect, slope]): (usize, [Vector5<f64>; 2])| PatchInfluence {
             y: self.low + (index as f64 + 0.5) * self.width,
             effect,
+            slope,
         };
         effects.into_iter().enumerate().map(influence).collect()
     }
@@ -69,6 +74,8 @@ pub(super) fn covariance(influences: &[PatchInfluence], standard: f64, length: O
         for b in seen() {
             let correlation = (-0.5 * ((a.y - b.y) / length).powi(2)).exp();
             sum += a.effect * b.effect.transpose() * correlation;
+            // Divided one by one: the square of the least length is none.
+            sum += (a.slope / length) * (b.slope / length).transpose() * correlation;
         }
     }
     sum * standard.powi(2)
@@ -81,7 +88,7 @@ mod tests {
     /// The position z is the mean over the line.
     fn mean_of(places: &[f64]) -> Vec<PatchInfluence> {
         let effect = Vector5::new(0.0, 0.0, 0.0, 1.0 / places.len() as f64, 0.0);
-        places.iter().map(|&y| PatchInfluence { y, effect }).collect()
+        places.iter().map(|&y| PatchInfluence { y, effect, slope: Vector5::zeros() }).collect()
     }
 
     #[test]
@@ -93,6 +100,16 @@ mod tests {
         // Two places 20 mm apart with L = 20 mm: u²·(1 + exp(−1/2))/2.
         let two = covariance(&mean_of(&[0.0, 20.0]), 0.02, Some(20.0))[(3, 3)];
         assert!((two - 4e-4 * 0.5 * (1.0 + (-0.5f64).exp())).abs() < 1e-15);
+    }
+
+    #[test]
+    fn along_a_tilted_part_the_slope_of_the_error_counts() {
+        let slope = Vector5::new(0.0, 0.5, 0.0, 0.0, 0.0);
+        let place = PatchInfluence { y: 0.0, effect: Vector5::new(0.0, 0.0, 0.0, 1.0, 0.0), slope };
+        let found = covariance(&[place], 0.02, Some(10.0));
+        assert!(
+            (found[(3, 3)] - 4e-4).abs() < 1e-18 && (found[(1, 1)] - (0.5 * 0.02 / 10.0_f64).powi(2)).abs() < 1e-18
+        );
     }
 
     #[test]

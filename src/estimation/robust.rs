@@ -36,6 +36,12 @@ pub(super) fn weight(squared_residual: f64, cut_off_squared: f64) -> f64 {
     rest * rest
 }
 
+/// Slope of the influence function ψ = w·d, the weight in Newton's method.
+pub(super) fn weight_slope(squared_residual: f64, cut_off_squared: f64) -> f64 {
+    let rest = (1.0 - squared_residual / cut_off_squared).max(0.0);
+    rest * (5.0 * rest - 4.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,14 +1,13 @@
 //! The residuals of a fit as averages over cells of the surface: blocks of profiles by sectors of the arc. In: the fit and the
-//! points near it. Out: per cell the mean residual and its weight, and what a displacement of a sector does to the fit. Does not
-//! judge what the residuals are.
+//! points near it. Out: per cell the mean residual and its weight, and what a displacement of a sector does to the fit.
 
 use super::patches::{Cut, Grid, Near, Surface};
 use super::solve::Solution;
 use crate::estimation::robust;
-use nalgebra::{DMatrix, DVector, Dyn, OMatrix, U5, Vector5};
+use nalgebra::{DMatrix, DVector, Dyn, OMatrix, U5};
 use std::f64::consts::TAU;
 
-/// Blocks at most and at least: of fewer nothing can be said about the scatter about a straight line.
+/// Blocks at most and at least: with fewer a straight line leaves no scatter.
 const BLOCKS_MAX: usize = 16;
 const BLOCKS_MIN: usize = 4;
 /// Sectors at least and at most.
@@ -25,7 +24,7 @@ pub(super) struct Cells {
     /// Mean residuals, mm, and their weights, in points.
     pub(super) residuals: DMatrix<f64>,
     pub(super) weights: DMatrix<f64>,
-    /// Where the blocks lie along x, from −√3 to √3.
+    /// Where the blocks lie along x, from −√3 to √3: evenly spread, their mean square is 1.
     pub(super) places: DVector<f64>,
     /// What a shift of the section in y and in z changes each sector's residual by.
     pub(super) shifts: [DVector<f64>; 2],
@@ -45,7 +44,7 @@ impl Cells {
     /// `None` where there are too few points or profiles.
     pub(super) fn of(surface: &Surface, solution: &Solution) -> Option<Self> {
         let [least, most] = SECTORS;
-        let sectors = (surface.near.len() / (BLOCKS_MAX * POINTS)).clamp(least, most);
+        let sectors = (surface.near.len() / (surface.stations_count().min(BLOCKS_MAX) * POINTS)).clamp(least, most);
         let grid = surface.grid(Cut::Cells { sectors, blocks: BLOCKS_MAX })?;
         let cut_off_squared = robust::cut_off_squared(solution.sigma);
         let serving: Vec<&Near> = surface.near.iter().filter(|point| point.d * point.d < cut_off_squared).collect();
@@ -78,10 +77,10 @@ impl Cells {
 
     fn add(&mut self, point: &Near, grid: &Grid, place: f64, solution: &Solution, cut_off_squared: f64) {
         let response = solution.cylinder.slice(point.x).response(point.y, point.z);
-        let row = Vector5::new(response.a * response.t, response.b * response.t, response.a, response.b, -1.0);
-        let rest = (1.0 - response.d * response.d / cut_off_squared).max(0.0);
-        // Tukey's weight, and the slope of its influence function.
-        let (weight, slope) = (rest * rest, rest * (5.0 * rest - 4.0));
+        let row = response.row();
+        let squared = response.d * response.d;
+        let (weight, slope) =
+            (robust::weight(squared, cut_off_squared), robust::weight_slope(squared, cut_off_squared));
         let (block, sector) = (point.index / grid.block(), grid.sector(point.angle));
         add(self.residuals.get_mut((block, sector)), weight * response.d);
         add(self.weights.get_mut((block, sector)), weight);

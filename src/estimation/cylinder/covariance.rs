@@ -88,7 +88,7 @@ pub(super) fn over_runs(normal: &Matrix5<f64>, sections: &[Sums], hold: Hold) ->
             sum
         };
         let runs: Vec<Sums> = sections.chunks(length).map(run).collect();
-        let Scatter { covariance, freedom } = sandwich(normal, &runs, hold)?;
+        let Some(Scatter { covariance, freedom }) = sandwich(normal, &runs, hold) else { break };
         let own = widest.covariance.diagonal();
         let wider =
             covariance.diagonal().zip_map(&own, |runs, own| if own > 0.0 { (runs / own).max(1.0) } else { 1.0 });

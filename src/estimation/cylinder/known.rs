@@ -15,6 +15,8 @@ use nalgebra::Vector5;
 /// Where y_ref and, behind it, z_ref stand among the parameters.
 const Y_REF: usize = 2;
 const RADIUS: usize = 4;
+/// A share of the variance that nobody sees beside it.
+const CURVATURE_MIN: f64 = 1e-3;
 
 /// What the data say, and what is known of the radius.
 pub(super) fn from_data(solution: &Solution, hold: Hold, settings: &Settings) -> Vec<Line> {
@@ -23,6 +25,21 @@ pub(super) fn from_data(solution: &Solution, hold: Hold, settings: &Settings) ->
         Line::of_slopes(Line::REPEATABILITY, &solution.covariance, &axis).with_freedom(solution.freedom);
     let radius = by_radius(solution, hold, settings).map(|shift| Line::of_shift(Line::NOMINAL_RADIUS, &shift, &axis));
     [Some(repeatability), radius].into_iter().flatten().collect()
+}
+
+/// What the curvature of the surface does to it: noise σ along the surface puts points outside by σ²/2R on average, whatever
+/// their number. How much of the noise lies along the surface cannot be seen, so this is stated in full, where it matters.
+pub(super) fn from_curvature(solution: &Solution, hold: Hold) -> Option<Line> {
+    let outside = solution.sigma.powi(2) / (2.0 * solution.cylinder.radius);
+    // All points are outside by the same, which is what a larger radius does: a free one takes up all of it.
+    let pull = solution.total().normal.column(RADIUS) * outside;
+    let shift = match hold {
+        Hold::Free | Hold::Prior { .. } => solution.bread(hold)? * pull,
+        Hold::Fixed { .. } => (solution.bread(hold)? * pull.component_mul(&step::OTHERS)).component_mul(&step::OTHERS),
+    };
+    let matters = |(shift, variance): (&f64, &f64)| shift * shift > CURVATURE_MIN * variance;
+    let counts = shift.iter().zip(solution.covariance.diagonal().iter()).any(matters);
+    counts.then(|| Line::of_shift(Line::FIT_BIAS, &shift, &solution.cylinder.axis()))
 }
 
 /// What neighbouring parts of the surface share.
@@ -56,16 +73,17 @@ pub(super) fn from_calibration(scan: &Scan, solution: &Solution, hold: Hold, set
 ///
 /// Fixed, the others follow as −B N e_R and R itself by 1. As a prior it pulls with its stiffness: B e_R σ²/σ_R².
 fn by_radius(solution: &Solution, hold: Hold, settings: &Settings) -> Option<Vector5<f64>> {
-    let (sums, bread) = (solution.total(), solution.bread(hold)?);
     match hold {
         Hold::Free => None,
-        Hold::Fixed { .. } => {
-            let pull = bread * sums.normal.column(RADIUS).component_mul(&step::OTHERS);
-            let shift = Vector5::ith(RADIUS, 1.0) - pull.component_mul(&step::OTHERS);
-            settings.radius_sigma_mm.map(|sigma| shift * sigma)
-        }
-        Hold::Prior { sigma, .. } => Some(bread.column(RADIUS) * (solution.sigma.powi(2) / sigma)),
+        Hold::Fixed { .. } => Some(with_radius(solution, hold)? * settings.radius_sigma_mm?),
+        Hold::Prior { sigma, .. } => Some(solution.bread(hold)?.column(RADIUS) * (solution.sigma.powi(2) / sigma)),
     }
+}
+
+/// How the others follow where R is 1 mm larger than it is: −B N e_R.
+fn with_radius(solution: &Solution, hold: Hold) -> Option<Vector5<f64>> {
+    let pull = solution.bread(hold)? * solution.total().normal.column(RADIUS).component_mul(&step::OTHERS);
+    Some(Vector5::ith(RADIUS, 1.0) - pull.component_mul(&step::OTHERS))
 }
 
 fn influences(scan: &Scan, solution: &Solution, hold: Hold) -> Vec<Influence> {

@@ -42,8 +42,8 @@ const ROUNDS: usize = 3;
 
 /// What became of the fit.
 pub(super) enum Verdict {
-    /// No layer.
-    Clean,
+    /// The fit stays as it is.
+    Unchanged,
     /// Fitted again without the layers.
     Mended(Box<Solution>),
     /// Two surfaces could be the part.
@@ -60,32 +60,32 @@ pub(super) fn mend(
     nominal_radius: Option<f64>,
     surface: &Surface,
 ) -> Verdict {
-    let Some(averages) = surface.average(Cut::Points(POINTS_WANTED)) else { return Verdict::Clean };
+    let Some(averages) = surface.average(Cut::Points(POINTS_WANTED)) else { return Verdict::Unchanged };
     let hold = problem.hold;
     let own = own_scatter(&averages).max(SCATTER_MIN * fit.sigma);
     if !suspicious(&averages, own) || explained(&averages, own) {
-        return Verdict::Clean;
+        return Verdict::Unchanged;
     }
     let sample = averages.sample();
     let closer = Bounds { tolerance: TOLERANCE * own, ..*bounds };
     let found = candidates::candidates(&sample, &closer, Noise::Known(own), hold);
     let part = match candidates::choose(&found, nominal_radius, &sample) {
         // What is not on most profiles is not the part; whole profiles that are off are no layers.
-        Choice::One(candidate) if candidate.coverage < COVERAGE_MIN => return Verdict::Clean,
+        Choice::One(candidate) if candidate.coverage < COVERAGE_MIN => return Verdict::Unchanged,
         Choice::One(candidate) => candidate.settled,
         Choice::Two(a, b) => return Verdict::Two(a, b),
-        Choice::None => return Verdict::Clean,
+        Choice::None => return Verdict::Unchanged,
     };
     let off = off(&averages, &part);
     let layer_ratio = off.iter().filter(|off| **off).count() as f64 / averages.patches.iter().flatten().count() as f64;
     if layer_ratio > LAYER_RATIO_MAX || rough(&averages, &part, own) {
         // A part that is known to be there is answered as it is fitted: the field says what the layers do to it.
         return match nominal_radius {
-            Some(_) => Verdict::Clean,
+            Some(_) => Verdict::Unchanged,
             None => Verdict::Undecided { layer_ratio, reach_mm: reach(fit) },
         };
     }
-    refit(problem, fit, &part, &averages, &off).map_or(Verdict::Clean, |mended| Verdict::Mended(Box::new(mended)))
+    refit(problem, fit, &part, &averages, &off).map_or(Verdict::Unchanged, |mended| Verdict::Mended(Box::new(mended)))
 }
 
 fn reach(fit: &Solution) -> f64 {
@@ -185,7 +185,7 @@ fn refit(problem: &Problem<'_>, fit: &Solution, part: &Settled, averages: &Avera
     let rest_problem = Problem { scan: &rest.scan, used: &rest.used, progress: &silent, ..*problem };
     let mut solution = solve::solve(&rest_problem, &Settled { cylinder: part.cylinder, sigma })?;
     solution.field = look(&rest_problem, &solution).and_then(|left| field::covariance(&left, &solution, hold));
-    Some(rest.restore(&solution))
+    Some(rest.restore(solution))
 }
 
 /// Robust spread of the points that are left about the part.

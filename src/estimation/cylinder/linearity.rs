@@ -14,6 +14,16 @@ use nalgebra::Vector5;
 
 const RADIUS: usize = 4;
 
+/// What a shift of the points of a patch does to the gradient: of all of them by 1 mm, and of each by its z.
+#[derive(Debug, Clone, Copy, Default)]
+struct Shift {
+    all: Vector5<f64>,
+    by_z: Vector5<f64>,
+    /// Sum of z, mm, and of points.
+    z: f64,
+    count: f64,
+}
+
 /// The answer to each patch; empty where there is none.
 pub(super) fn influences(scan: &Scan, solution: &Solution, hold: Hold) -> Vec<PatchInfluence> {
     answers(scan, solution, hold).unwrap_or_default()
@@ -25,16 +35,17 @@ fn answers(scan: &Scan, solution: &Solution, hold: Hold) -> Option<Vec<PatchInfl
     let surface = patches::look(scan, &used, &solution.cylinder, cut_off.sqrt())?;
     let patches = Patches::over(surface.near.iter().map(|point| point.y))?;
     let stands_for = surface.thinned() as f64;
-    let (mut sums, mut shifts) = (Sums::zero(), vec![Vector5::zeros(); Patches::count()]);
+    let (mut sums, mut shifts) = (Sums::zero(), vec![Shift::default(); Patches::count()]);
     for point in &surface.near {
         let Near { y, z, d, .. } = *point;
         let response = solution.cylinder.slice(point.x).response(y, z);
-        let (a, b, t) = (response.a, response.b, response.t);
-        let (row, share) = (Vector5::new(a * t, b * t, a, b, -1.0), d * d / cut_off);
-        let bend = stands_for * (1.0 - share) * (1.0 - 5.0 * share);
+        let (row, b) = (response.row(), response.b);
+        let bend = stands_for * robust::weight_slope(d * d, cut_off);
         sums.normal += row * row.transpose() * bend;
         if let Some(shift) = shifts.get_mut(patches.index(y)) {
-            *shift += row * (bend * b);
+            shift.all += row * (bend * b);
+            shift.by_z += row * (bend * b * z);
+            (shift.z, shift.count) = (shift.z + z, shift.count + 1.0);
         }
     }
     // The inverse over the same points, so that a shift of all patches is exactly a shift of z_ref.
@@ -46,5 +57,6 @@ fn answers(scan: &Scan, solution: &Solution, hold: Hold) -> Option<Vec<PatchInfl
         }
         effect
     };
-    Some(patches.influences(shifts.into_iter().map(effect).collect()))
+    let effects = |Shift { all, by_z, z, count }: Shift| [effect(all), effect(by_z - all * (z / f64::max(count, 1.0)))];
+    Some(patches.influences(shifts.into_iter().map(effects).collect()))
 }

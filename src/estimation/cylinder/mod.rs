@@ -53,7 +53,9 @@ use judge::Model;
 use solve::Solution;
 use step::Hold;
 
-/// So few profiles have to agree by half, and so very few by two thirds,
+/// A pose rests on this share of the profiles and of the points at least. So few profiles have to agree by half, and so very
+/// few by two thirds,
+const SHARE_MIN: f64 = 0.1;
 const FEW: usize = 20;
 const VERY_FEW: usize = 8;
 /// and one agrees that has this share on the surface of what the fullest has.
@@ -103,7 +105,7 @@ fn too_few(
     Refusal::TooFewValidProfiles { valid_count, profiles_count, profiles_min, most_common, sigma_mm, epsilon_mm }
 }
 
-/// Where there are few profiles, half or two thirds of them have to lie on the surface. A cylinder can be tilted until it
+/// A tenth of the profiles have to lie on the surface, and where there are few, half or two thirds of them. A cylinder can be tilted until it
 /// meets some that vibration has shifted, and then says nothing of the others.
 fn agreed(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(), Refusal> {
     let share = |(station, sums): (&Station, &sums::Sums)| sums.weight / (station.end - station.start).max(1) as f64;
@@ -112,9 +114,10 @@ fn agreed(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(), R
     let agreeing_count = shares.iter().filter(|share| **share >= AGREEING * fullest).count();
     let needed_count = match shares.len() {
         count if count <= VERY_FEW => (2 * count).div_ceil(3),
-        count => count.div_ceil(2),
+        count if count <= FEW => count.div_ceil(2),
+        count => (SHARE_MIN * count as f64).ceil() as usize,
     };
-    if shares.len() > FEW || agreeing_count >= needed_count {
+    if agreeing_count >= needed_count {
         return Ok(());
     }
     let profiles_min = needed_count.try_into().unwrap_or(u32::MAX);
@@ -139,10 +142,14 @@ fn weigh(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(Pose,
         return Err(too_few(scan.stations().len(), valid_count, Reason::NotConverged, Some(solution.sigma), settings));
     }
     agreed(scan, solution, settings)?;
+    if solution.total().weight < SHARE_MIN * scan.points().len() as f64 {
+        return Err(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm });
+    }
     let stations = scan.stations().iter().zip(&solution.profiles).filter(shown).map(|(station, _)| station);
     too_short(stations, settings)?;
     let hold = hold(settings);
     let mut lines = known::from_data(solution, hold, settings);
+    lines.extend(known::from_curvature(solution, hold));
     lines.extend(known::from_layers(solution));
     lines.extend(known::from_resolution(scan, solution, hold));
     let form = form::form(scan, solution, hold);

@@ -46,6 +46,14 @@ pub(super) struct Response {
     pub(super) t: f64,
 }
 
+impl Response {
+    /// ∂d/∂(p, q, y_ref, z_ref, R).
+    #[inline]
+    pub(super) fn row(&self) -> Vector5<f64> {
+        Vector5::new(self.a * self.t, self.b * self.t, self.a, self.b, -1.0)
+    }
+}
+
 impl Cylinder {
     pub(super) fn axis(&self) -> AxisLine {
         AxisLine::through([self.x_ref, self.y_ref, self.z_ref], self.p, self.q)

@@ -180,6 +180,10 @@ impl Surface {
         Directions { mean: self.mean, first, length }
     }
 
+    pub(super) fn stations_count(&self) -> usize {
+        self.stations_count
+    }
+
     /// One in so many points was looked at.
     pub(super) fn thinned(&self) -> usize {
         self.every * self.stride

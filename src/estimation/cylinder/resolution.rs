@@ -30,12 +30,16 @@ pub(super) fn covariance(surface: &Surface, steps: [f64; 3], solution: &Solution
     let (mut cells, mut whole) = (HashMap::<[i64; 2], Vector5<f64>>::new(), Sums::zero());
     for point in surface.near.iter().filter(|point| point.d * point.d < cut_off) {
         let response = solution.cylinder.slice(point.x).response(point.y, point.z);
-        let row = Vector5::new(response.a * response.t, response.b * response.t, response.a, response.b, -1.0);
+        let row = response.row();
         let weight = robust::weight(response.d * response.d, cut_off);
         whole.normal += row * row.transpose() * weight;
         let cell = [(point.y / step_y).round() as i64, (point.z / step_z).round() as i64];
         *cells.entry(cell).or_default() += row * weight;
     }
+    // Each point stands for those that were not looked at, beside which a prior weighs as it does in the fit.
+    let stands_for = surface.thinned() as f64;
+    whole.normal *= stands_for;
+    cells.values_mut().for_each(|pull| *pull *= stands_for);
     let (normal, _) = step::system(&whole, hold, solution.sigma, solution.cylinder.radius);
     let bread = step::invert(&normal)?;
     let mask = if matches!(hold, Hold::Fixed { .. }) { step::OTHERS } else { Vector5::repeat(1.0) };

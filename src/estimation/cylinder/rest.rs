@@ -56,7 +56,7 @@ impl Rest {
     }
 
     /// A solution of what is left, with its profiles in their places of the whole.
-    pub(super) fn restore(&self, solution: &Solution) -> Solution {
+    pub(super) fn restore(&self, mut solution: Solution) -> Solution {
         let mut profiles = vec![Sums::zero(); self.whole_count];
         let mut inner = vec![Inner::none(); self.whole_count];
         for ((index, sums), counts) in self.kept.iter().zip(&solution.profiles).zip(&solution.inner) {
@@ -64,7 +64,8 @@ impl Rest {
                 (*sums_of, *inner_of) = (*sums, *counts);
             }
         }
-        Solution { profiles, inner, ..solution.clone() }
+        (solution.profiles, solution.inner) = (profiles, inner);
+        solution
     }
 }
 

@@ -81,7 +81,7 @@ pub(super) fn search(
         let rest = rest.ok_or_else(|| search.no_cylinder())?;
         let used = enough(&rest.scan, settings);
         match search.round(&rest.scan, &used, &Progress::default())? {
-            Round::Found(solution) => return Ok(rest.restore(&solution)),
+            Round::Found(solution) => return Ok(rest.restore(*solution)),
             Round::Within(cylinder, directions) => within.push((cylinder, directions)),
         }
     }
@@ -131,8 +131,8 @@ impl Search<'_> {
             return Err(refusal);
         }
         let mend = |surface| layers::mend(&problem, &solution, &bounds, settings.nominal_radius_mm, surface);
-        match surface.as_ref().map_or(Verdict::Clean, mend) {
-            Verdict::Clean => {}
+        match surface.as_ref().map_or(Verdict::Unchanged, mend) {
+            Verdict::Unchanged => {}
             Verdict::Mended(mended) => {
                 return Some(mended)
                     .filter(|mended| resolved(mended))

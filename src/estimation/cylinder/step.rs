@@ -57,3 +57,20 @@ pub(super) fn invert(normal: &Matrix5<f64>) -> Option<Matrix5<f64>> {
     let inverse = scale * (scale * normal * scale).cholesky()?.inverse() * scale;
     inverse.iter().all(|v| v.is_finite()).then_some(inverse)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn position_and_slopes_follow_a_fixed_radius_in_the_same_step() {
+        let normal = Matrix5::from_fn(|i, j| 1.0 / (1.0 + i as f64 + j as f64)) + Matrix5::identity();
+        let sums = Sums { gradient: Vector5::new(0.3, -0.2, 0.1, 0.4, -0.5), normal, weight: 1.0 };
+        let (system, gradient) = system(&sums, Hold::Fixed { radius: 20.5 }, 0.05, 20.0);
+        let step = solve(&system, &gradient).expect("definite");
+        assert!((step[4] - 0.5).abs() < 1e-12);
+        // At the minimum of the quadratic function with that radius, no other parameter has a gradient.
+        let left = sums.gradient + normal * step;
+        assert!(left.fixed_rows::<4>(0).norm() < 1e-12, "{left}");
+    }
+}

@@ -37,11 +37,16 @@ pub(super) fn influences(scan: &Scan, profiles: &[Profile], fit: &Fit, settings:
     let Some(patches) = Patches::over(places) else {
         return Vec::new();
     };
+    let heights: Vec<f64> = groups.iter().map(|group| group.ellipse.centre_z).collect();
+    let middle = heights.iter().sum::<f64>() / heights.len() as f64;
     let answers: Vec<Vec<Vector5<f64>>> =
         groups.into_par_iter().map(|group| answer(group, patches, settings)).collect();
-    let mut effects = vec![Vector5::zeros(); Patches::count()];
-    for answer in answers {
-        effects.iter_mut().zip(answer).for_each(|(effect, by)| *effect += by);
+    let mut effects = vec![[Vector5::zeros(); 2]; Patches::count()];
+    for (answer, height) in answers.into_iter().zip(heights) {
+        for ([effect, slope], by) in effects.iter_mut().zip(answer) {
+            *effect += by;
+            *slope += by * (height - middle);
+        }
     }
     patches.influences(effects)
 }
