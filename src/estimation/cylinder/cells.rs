@@ -14,7 +14,6 @@ const BLOCKS_MIN: usize = 4;
 const SECTORS: [usize; 2] = [8, 24];
 /// Points that a cell should have.
 const POINTS: usize = 4;
-
 /// What one laser line sees of a cylinder at most before it meets the surface too steeply, 140°, radians: longer arcs are put
 /// together from several views.
 const SEEN: f64 = 2.44;
@@ -34,7 +33,12 @@ pub(super) struct Cells {
     arc: f64,
 }
 
-fn add(sum: Option<&mut f64>, what: f64) {
+/// 0 where nothing is to be divided by.
+pub(super) fn quotient(sum: f64, by: f64) -> f64 {
+    if by > 0.0 { sum / by } else { 0.0 }
+}
+
+fn increase(sum: Option<&mut f64>, what: f64) {
     if let Some(sum) = sum {
         *sum += what;
     }
@@ -82,11 +86,11 @@ impl Cells {
         let (weight, slope) =
             (robust::weight(squared, cut_off_squared), robust::weight_slope(squared, cut_off_squared));
         let (block, sector) = (point.index / grid.block(), grid.sector(point.angle));
-        add(self.residuals.get_mut((block, sector)), weight * response.d);
-        add(self.weights.get_mut((block, sector)), weight);
-        add(self.places.get_mut(block), weight * place);
+        increase(self.residuals.get_mut((block, sector)), weight * response.d);
+        increase(self.weights.get_mut((block, sector)), weight);
+        increase(self.places.get_mut(block), weight * place);
         for (shift, by) in self.shifts.iter_mut().zip([response.a, response.b]) {
-            add(shift.get_mut(sector), weight * by);
+            increase(shift.get_mut(sector), weight * by);
         }
         for (pull, by) in self.pulls.iter_mut().zip([1.0, place]) {
             let mut column = pull.column_mut(sector);
@@ -96,7 +100,6 @@ impl Cells {
 
     /// Sums become means.
     fn divide(&mut self) {
-        let quotient = |sum: f64, by: f64| if by > 0.0 { sum / by } else { 0.0 };
         self.residuals.zip_apply(&self.weights, |sum, by| *sum = quotient(*sum, by));
         self.places.zip_apply(&self.weights.column_sum(), |sum, by| *sum = quotient(*sum, by));
         let of_sectors = self.weights.row_sum().transpose();

@@ -1,33 +1,32 @@
-//! What neighbouring parts of the surface share: a layer too low to be told from the part, the flank of a bead, a part that is
-//! not quite round. The covariance by profiles takes these as independent of each other, which such errors are not. In: the fit
-//! and the points near it. Out: the covariance that they add.
+//! Errors that neighbouring parts of the surface share, as a random field: a layer too low to be removed, the flank of a bead, a
+//! form deviation. The covariance by profiles treats profiles as independent, which such errors make them not. In: the fit and
+//! the points near it. Out: the covariance that they add.
 //!
-//! The mean residual of a cell (block b of profiles, sector s of the arc, weight n_bs in points) is modelled as
+//! The mean residual of a cell (block b of profiles, sector j of the arc, weight n_bj in points) is modelled as
 //!
 //! ```text
-//! y_bs = α_s + β_s (u_b − ū_s) + e_bs,      u along x, from −√3 to √3, ū_s its mean over the sector
-//! cov e_bs = τ² (δ_st / n_bs + g exp(−Δφ/ℓ_e)) within a block and 0 between blocks, beside shifts of each block in y and z
-//! cov α_s = s² exp(−Δφ/ℓ), the covariance of steps in random places; cov β_s likewise
+//! y_bj = α_j + β_j (u_b − ū_j) + e_bj,      u along x, from −√3 to √3, ū_j its mean over the sector
+//! cov(e_bj, e_bk) = σ_e² (δ_jk / n_bj + g exp(−Δφ/ℓ_e)) within a block, 0 between blocks, beside shifts of a block in y and z
+//! cov(α_j, α_k) = v exp(−Δφ/ℓ), the covariance of steps in random places; of β likewise
 //! ```
 //!
-//! e is noise, which no two profiles share: its τ², g and ℓ_e have the greatest likelihood for the scatter of the blocks about
-//! α + β u. For the means α over x, and by itself for the slopes β, the restricted likelihood (REML: of what the parameters of
-//! the fit do not take up) follows for each s² and ℓ. Where none exceeds that of s = 0 by more than chance, there is no field;
-//! else its covariance is the mean of s² A K Aᵀ over the likelihood, with A what a displacement of the sectors does to the
-//! parameters.
+//! e is noise, which no two profiles share: σ_e², g and ℓ_e follow by maximum likelihood from the residuals about α and β. For the
+//! means α, and separately for the slopes β, the restricted likelihood (REML: of what the parameters of the fit do not absorb) is
+//! calculated over v and ℓ. Where none exceeds that of v = 0 by more than chance, there is no field; else its covariance is the
+//! mean of v A K Aᵀ over the likelihood, with A what a displacement of the sectors does to the parameters.
 
-use super::cells::Cells;
+use super::cells::{Cells, quotient};
 use super::patches::Surface;
 use super::solve::Solution;
 use super::step::{self, Hold};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix5, OMatrix, U5, Vector5};
 
-/// Correlation lengths of the field, in lengths of the arc. Of longer fields the fit takes up what would show them.
+/// Correlation lengths of the field, in lengths of the arc. The fit absorbs longer fields.
 const LENGTHS: [f64; 4] = [0.06, 0.12, 0.25, 0.5];
 /// Those of the noise of a profile, and g, in units of 1/n.
 const NOISE_LENGTHS: [f64; 3] = [0.03, 0.1, 0.4];
 const NOISE_SHARES: [f64; 5] = [0.0, 0.2, 0.6, 2.0, 6.0];
-/// s², in units of the variance of α or β by the noise.
+/// v, in units of the variance of α or β by the noise.
 const VARIANCES: [f64; 15] = [0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 1e2, 3e2, 1e3, 3e3, 1e4, 1e5, 1e6, 1e7];
 /// Chance raises twice the logarithm of the likelihood by so much once in twenty (half of χ² with one degree of freedom).
 const CERTAIN: f64 = 2.71;
@@ -38,21 +37,21 @@ const FREE: f64 = 1e10;
 const SHARE_MIN: f64 = 0.1;
 /// Values that have to be left beside what the fit absorbs.
 const VALUES_MIN: usize = 3;
-/// Blocks that the straight line of each sector takes up, and residuals of a block that its shifts do.
+/// Blocks that the straight line of a sector absorbs, and residuals of a block that its shifts do.
 const LINE: f64 = 2.0;
 const SHIFTS: f64 = 2.0;
 
 /// The covariance of (p, q, y_ref, z_ref, R) by the field; `None` where chance explains the residuals.
 pub(super) fn covariance(surface: &Surface, solution: &Solution, hold: Hold) -> Option<Matrix5<f64>> {
     let cells = Cells::of(surface, solution)?;
-    let [mean, slope] = Line::both(&cells);
-    let noise = Noise::of(&cells, &mean, &slope)?;
+    let [mean, slope] = SectorMeans::both(&cells);
+    let noise = ProfileNoise::of(&cells, &mean, &slope)?;
     let is_fixed = matches!(hold, Hold::Fixed { .. });
     let radius = (!is_fixed).then(|| DVector::repeat(cells.sectors(), 1.0));
     // Not all points were looked at.
-    let thinned = solution.total().weight / cells.weights.sum();
+    let points_per_point = solution.total().weight / cells.weights.sum();
     let free = if is_fixed { step::OTHERS } else { Vector5::repeat(1.0) };
-    let bread = Matrix5::from_diagonal(&free) * solution.bread(hold)? * thinned;
+    let bread = Matrix5::from_diagonal(&free) * solution.bread(hold)? * points_per_point;
     let [mean_pull, mut slope_pull] = cells.pulls.each_ref().map(|pull| bread * pull);
     for (mut slope, (mean, middle)) in slope_pull.column_iter_mut().zip(mean_pull.column_iter().zip(&mean.middle)) {
         slope -= mean * *middle;
@@ -69,12 +68,8 @@ fn outer<'a>(columns: impl Iterator<Item = &'a DVector<f64>>) -> DMatrix<f64> {
     columns.map(|column| column * column.transpose()).sum()
 }
 
-fn quotient(a: f64, b: f64) -> f64 {
-    if b > 0.0 { a / b } else { 0.0 }
-}
-
 /// α or β of all sectors.
-struct Line {
+struct SectorMeans {
     values: DVector<f64>,
     /// Their weights, in points.
     weights: DVector<f64>,
@@ -85,7 +80,7 @@ struct Line {
     per_blocks: f64,
 }
 
-impl Line {
+impl SectorMeans {
     /// α and β by least squares, sector by sector.
     fn both(cells: &Cells) -> [Self; 2] {
         let (weights, places) = (&cells.weights, &cells.places);
@@ -104,12 +99,12 @@ impl Line {
         ]
     }
 
-    /// The mean of s² A K Aᵀ over the likelihood, with A the `effect` of the sectors; `None` where chance explains the values, or
+    /// The mean of v A K Aᵀ over the likelihood, with A the `effect` of the sectors; `None` where chance explains the values, or
     /// too few of them are left beside the `shapes` that the fit absorbs.
     fn field<'a>(
         &self,
         cells: &Cells,
-        noise: &Noise,
+        noise: &ProfileNoise,
         shapes: impl Iterator<Item = &'a DVector<f64>> + Clone,
         effect: &OMatrix<f64, U5, Dyn>,
     ) -> Option<Matrix5<f64>> {
@@ -148,16 +143,16 @@ fn log_determinant(cholesky: &Cholesky<f64, Dyn>) -> f64 {
     2.0 * cholesky.l_dirty().diagonal().iter().map(|v| v.ln()).sum::<f64>()
 }
 
-/// What profiles do not share with each other: τ², g and ℓ_e.
-struct Noise {
+/// What profiles do not share with each other: σ_e², g and ℓ_e.
+struct ProfileNoise {
     variance: f64,
     share: f64,
     length: f64,
 }
 
-impl Noise {
-    /// Of the greatest likelihood for the residuals √n e, whose covariance is τ² (δ_st + g √(n_s n_t) exp(−Δφ/ℓ_e)).
-    fn of(cells: &Cells, mean: &Line, slope: &Line) -> Option<Self> {
+impl ProfileNoise {
+    /// Of the greatest likelihood for the residuals √n e, whose covariance is σ_e² (δ_jk + g √(n_j n_k) exp(−Δφ/ℓ_e)).
+    fn of(cells: &Cells, mean: &SectorMeans, slope: &SectorMeans) -> Option<Self> {
         let blocks = cells.blocks() as f64;
         let is_filled = cells.weights.map(|weight| f64::from(u8::from(weight > 0.0)));
         let at_centre = &mean.values - slope.values.component_mul(&slope.middle);
@@ -209,8 +204,8 @@ mod tests {
         Part { profiles_count: 80, points_count: 120, arc_deg: 120.0, ..Part::smooth(seed) }
     }
 
-    /// Each of α and β is beyond 2.71 once in twenty or a little more often, since the best of four lengths counts: four of 40
-    /// are expected, and more than ten once in a thousand.
+    /// Each of α and β is beyond 2.71 once in twenty or a little more often, since the best of four lengths counts: of 40 about
+    /// four are expected, and more than ten once in 600.
     #[test]
     fn noise_is_no_field_whatever_neighbours_share_and_clamps_hide() {
         let clamps = Interference { clamps: 0.6, clamp_arc: 0.5, clamp_height_mm: 20.0, ..Interference::NONE };

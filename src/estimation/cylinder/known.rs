@@ -30,16 +30,19 @@ pub(super) fn from_data(solution: &Solution, hold: Hold, settings: &Settings) ->
 /// What the curvature of the surface does to it: noise σ along the surface puts points outside by σ²/2R on average, whatever
 /// their number. How much of the noise lies along the surface cannot be seen, so this is stated in full, where it matters.
 pub(super) fn from_curvature(solution: &Solution, hold: Hold) -> Option<Line> {
-    let outside = solution.sigma.powi(2) / (2.0 * solution.cylinder.radius);
-    // All points are outside by the same, which is what a larger radius does: a free one takes up all of it.
-    let pull = solution.total().normal.column(RADIUS) * outside;
-    let shift = match hold {
-        Hold::Free | Hold::Prior { .. } => solution.bread(hold)? * pull,
-        Hold::Fixed { .. } => (solution.bread(hold)? * pull.component_mul(&step::OTHERS)).component_mul(&step::OTHERS),
-    };
+    let shift = if_outside(solution, hold)? * (solution.sigma.powi(2) / (2.0 * solution.cylinder.radius));
     let matters = |(shift, variance): (&f64, &f64)| shift * shift > CURVATURE_MIN * variance;
     let counts = shift.iter().zip(solution.covariance.diagonal().iter()).any(matters);
     counts.then(|| Line::of_shift(Line::FIT_BIAS, &shift, &solution.cylinder.axis()))
+}
+
+/// How the parameters move where all points lie outside of the surface by 1 mm, as they do on a larger radius: a free one takes
+/// up all of it, and with a fixed one the others follow.
+fn if_outside(solution: &Solution, hold: Hold) -> Option<Vector5<f64>> {
+    match hold {
+        Hold::Fixed { .. } => Some(-with_radius(solution, hold)?.component_mul(&step::OTHERS)),
+        Hold::Free | Hold::Prior { .. } => Some(solution.bread(hold)? * solution.total().normal.column(RADIUS)),
+    }
 }
 
 /// What neighbouring parts of the surface share.
@@ -98,4 +101,30 @@ fn influences(scan: &Scan, solution: &Solution, hold: Hold) -> Vec<Influence> {
     };
     let serves = |(_, sums): &(&Station, &Sums)| sums.weight > 0.0;
     scan.stations().iter().zip(&solution.profiles).filter(serves).map(influence).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::search;
+    use super::*;
+    use crate::estimation::Progress;
+    use crate::scan::synthetic::{Part, make};
+
+    /// A prior that says nothing leaves the radius free, and one that leaves nothing open fixes it.
+    #[test]
+    fn points_outside_make_a_free_radius_larger_and_move_the_axis_of_a_fixed_one() {
+        let part = Part { profiles_count: 40, points_count: 80, arc_deg: 90.0, ..Part::smooth(3) };
+        let (scan, _) = make(&part).expect("a part");
+        let used = vec![true; scan.stations().len()];
+        let found = search::search(&scan, &used, &Settings::default(), None, &Progress::default());
+        let solution = found.expect("a cylinder");
+        let radius = solution.cylinder.radius;
+        let shift = |hold: Hold| if_outside(&solution, hold).expect("regular");
+        let [free, fixed] = [Hold::Free, Hold::Fixed { radius }].map(shift);
+        assert!((free - Vector5::ith(RADIUS, 1.0)).norm() < 1e-9, "{free}");
+        // Seen from above over 90°, depth stands for radius: with 1 mm outside, z moves by 1 mm and more.
+        assert!(fixed[RADIUS] == 0.0 && fixed[3] > 1.0 && fixed[3] < 1.5, "{fixed}");
+        let [loose, tight] = [1e3, 1e-6].map(|sigma| shift(Hold::Prior { radius, sigma }));
+        assert!((loose - free).norm() < 1e-4 && (tight - fixed).norm() < 1e-4, "{loose} {tight}");
+    }
 }

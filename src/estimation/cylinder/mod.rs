@@ -53,8 +53,7 @@ use judge::Model;
 use solve::Solution;
 use step::Hold;
 
-/// A pose rests on this share of the profiles and of the points at least. So few profiles have to agree by half, and so very
-/// few by two thirds,
+/// A pose rests on this share of the profiles at least. So few profiles have to agree by half, and so very few by two thirds,
 const SHARE_MIN: f64 = 0.1;
 const FEW: usize = 20;
 const VERY_FEW: usize = 8;
@@ -105,8 +104,8 @@ fn too_few(
     Refusal::TooFewValidProfiles { valid_count, profiles_count, profiles_min, most_common, sigma_mm, epsilon_mm }
 }
 
-/// A tenth of the profiles have to lie on the surface, and where there are few, half or two thirds of them. A cylinder can be tilted until it
-/// meets some that vibration has shifted, and then says nothing of the others.
+/// A tenth of the profiles have to lie on the surface, and where there are few, half or two thirds of them: a cylinder can be
+/// tilted until it meets some that vibration has shifted, and then says nothing of the others.
 fn agreed(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(), Refusal> {
     let share = |(station, sums): (&Station, &sums::Sums)| sums.weight / (station.end - station.start).max(1) as f64;
     let shares: Vec<f64> = scan.stations().iter().zip(&solution.profiles).map(share).collect();
@@ -142,9 +141,6 @@ fn weigh(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(Pose,
         return Err(too_few(scan.stations().len(), valid_count, Reason::NotConverged, Some(solution.sigma), settings));
     }
     agreed(scan, solution, settings)?;
-    if solution.total().weight < SHARE_MIN * scan.points().len() as f64 {
-        return Err(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm });
-    }
     let stations = scan.stations().iter().zip(&solution.profiles).filter(shown).map(|(station, _)| station);
     too_short(stations, settings)?;
     let hold = hold(settings);
