@@ -1,7 +1,7 @@
 //! The stated uncertainty is right: ± 2 standard uncertainties hold the truth in 93 to 98 % of many seeds, for each
 //! parameter, whatever neighbours along the laser line or whole profiles share.
 //!
-//! `COAXIS_SEEDS=500 cargo test --release --test coverage -- --nocapture` prints the table of docs/estimation.md.
+//! `COAXIS_SEEDS=500 cargo test --release --test coverage -- --nocapture` prints the table of docs/accuracy.md.
 
 #![expect(
     clippy::expect_used,
@@ -27,7 +27,7 @@ const SEEDS: u64 = 60;
 /// What may be held of a normal distribution's 95.4 %.
 const HELD: [f64; 2] = [0.93, 0.98];
 /// What is held where neighbours or a whole profile share errors and nothing tells which points those are: the largest variance
-/// of several groupings counts, so more may be held (docs/estimation.md).
+/// of several groupings counts, so more may be held (docs/accuracy.md).
 const HELD_UNGROUPED: [f64; 2] = [HELD[0], 1.0];
 /// deflection, pitch, y_ref, z_ref, radius, y and z at x = 0.
 const NUMBERS: usize = 7;

@@ -2,7 +2,7 @@
 //! the expanded uncertainty must contain the error of every number as often as it claims, and an answer that is certain of
 //! itself and wrong is not allowed. Truth is that of the generator.
 //!
-//! `COAXIS_SEEDS=300 cargo test --release --test field_kinds -- --nocapture` prints the table of docs/estimation.md;
+//! `COAXIS_SEEDS=300 cargo test --release --test field_kinds -- --nocapture` prints the table of docs/accuracy.md;
 //! `COAXIS_DENSITY=4` takes four times as many profiles and points, which shows errors that do not average out.
 
 #![expect(

@@ -31,7 +31,7 @@ use std::collections::BTreeMap;
 
 /// Scenes that continuous integration has time for.
 const SCENES: u64 = 400;
-/// What is still wrong, scenes in a thousand, rounded down (docs/estimation.md). To be lowered, never raised.
+/// What is still wrong, scenes in a thousand, rounded down (docs/accuracy.md). To be lowered, never raised.
 const WRONG_PER_THOUSAND: f64 = 0.1;
 /// Scenes of every kind that continuous integration has time for.
 const WIDE_SCENES: u64 = 200;
