@@ -155,7 +155,7 @@ fn two_standard_uncertainties_hold_the_truth_in_any_direction() {
         interference: Part::with_interference(0).interference,
         ..part
     });
-    scene("any direction, radius 50", &|part| Part { radius_mm: 50.0, ..part });
+    scene("any direction, radius 50, 25 profiles", &|part| Part { radius_mm: 50.0, profiles_count: 25, ..part });
     assert!(right, "a share is not what it should be");
 }
 
