@@ -4,7 +4,7 @@
 #![expect(clippy::panic, clippy::expect_used, reason = "a test may fail")]
 
 use coaxis::estimation::{Estimate, Outcome, Pose, Progress, RadiusRule, Refusal, Settings, Warning, estimate};
-use coaxis::scan::synthetic::{ClampShape, Interference, Part, Truth, make};
+use coaxis::scan::synthetic::{ClampShape, Interference, Part, Reflections, SensorErrors, Truth, make};
 use coaxis::scan::{Columns, Scan, Station};
 
 fn part(seed: u64) -> Part {
@@ -274,4 +274,30 @@ fn a_pose_rests_on_a_tenth_of_the_profiles_at_least() {
         let many = seen_by_one_in(5, seed).outcome;
         assert!(matches!(many, Outcome::Accepted(_)), "seed {seed}: {many:?}");
     }
+}
+
+/// Where second reflections shift up to half of the points, as the inner side of a tube does, the answer is right or a refusal,
+/// and never a surface between both.
+#[test]
+fn a_fit_between_two_surfaces_is_refused() {
+    let mut answered_count = 0;
+    for ratio in [0.2, 0.4, 0.45, 0.5] {
+        for offset_mm in [-5.0, -2.0, -0.5, 0.5, 2.0, 5.0] {
+            for nominal_radius_mm in [None, Some(100.0)] {
+                let sensor = SensorErrors { reflections: Reflections { ratio, offset_mm }, ..SensorErrors::default() };
+                let size =
+                    Part { radius_mm: 100.0, profiles_count: 60, points_count: 100, length_mm: 300.0, ..part(5) };
+                let (scan, truth) = make(&Part { interference: Interference::NONE, sensor, ..size }).expect("a part");
+                let settings = Settings { nominal_radius_mm, ..Settings::default() };
+                let estimate = estimate(&scan, &settings, &Progress::default());
+                let Outcome::Accepted(pose) = &estimate.outcome else { continue };
+                answered_count += 1;
+                let radius = (pose.radius - truth.radius_mm) / pose.uncertainty.covariance[4][4].sqrt();
+                let off =
+                    errors(pose, &truth).into_iter().chain([radius]).fold(0.0_f64, |most, off| most.max(off.abs()));
+                assert!(off < 5.0, "{ratio} at {offset_mm} mm, {nominal_radius_mm:?}: {off:.1} standard uncertainties");
+            }
+        }
+    }
+    assert!(answered_count >= 6, "{answered_count} of 48");
 }

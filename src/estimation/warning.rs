@@ -110,9 +110,9 @@ pub enum Warning {
     /// An end face was asked for that the scan does not show.
     #[error(
         "the {} end face is not seen: the scan must go on beyond that end of the part, by two profiles or more that show the \
-         background or are kept though they are empty, part of the edge must be free of clamps, a chamfer no deeper than 3.2 mm \
-         and no longer than 6 mm, no two profiles in a row may be lost, and the axis must be known well enough to tell where \
-         the surface ends",
+         background or are kept though they are empty, part of the edge must be free of clamps, no two profiles in a row may be \
+         lost, and the axis must be known well enough to determine where the surface ends; a cloud without profiles has no end \
+         faces unless profile_by and frame are declared",
         .end.name()
     )]
     EndFaceNotSeen {

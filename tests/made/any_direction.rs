@@ -1,7 +1,7 @@
 //! Compares a pose with a true axis that may lie in any direction of the coordinates of the scan.
 
 use coaxis::estimation::Pose;
-use coaxis::geometry::{Axis, Frame};
+use coaxis::geometry::{Axis, AxisLine, Frame};
 use nalgebra::{Matrix5, Vector3};
 use std::f64::consts::FRAC_PI_2;
 
@@ -13,15 +13,14 @@ pub(crate) fn compared(pose: &Pose, truth: &Axis, radius_mm: f64) -> Compared {
     // It is symmetric: the order of rows and columns does not matter.
     let own = Matrix5::from(pose.uncertainty.covariance);
     let (line, x_ref, covariance, true_line) = match pose.on_rail() {
-        Some(rail) => (rail.axis, rail.x_ref, Matrix5::from(rail.uncertainty.covariance), truth.line()),
+        Some(rail) => (rail.axis, rail.x_ref, Matrix5::from(rail.uncertainty.covariance), slopes(truth)),
         None => {
             let in_own_frame = pose.cut.as_ref().map_or(*truth, |cut| in_frame(&cut.frame, truth));
-            (pose.axis, pose.x_ref, own, in_own_frame.line())
+            (pose.axis, pose.x_ref, own, slopes(&in_own_frame))
         }
     };
     let standard = covariance.diagonal().map(|variance| variance.max(0.0).sqrt()).into();
     let [y, z] = line.at(x_ref);
-    // An axis far from that of the pose has no slopes there, and the angle between them is at least 90° − 60°.
     let Some(true_line) = true_line else { return ([FRAC_PI_2; 5], standard) };
     let [true_y, true_z] = true_line.at(x_ref);
     let angles = [line.deflection().radians(), line.pitch().radians()];
@@ -29,6 +28,12 @@ pub(crate) fn compared(pose: &Pose, truth: &Axis, radius_mm: f64) -> Compared {
     let errors =
         [angles[0] - true_angles[0], angles[1] - true_angles[1], y - true_y, z - true_z, pose.radius - radius_mm];
     (errors, standard)
+}
+
+/// The line by its slopes, however far from X it lies: a file whose profiles are planes of X may show an axis that is far from it.
+fn slopes(axis: &Axis) -> Option<AxisLine> {
+    let [x, y, z] = axis.direction;
+    (x != 0.0).then(|| AxisLine::through(axis.point_mm, y / x, z / x))
 }
 
 pub(crate) fn in_frame(frame: &Frame, axis: &Axis) -> Axis {

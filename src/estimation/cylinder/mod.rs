@@ -7,6 +7,7 @@
 //!   '---------------------------- rest: without points that lie far about the axis ---------------- pieces --'
 //!
 //! Solution --beneath, layers--> without thin layers --field--> covariance --known, form--> budget, warnings
+//!     |--------hollow---------> refused where the fit lies between two surfaces
 //!     '--------judge----------> verdicts
 //! ```
 
@@ -20,6 +21,7 @@ mod covariance;
 pub(super) mod extent;
 mod field;
 mod form;
+mod hollow;
 mod judge;
 mod kernel;
 mod known;
@@ -76,7 +78,7 @@ pub(super) fn find(scan: &Scan, settings: &Settings, expected_radius: Option<f64
                 passes_count: solution.passes_count,
             };
             let profiles = judge::judge(scan, &used, model, settings);
-            let (outcome, warnings) = match weigh(scan, &solution, settings) {
+            let (outcome, warnings) = match weigh(scan, &solution, most_common(&profiles), settings) {
                 Ok((pose, warnings)) => (Outcome::Accepted(Box::new(pose)), warnings),
                 Err(refusal) => (Outcome::Refused(refusal), Vec::new()),
             };
@@ -104,9 +106,19 @@ fn too_few(
     Refusal::TooFewValidProfiles { valid_count, profiles_count, profiles_min, most_common, sigma_mm, epsilon_mm }
 }
 
+/// Why most of the profiles were rejected.
+fn most_common(profiles: &[Profile]) -> Reason {
+    let count = |reason: Reason| profiles.iter().filter(|profile| profile.rejected == Some(reason)).count();
+    profiles
+        .iter()
+        .filter_map(|profile| profile.rejected)
+        .max_by_key(|reason| count(*reason))
+        .unwrap_or(Reason::NotConverged)
+}
+
 /// A tenth of the profiles have to lie on the surface, and where there are few, half or two thirds of them: a cylinder can be
 /// tilted until it meets some that vibration has shifted, and then says nothing of the others.
-fn agreed(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(), Refusal> {
+fn agreed(scan: &Scan, solution: &Solution, most_common: Reason, settings: &Settings) -> Result<(), Refusal> {
     let share = |(station, sums): (&Station, &sums::Sums)| sums.weight / (station.end - station.start).max(1) as f64;
     let shares: Vec<f64> = scan.stations().iter().zip(&solution.profiles).map(share).collect();
     let fullest = shares.iter().copied().fold(0.0, f64::max);
@@ -121,7 +133,7 @@ fn agreed(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(), R
     }
     let profiles_min = needed_count.try_into().unwrap_or(u32::MAX);
     let settings = Settings { profiles_min, ..*settings };
-    Err(too_few(shares.len(), agreeing_count, Reason::NotConverged, Some(solution.sigma), &settings))
+    Err(too_few(shares.len(), agreeing_count, most_common, Some(solution.sigma), &settings))
 }
 
 fn too_short<'a>(stations: impl Iterator<Item = &'a Station>, settings: &Settings) -> Result<(), Refusal> {
@@ -134,13 +146,21 @@ fn too_short<'a>(stations: impl Iterator<Item = &'a Station>, settings: &Setting
 }
 
 /// The pose and what should be known of it, unless the solution gives rise to a refusal.
-fn weigh(scan: &Scan, solution: &Solution, settings: &Settings) -> Result<(Pose, Vec<Warning>), Refusal> {
+fn weigh(
+    scan: &Scan,
+    solution: &Solution,
+    most_common: Reason,
+    settings: &Settings,
+) -> Result<(Pose, Vec<Warning>), Refusal> {
     let shown = |(_, sums): &(&Station, &sums::Sums)| sums.weight >= 3.0;
     let valid_count = scan.stations().iter().zip(&solution.profiles).filter(shown).count();
     if valid_count < settings.profiles_min as usize {
-        return Err(too_few(scan.stations().len(), valid_count, Reason::NotConverged, Some(solution.sigma), settings));
+        return Err(too_few(scan.stations().len(), valid_count, most_common, Some(solution.sigma), settings));
     }
-    agreed(scan, solution, settings)?;
+    agreed(scan, solution, most_common, settings)?;
+    if let Some(layer_ratio) = hollow::share(scan, solution) {
+        return Err(Refusal::LayersUndecided { layer_ratio, reach_mm: hollow::WITHIN * solution.sigma });
+    }
     let stations = scan.stations().iter().zip(&solution.profiles).filter(shown).map(|(station, _)| station);
     too_short(stations, settings)?;
     let hold = hold(settings);
