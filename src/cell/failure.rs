@@ -81,6 +81,18 @@ pub enum Failure {
         /// How long was waited.
         within: Duration,
     },
+    /// An axis has stopped, or lags, while others go on.
+    #[error("axis {} of {} is at {} {unit} and should be at {} {unit} by the progress of the other axes; all were stopped. Find out what holds it, then reset", axis.name(), carrier.name(), said(*actual), said(*expected), unit = axis.unit())]
+    NotFollowing {
+        /// Which.
+        carrier: Carrier,
+        /// Which.
+        axis: Axis,
+        /// Where it is; mm or degrees.
+        actual: f64,
+        /// Where it should be; mm or degrees.
+        expected: f64,
+    },
     /// A manipulator has not found its references in time.
     #[error("{}: has not found its references within {} ms", carrier.name(), within.as_millis())]
     NotHomed {
@@ -170,6 +182,7 @@ impl Failure {
             Self::Aborted { .. } => "aborted",
             Self::Overridden { .. } => "overridden",
             Self::NotArrived { .. } | Self::StageNotArrived { .. } => "not_arrived",
+            Self::NotFollowing { .. } => "not_following",
             Self::NotHomed { .. } => "not_homed",
             Self::NotReady(_) => "not_ready",
             Self::Interrupted(_) => "interrupted",
@@ -209,6 +222,7 @@ impl Failure {
             | Self::CellGone => true,
             Self::Aborted { .. }
             | Self::NotArrived { .. }
+            | Self::NotFollowing { .. }
             | Self::NotHomed { .. }
             | Self::NotReady(_)
             | Self::Interrupted(_)

@@ -13,6 +13,7 @@
 mod driver;
 mod events;
 mod failure;
+mod following;
 mod homing;
 mod input;
 mod job;

@@ -3,14 +3,16 @@
 //! ```text
 //!  look at both --fit, and where the last waypoint left them--> send each its set-point --both acknowledged-->
 //!  wait until both are there by their actual positions and stand --> look at both ... --> finished
+//!       |-- an axis does not follow the others (see `following`) --> fail
 //! ```
 //!
 //! Nothing is sent for a waypoint before both manipulators were read for it. Must not know devices, links or leases.
 
 use super::driver::{Handling, Outcome, moves};
+use super::following::{Following, Lag};
 use super::{Failure, Refusal, Settings, obstacles};
 use crate::device::{Action, AxisState, CommandResult, DeviceError, Reading};
-use crate::motion::{Axes, Axis, Carrier, MotionRefusal, Pair, Path, Position, Waypoint};
+use crate::motion::{Arrangement, Axis, Carrier, MotionRefusal, Pair, Path, Position, Waypoint};
 use std::time::Duration;
 use tokio::time::Instant;
 
@@ -32,7 +34,7 @@ pub(super) enum Step {
 pub(super) struct Run {
     path: Path,
     names: Pair<String>,
-    tolerance: Axes<f64>,
+    arrangement: Arrangement,
     look: Duration,
     arrival: Duration,
     /// The waypoint that is gone to; the first is where the path starts.
@@ -45,7 +47,7 @@ enum Phase {
     /// Readings that were asked for since are waited for.
     Look { since: Instant, readings: Box<Pair<Option<Reading>>> },
     /// Set-points are out.
-    Go { sent_at: Instant, legs: Pair<Leg> },
+    Go { sent_at: Instant, legs: Pair<Leg>, following: Box<Following> },
 }
 
 /// One manipulator's way to a waypoint.
@@ -67,7 +69,7 @@ impl Run {
         Self {
             path,
             names,
-            tolerance: settings.arrangement.settle_tolerance,
+            arrangement: settings.arrangement,
             look: settings.acknowledge,
             arrival: settings.arrival,
             next: 1,
@@ -157,7 +159,9 @@ impl Run {
         let orders: Vec<_> = Carrier::ALL.into_iter().filter_map(|carrier| self.order(carrier, &to)).collect();
         let legs =
             Pair::from_fn(|carrier| if orders.iter().any(|(one, _)| *one == carrier) { Leg::Sent } else { Leg::Stays });
-        self.phase = Phase::Go { sent_at: now, legs };
+        let places = readings.map(|_, reading| reading.position());
+        let following = Box::new(Following::new(&self.arrangement, &places, &to, &self.path.moves));
+        self.phase = Phase::Go { sent_at: now, legs, following };
         if orders.is_empty() { self.go_on(now) } else { Step::Order(orders) }
     }
 
@@ -165,7 +169,7 @@ impl Run {
         if let Some(refusal) = obstacles::of_reading(self.names.get(carrier), carrier, reading).into_iter().next() {
             return Err(refusal);
         }
-        match obstacles::away(&reading.position(), planned, &self.tolerance) {
+        match obstacles::away(&reading.position(), planned, &self.arrangement.settle_tolerance) {
             None => Ok(()),
             Some((axis, actual, planned)) => {
                 Err(Refusal::Motion(MotionRefusal::Stale { carrier, axis, actual, planned }))
@@ -187,29 +191,31 @@ impl Run {
         if let Some(refusal) = obstacles::of_motion(carrier, reading) {
             return Step::Fail(Failure::Interrupted(Box::new(refusal)));
         }
-        let Phase::Go { legs, .. } = &mut self.phase else { return Step::Wait };
+        let tolerance = &self.arrangement.settle_tolerance;
+        let Phase::Go { sent_at, legs, following } = &mut self.phase else { return Step::Wait };
         let leg = legs.get_mut(carrier);
         if matches!(leg, Leg::Stays | Leg::There)
-            && let Some(refusal) = obstacles::of_staying(
-                self.names.get(carrier),
-                carrier,
-                reading,
-                to.targets.get(carrier),
-                &self.tolerance,
-            )
+            && let Some(refusal) =
+                obstacles::of_staying(self.names.get(carrier), carrier, reading, to.targets.get(carrier), tolerance)
         {
             return Step::Fail(Failure::Interrupted(Box::new(refusal)));
         }
-        let Leg::Goes { sequence, since } = *leg else { return Step::Wait };
-        if asked_at < since {
-            return Step::Wait;
+        if let Leg::Goes { sequence, since } = *leg
+            && asked_at >= since
+        {
+            if let Some(failure) = given_up(carrier, sequence, reading) {
+                return Step::Fail(failure);
+            }
+            let stands = !moves(reading) && reading.axes.iter().all(|(_, axis)| axis.state == AxisState::Standstill);
+            if stands && obstacles::away(&reading.position(), to.targets.get(carrier), tolerance).is_none() {
+                *leg = Leg::There;
+            }
         }
-        if let Some(failure) = given_up(carrier, sequence, reading) {
-            return Step::Fail(failure);
-        }
-        let stands = !moves(reading) && reading.axes.iter().all(|(_, axis)| axis.state == AxisState::Standstill);
-        if stands && obstacles::away(&reading.position(), to.targets.get(carrier), &self.tolerance).is_none() {
-            *leg = Leg::There;
+        if asked_at >= *sent_at
+            && let Some(Lag { axis, actual, expected }) = following.read(carrier, asked_at, reading)
+        {
+            let (actual, expected) = (axis.outside(actual), axis.outside(expected));
+            return Step::Fail(Failure::NotFollowing { carrier, axis, actual, expected });
         }
         let all_there = legs.iter().all(|(_, leg)| matches!(leg, Leg::Stays | Leg::There));
         if all_there { self.go_on(now) } else { Step::Wait }
@@ -240,7 +246,7 @@ impl Run {
 
     fn not_arrived(&self, carrier: Carrier, last: Option<&Position>) -> Failure {
         let target = self.waypoint(self.next).map(|to| *to.targets.get(carrier)).unwrap_or_default();
-        let worst = last.and_then(|position| obstacles::away(position, &target, &self.tolerance));
+        let worst = last.and_then(|position| obstacles::away(position, &target, &self.arrangement.settle_tolerance));
         let (axis, actual, target) = worst.unwrap_or((Axis::X, last.map_or(f64::NAN, |at| at.x), target.x));
         Failure::NotArrived { carrier, axis, actual, target, within: self.patience() }
     }

@@ -10,3 +10,4 @@ mod machine;
 mod moves;
 mod scans;
 mod stops;
+mod stuck;

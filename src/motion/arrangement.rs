@@ -34,6 +34,8 @@ pub struct Arrangement {
     pub strain_max_mm: f64,
     /// By how much a motion may change the difference of the two turns, |Δc1 − Δc2|; rad.
     pub twist_max: f64,
+    /// How far a clamp may run on after an axis of either manipulator has stuck; mm. Its turn may run on by `twist_max`.
+    pub run_on_max_mm: f64,
     /// Least free way along x between the bodies of the two; mm.
     pub clearance_min_mm: f64,
     /// How near to where it should be an axis counts as there; mm, rad.
@@ -82,6 +84,7 @@ impl Arrangement {
         }
         within("strain_max", self.strain_max_mm, POSITIVE_MIN, LENGTH_MAX_MM, Axis::X)?;
         within("twist_max", self.twist_max, POSITIVE_MIN, LENGTH_MAX_MM, Axis::C)?;
+        within("run_on_max", self.run_on_max_mm, POSITIVE_MIN, LENGTH_MAX_MM, Axis::X)?;
         within("clearance_min", self.clearance_min_mm, 0.0, LENGTH_MAX_MM, Axis::X)?;
         for (axis, tolerance) in self.settle_tolerance.iter() {
             within(&format!("settle_tolerance.{}", axis.name()), *tolerance, POSITIVE_MIN, LENGTH_MAX_MM, axis)?;

@@ -1,6 +1,7 @@
 //! Whether a path may be executed. Asked of every path that is planned, and again right before a byte goes to a device: what
 //! comes back from a store or was planned under other limits is looked at as if nobody had. Must not know how it was planned.
 
+use super::run_on::check_run_on;
 use super::strain::Step;
 use super::{Arrangement, Axis, AxisLimits, Carrier, MotionRefusal, Pair, Path, PathFault, Position, Waypoint};
 
@@ -60,6 +61,7 @@ pub(super) fn burden(arrangement: &Arrangement, path: &Path) -> Result<Burden, M
     if !moves_any {
         return Err(MotionRefusal::NothingToMove);
     }
+    path.waypoints.iter().try_for_each(|waypoint| check_run_on(arrangement, &waypoint.speeds))?;
     check_steps(arrangement, path, first)
 }
 

@@ -117,6 +117,11 @@ impl Course {
         Pace { speed: v * k, acceleration: a * k * k, jerk: j * k * k * k }
     }
 
+    /// Greatest speeds of a manipulator's axes where s goes at `speed`.
+    pub(super) fn speeds(&self, carrier: Carrier, speed: f64) -> Position {
+        Axes::from_fn(|axis| self.rates(carrier, axis)[0] * speed)
+    }
+
     /// Greatest first, second and third derivative of an axis by s.
     fn rates(&self, carrier: Carrier, axis: Axis) -> [f64; 3] {
         let Curve { slope, cos, sin, .. } = *self.curves.get(carrier).get(axis);

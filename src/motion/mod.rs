@@ -4,7 +4,7 @@
 //! ```text
 //! measured pose, target -> kinematics: eight targets -> course (rigid) ----\
 //! targets of axes ----------------------------------> course (straight) ----+-> waypoints -> check -> Plan
-//!                                                     progress: its time --/    (strain)
+//!                                          progress, run_on: its time --/    (strain, run_on)
 //! ```
 
 mod arrangement;
@@ -15,6 +15,7 @@ mod kinematics;
 mod plan;
 mod progress;
 mod refusal;
+mod run_on;
 mod strain;
 mod waypoints;
 

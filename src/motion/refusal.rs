@@ -74,6 +74,21 @@ pub enum MotionRefusal {
         /// How fast it may; mm/s or deg/s.
         max: f64,
     },
+    /// A manipulator would go on too far after an axis had stuck.
+    #[error(
+        "after an axis had stuck, {m} would run on by {run_on} {unit}, and {max} {unit} are allowed; move more slowly",
+        m = carrier.name(), run_on = short(*run_on), max = short(*max)
+    )]
+    RunsOn {
+        /// Which.
+        carrier: Carrier,
+        /// How far; mm or degrees.
+        run_on: f64,
+        /// How far it may; mm or degrees.
+        max: f64,
+        /// mm or deg.
+        unit: &'static str,
+    },
     /// The share of the greatest speed is no share.
     #[error("the share of the greatest speed is {share}; it must be from {min} to 1", share = short(*share))]
     ShareOutOfRange {

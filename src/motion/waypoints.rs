@@ -9,6 +9,7 @@
 use super::check::{WAYPOINTS_MAX, check_lead, each};
 use super::course::Course;
 use super::progress::Progress;
+use super::run_on::slowed;
 use super::strain::Step;
 use super::{Arrangement, Axis, Carrier, MotionRefusal, Pair, Path, Position, Waypoint};
 
@@ -16,7 +17,7 @@ use super::{Arrangement, Axis, Carrier, MotionRefusal, Pair, Path, Position, Way
 pub(super) fn cut(arrangement: &Arrangement, course: &Course, share: f64) -> Result<Path, MotionRefusal> {
     let steps_count = steps_count(arrangement, course)?;
     let limits = arrangement.supports.map(|_, support| support.limits);
-    let progress = Progress::new(&course.pace(&limits, share));
+    let progress = Progress::new(&slowed(arrangement, course, &course.pace(&limits, share)));
     let mut waypoints = Vec::with_capacity(steps_count + 1);
     let mut before = Waypoint { at_s: 0.0, targets: set_point(arrangement, course, 0.0), speeds: Pair::default() };
     waypoints.push(before);

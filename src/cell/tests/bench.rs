@@ -118,6 +118,7 @@ pub(super) fn arrangement() -> Arrangement {
         supports: Pair { m1: support(150.0), m2: support(650.0) },
         strain_max_mm: 0.5,
         twist_max: 0.02,
+        run_on_max_mm: 1.0,
         clearance_min_mm: 20.0,
         settle_tolerance: Axes { x: 0.02, y: 0.02, z: 0.02, c: 0.001 },
     }
@@ -152,11 +153,15 @@ impl Bench {
         settings: Settings,
         own: impl Fn(Axes<AxisLimits>) -> Axes<AxisLimits>,
     ) -> Self {
+        let mounting = |support: &Support| Mounting { mount_mm: support.mount_mm, limits: own(support.limits) };
+        let mountings = settings.arrangement.supports.map(|_, support| mounting(support));
+        Self::on(World::new(made, &mountings).expect("settings that are allowed"), settings)
+    }
+
+    /// A cell on devices that may have been in use before it.
+    pub(super) fn on(world: World, settings: Settings) -> Self {
         settings.check().expect("settings that are allowed");
         let arrangement = settings.arrangement;
-        let mounting = |support: &Support| Mounting { mount_mm: support.mount_mm, limits: own(support.limits) };
-        let mountings = arrangement.supports.map(|_, support| mounting(support));
-        let world = World::new(made, &mountings).expect("settings that are allowed");
         let lines = Pair::from_fn(|_| Arc::new(Mutex::new(Line::default())));
         let watched = |carrier: Carrier| -> Box<dyn Manipulator> {
             Box::new(Watched { inside: world.manipulator(carrier), line: Arc::clone(lines.get(carrier)) })

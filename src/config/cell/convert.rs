@@ -21,6 +21,7 @@ impl Cell {
                 half_span_mm: manipulator.half_span_mm,
             }),
             strain_max_mm: together.strain_max_mm,
+            run_on_max_mm: together.run_on_max_mm,
             twist_max: together.twist_max_deg.to_radians(),
             clearance_min_mm: together.clearance_min_mm,
             settle_tolerance: Axes {

@@ -89,6 +89,8 @@ pub struct Timing {
 pub struct Together {
     /// Largest change of the distance of the two clamps along a path: what the part and the clamps bear.
     pub strain_max_mm: f64,
+    /// How far a clamp may run on after an axis of either manipulator has stuck. It limits the speed of every path.
+    pub run_on_max_mm: f64,
     /// Largest difference of the two turns along a path.
     pub twist_max_deg: f64,
     /// Least gap between the two manipulators along the rail.
@@ -155,7 +157,13 @@ impl Default for Timing {
 
 impl Default for Together {
     fn default() -> Self {
-        Self { strain_max_mm: 0.5, twist_max_deg: 0.5, clearance_min_mm: 50.0, tolerance: Tolerances::default() }
+        Self {
+            strain_max_mm: 0.5,
+            run_on_max_mm: 1.0,
+            twist_max_deg: 0.5,
+            clearance_min_mm: 50.0,
+            tolerance: Tolerances::default(),
+        }
     }
 }
 

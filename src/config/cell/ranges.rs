@@ -31,7 +31,7 @@ impl Cell {
     fn ranges(&self) -> Vec<Range> {
         let (lease, timing, together, scan) = (&self.lease, &self.timing, &self.together, &self.scan);
         let tolerance = &together.tolerance;
-        let named: [(&str, f64, f64, f64); 22] = [
+        let named: [(&str, f64, f64, f64); 23] = [
             ("plan_age_max_s", real(self.plan_age_max_s), 1.0, 3_600.0),
             ("lease.ttl_min_ms", real(lease.ttl_min_ms), 100.0, 600_000.0),
             ("lease.ttl_max_ms", real(lease.ttl_max_ms), 1_000.0, 600_000.0),
@@ -45,6 +45,7 @@ impl Cell {
             ("timing.arrival_ms", real(timing.arrival_ms), 100.0, 600_000.0),
             ("timing.scan_stall_ms", real(timing.scan_stall_ms), 50.0, 60_000.0),
             ("together.strain_max_mm", together.strain_max_mm, 1e-6, 100.0),
+            ("together.run_on_max_mm", together.run_on_max_mm, 0.01, 100.0),
             ("together.twist_max_deg", together.twist_max_deg, 1e-6, 90.0),
             ("together.clearance_min_mm", together.clearance_min_mm, 0.0, 10_000.0),
             ("together.tolerance.x_mm", tolerance.x_mm, 1e-6, 10.0),

@@ -57,6 +57,7 @@ pub struct Controller {
     servos: Axes<Servo>,
     homed: Axes<bool>,
     limit_hit: Axes<bool>,
+    stuck: Axes<bool>,
     mechanics: Mechanics,
     record: Record,
 }
@@ -81,6 +82,7 @@ impl Controller {
             servos,
             homed: Axes::from_fn(|_| settings.homed),
             limit_hit: Axes::default(),
+            stuck: Axes::default(),
             mechanics: Mechanics::new(settings.start, settings.backlash, settings.coupling_ratio),
             record: Record::default(),
             settings,
@@ -139,6 +141,12 @@ impl Controller {
         self.advance(now);
         *self.limit_hit.get_mut(axis) = true;
         self.fail(code::LIMIT_SWITCH);
+    }
+
+    /// Holds an axis where it is, or lets it go. The drive notices nothing: it reports a motion and no fault.
+    pub fn set_stuck(&mut self, axis: Axis, stuck: bool, now: Duration) {
+        self.advance(now);
+        *self.stuck.get_mut(axis) = stuck;
     }
 
     /// Sets what the safety functions say. What they no longer allow stops.

@@ -41,6 +41,14 @@ impl Servo {
         self.braking = true;
     }
 
+    /// Something holds it: it stands where it is, and goes on trying unless it brakes.
+    pub(super) fn stick(&mut self) {
+        self.velocity = 0.0;
+        if self.braking {
+            (self.target, self.braking) = (self.position, false);
+        }
+    }
+
     /// Moves on by `dt` seconds.
     pub(super) fn step(&mut self, dt: f64) {
         let left = self.target - self.position;

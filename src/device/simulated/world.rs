@@ -14,7 +14,7 @@ use super::settings::{Mounting, SettingError, Settings, check_mountings};
 use super::stage::SimulatedStage;
 use crate::device::{Mode, Safety};
 use crate::geometry::AxisLine;
-use crate::motion::{Axes, Carrier, Pair};
+use crate::motion::{Axes, Axis, Carrier, Pair, Position};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::time::Instant;
@@ -123,6 +123,23 @@ impl World {
     /// Presses an emergency stop, opens a guard, or the like.
     pub fn set_safety(&self, carrier: Carrier, safety: Safety) {
         self.at_now(|cell, now| cell.controllers.get_mut(carrier).set_safety(safety, now));
+    }
+
+    /// Holds an axis where it is, or lets it go; the device reports no fault.
+    pub fn set_stuck(&self, carrier: Carrier, axis: Axis, stuck: bool) {
+        self.at_now(|cell, now| cell.controllers.get_mut(carrier).set_stuck(axis, stuck, now));
+    }
+
+    /// Whether the sensor's laser is on.
+    #[must_use]
+    pub fn laser_is_on(&self) -> bool {
+        self.at_now(|cell, _| cell.scanning.is_armed())
+    }
+
+    /// Where a manipulator's clamp really is now.
+    #[must_use]
+    pub fn clamp(&self, carrier: Carrier) -> Position {
+        self.at_now(|cell, now| cell.controllers.get_mut(carrier).clamp(now))
     }
 
     /// Turns a manipulator's switch for the mode.

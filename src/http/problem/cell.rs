@@ -116,6 +116,10 @@ impl From<MotionRefusal> for Problem {
             R::TooFast { carrier, axis, speed, max } => {
                 on(Code::TooFast, text, carrier, axis).with("speed", rounded(speed)).with("max", rounded(max))
             }
+            R::RunsOn { carrier, run_on, max, unit } => of(Code::TooFast, text, carrier)
+                .with("run_on", rounded(run_on))
+                .with("max", rounded(max))
+                .with("unit", unit),
             R::ShareOutOfRange { share, min } => {
                 let detail = format!("speed_ratio must be between {min} and 1, got {}", plain(share));
                 Self::new(Code::OptionInvalid, detail)

@@ -3,6 +3,7 @@
 mod carrying;
 mod paths;
 mod refusals;
+mod run_on;
 
 use super::*;
 use crate::geometry::AxisLine;
@@ -25,6 +26,8 @@ pub(super) fn arrangement() -> Arrangement {
     Arrangement {
         supports: Pair { m1: support(300.0), m2: support(1300.0) },
         strain_max_mm: 0.2,
+        // So far that it slows down nothing; `run_on` has tests of its own.
+        run_on_max_mm: 1000.0,
         twist_max: 0.01,
         clearance_min_mm: 400.0,
         settle_tolerance: Axes { x: 0.02, y: 0.02, z: 0.02, c: 2e-4 },

@@ -3,6 +3,7 @@
 use super::course::Course;
 use super::progress::Progress;
 use super::*;
+use crate::motion::run_on::slowed;
 
 /// What rounding adds to a distance of a metre.
 const ROUNDING_MM: f64 = 1e-9;
@@ -137,7 +138,7 @@ proptest! {
         let to = plan.axes.map(|_, axes| axes.map(|_, axis| axis.to));
         let course = Course::rigid(&arrangement, &wish.from, &to);
         let limits = arrangement.supports.map(|_, support| support.limits);
-        let progress = Progress::new(&course.pace(&limits, share));
+        let progress = Progress::new(&slowed(&arrangement, &course, &course.pace(&limits, share)));
         let (n, duration) = (1000, progress.duration());
         prop_assert!((duration - plan.duration_s).abs() < 1e-9);
         let h = duration / f64::from(n);

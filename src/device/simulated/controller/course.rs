@@ -42,7 +42,8 @@ impl Controller {
             self.acknowledged.result = CommandResult::Running;
         }
         for axis in Axis::ALL {
-            self.servos.get_mut(axis).step(STEP_S);
+            let servo = self.servos.get_mut(axis);
+            if *self.stuck.get(axis) { servo.stick() } else { servo.step(STEP_S) }
         }
         self.mechanics.follow(&self.servos.map(|_, servo| servo.position()));
         if self.servos.iter().all(|(_, servo)| servo.rests()) {
