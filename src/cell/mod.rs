@@ -32,6 +32,7 @@ mod stop;
 mod task;
 mod work;
 
+pub use driver::SILENCE;
 pub use events::{EVENTS_KEPT, Event, EventKind, Events};
 pub use failure::{Failure, Fault, StopCause};
 pub use input::{Manual, Taken};

@@ -9,7 +9,7 @@
 
 use super::driver::{Outcome, Travel};
 use super::{Failure, ScanOrder, Settings};
-use crate::device::{DeviceError, ScanFault, StageReading};
+use crate::device::{DeviceError, ScanFault, SensorDeadlines, StageReading};
 use std::time::Duration;
 use tokio::time::Instant;
 
@@ -45,6 +45,11 @@ pub(super) struct Scanning {
     stage: String,
     sensor: String,
     tolerance_mm: f64,
+    /// Longest time for the sensor to get ready.
+    arm: Duration,
+    /// Longest time until the first profile.
+    first: Duration,
+    /// Longest time from profile to profile.
     stall: Duration,
     arrival: Duration,
     /// Where the stage was, and its greatest speed, when the scan began.
@@ -62,7 +67,7 @@ impl Scanning {
         order: ScanOrder,
         names: (String, String),
         from: StageReading,
-        settings: &Settings,
+        (settings, own): (&Settings, &SensorDeadlines),
         now: Instant,
     ) -> Self {
         let way_s = (order.x_from_mm - from.actual_mm).abs() / from.speed_mm_s;
@@ -72,6 +77,9 @@ impl Scanning {
             stage: names.0,
             sensor: names.1,
             tolerance_mm: settings.stage_tolerance_mm,
+            arm: settings.arrival + settings.scan_stall.max(own.start),
+            // The adaptor has the first word on a sensor that stays silent: it can ask the sensor why.
+            first: (settings.scan_stall + 2 * seconds(gap_s)).max(own.first_profile + own.reply),
             stall: settings.scan_stall + 2 * seconds(gap_s),
             arrival: settings.arrival,
             from,
@@ -97,10 +105,17 @@ impl Scanning {
         match self.phase {
             Phase::Approach { until, .. } => until,
             // The driver of the sensor has its own deadline; this one is behind it.
-            Phase::Arm => self.heard_at + self.arrival + self.stall,
+            Phase::Arm => self.heard_at + self.arm,
             Phase::Travel { until, .. } if self.whole => until,
-            Phase::Travel { until, .. } => until.min(self.heard_at + self.stall),
+            // A sensor may send all of its profiles only after the stage has arrived.
+            Phase::Travel { there: true, .. } => self.heard_at + self.quiet(),
+            Phase::Travel { until, .. } => until.min(self.heard_at + self.quiet()),
         }
+    }
+
+    /// Longest time until the next profile.
+    const fn quiet(&self) -> Duration {
+        if self.received_count == 0 { self.first } else { self.stall }
     }
 
     /// What became of an order to the stage.
@@ -187,8 +202,9 @@ impl Scanning {
                 let fault = ScanFault::Incomplete { received_count, expected_count };
                 Failure::Device(DeviceError::ScanFault { device: self.sensor.clone(), fault })
             }
+            Phase::Travel { until, .. } if now >= until => self.not_arrived(last, x_to_mm),
             Phase::Travel { there: false, .. } => {
-                let (device, within) = (self.sensor.clone(), self.stall);
+                let (device, within) = (self.sensor.clone(), self.quiet());
                 Failure::ScanStalled { device, received_count, expected_count, within }
             }
         })

@@ -31,13 +31,14 @@ pub(super) fn start(devices: Devices, settings: Settings, fence_floor: u64) -> (
     let live = Pair { m1: live(m1.name(), &settings), m2: live(m2.name(), &settings) };
     let live_stage = stage.as_ref().map(|stage| live_of(stage.name(), settings.poll));
     let live_sensor = sensor.as_ref().map(|sensor| live_of(sensor.name(), settings.sensor_poll));
+    let sensor_deadlines = sensor.as_ref().map(|sensor| sensor.deadlines()).unwrap_or_default();
     let orders = Pair { m1: hire.manipulator(Carrier::M1, m1), m2: hire.manipulator(Carrier::M2, m2) };
     let stage = stage.map(|stage| hire.stage(stage));
     let sensor = sensor.map(|sensor| hire.sensor(sensor));
     let Hire { watched, .. } = hire;
 
     let log = Arc::new(EventLog::new());
-    let lines = Lines { manipulators: orders, stage, sensor };
+    let lines = Lines { manipulators: orders, stage, sensor, sensor_deadlines };
     let (requests, requested) = mpsc::channel(REQUESTS_WAITING);
     let task = Task::new(settings, lines, (live, live_stage, live_sensor), &flag, Arc::clone(&log), fence_floor);
     let (published, snapshots) = watch::channel(Arc::new(task.snapshot(0, now())));
@@ -62,12 +63,10 @@ struct Hire<'a> {
 }
 
 impl Hire<'_> {
-    /// A driver's ends of the lines; whoever stops watches what moves.
+    /// A driver's ends of the lines; a stop reports on every device.
     fn post(&mut self, member: Member, name: &str, timing: Timing) -> Post {
         let (post, halted) = Post::new(member, name.to_owned(), self.reports.clone(), self.flag, timing);
-        if member != Member::Sensor {
-            self.watched.push((member, name.to_owned(), halted));
-        }
+        self.watched.push((member, name.to_owned(), halted));
         post
     }
 
@@ -91,7 +90,7 @@ impl Hire<'_> {
     }
 
     fn sensor(&mut self, device: Box<dyn ProfileSensor>) -> mpsc::Sender<Order<Taking>> {
-        let post = self.post(Member::Sensor, device.name(), Timing::of_sensor(self.settings));
+        let post = self.post(Member::Sensor, device.name(), Timing::of_sensor(self.settings, &device.deadlines()));
         let (orders, ordered) = mpsc::channel(ORDERS_WAITING);
         tokio::spawn(SensorDriver::new(device, post, ordered).run());
         orders

@@ -18,7 +18,7 @@ const ANSWER_WITHIN: Duration = Duration::from_millis(30);
 pub struct StopReport {
     /// Until the halt was handed to the last device that was reached; until the answer where one was not.
     pub sent_within: Duration,
-    /// Every device that moves.
+    /// Every device; of the sensor, its laser is switched off.
     pub devices: Vec<DeviceStop>,
     /// All axes of each manipulator that was not seen at rest after the halt, yet; an operator must take them for moving.
     pub unconfirmed: Vec<(Carrier, Axis)>,

@@ -4,6 +4,7 @@ mod bench;
 mod campaign;
 mod faults;
 mod homing;
+mod laser;
 mod leases;
 mod links;
 mod machine;

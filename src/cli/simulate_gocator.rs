@@ -4,7 +4,7 @@
 use super::{Outcome, print};
 use crate::device::gocator::codec::Identity;
 use crate::device::gocator::server::{Form, ScanSource, Server, ServerSettings, Taken, View, taken_from};
-use crate::device::gocator::{Extrinsic, Settings, Travel};
+use crate::device::gocator::{Deadlines, Extrinsic, Settings, Travel};
 use crate::device::simulated::StageSettings;
 use crate::scan::Scan;
 use crate::scan::decode::{Encoding, FormatClaims, Limits, Request, decode, find_format, inflate};
@@ -130,6 +130,18 @@ impl Arguments {
         }
     }
 
+    /// The deadlines that the rate needs: a surface comes after all of its profiles, and slow profiles come one by one.
+    fn deadlines(&self, profiles_count: usize) -> Deadlines {
+        let usual = Deadlines::default();
+        let periods_ms = |count: f64| (count * 1000.0 / self.rate_hz).ceil() as u32;
+        let until_first = if self.form == Form::Surface { profiles_count as f64 } else { 1.0 };
+        Deadlines {
+            first_profile_ms: usual.first_profile_ms.saturating_add(periods_ms(until_first)),
+            next_profile_ms: usual.next_profile_ms.saturating_add(periods_ms(1.0)),
+            ..usual
+        }
+    }
+
     /// Where it listens, and the settings that turn what it sends into the scan again.
     fn greeting(&self, server: &Server, scan: &Scan, profiles_count: usize) -> Result<String, Box<dyn Error>> {
         let ports = server.ports();
@@ -141,6 +153,7 @@ impl Arguments {
             health_port: ports.health,
             travel: Some(Travel::Encoder { mm_per_tick: self.mm_per_tick, start_mm, zero_ticks: None }),
             extrinsic: Some(above()),
+            deadlines: self.deadlines(profiles_count),
             ..Settings::default()
         };
         let sensor = BTreeMap::from([("gocator", toml::Value::try_from(settings)?), ("adaptor", "gocator".into())]);
@@ -154,11 +167,15 @@ impl Arguments {
             ("profiles_count", i64::try_from(profiles_count)?.into()),
             ("speed_mm_s", speed_mm_s.into()),
         ]);
-        let cell = BTreeMap::from([("sensor", toml::Value::try_from(sensor)?), ("scan", toml::Value::try_from(way)?)]);
+        let cell = BTreeMap::from([
+            ("simulated_beside_real", true.into()),
+            ("sensor", toml::Value::try_from(sensor)?),
+            ("scan", toml::Value::try_from(way)?),
+        ]);
         let document = toml::to_string(&BTreeMap::from([("cell", cell)]))?;
         Ok(format!(
             "# {profiles_count} profiles at every start; the configuration of a service that takes them.\n\
-             # Beside a simulated stage it needs, first of all, [cell] with enabled = true and simulated_beside_real = true.\n\
+             # simulated_beside_real lets it stand beside the simulated stage and manipulators.\n\
              {document}"
         ))
     }

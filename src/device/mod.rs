@@ -20,7 +20,7 @@ pub use fence::FenceGate;
 pub use manipulator::{
     Acknowledged, Action, AxisReading, AxisState, Command, CommandResult, Manipulator, Mode, Reading, Safety,
 };
-pub use sensor::{Profile, ProfileSensor, SensorReading};
+pub use sensor::{Profile, ProfileSensor, SensorDeadlines, SensorReading};
 pub use stage::{Stage, StageReading};
 pub use states::{SameCode, StateCodes, StatePreset, States};
 

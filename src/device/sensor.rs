@@ -1,6 +1,7 @@
 //! What a profile sensor's adaptor promises. Must not know which adaptor it is, nor what the profiles are for.
 
 use super::{DeviceError, Pending};
+use std::time::Duration;
 
 /// A laser profile sensor behind its adaptor.
 pub trait ProfileSensor: Send {
@@ -19,8 +20,31 @@ pub trait ProfileSensor: Send {
     /// The profiles that have come since the last call, at least one; waits for it. Gaps, drops and faults are errors.
     fn receive(&mut self) -> Pending<'_, Result<Vec<Profile>, DeviceError>>;
 
-    /// Ends a scan, finished or not, and says whether the sensor lost anything during it. Harmless where none runs.
+    /// Ends a scan, finished or not, and says whether the sensor lost anything during it. A sensor that runs without having
+    /// been started here (by a process before us, or by another client) is stopped as well: its laser is on. Harmless where
+    /// no scan runs.
     fn stop(&mut self) -> Pending<'_, Result<(), DeviceError>>;
+
+    /// How long the adaptor itself waits for the sensor.
+    fn deadlines(&self) -> SensorDeadlines {
+        SensorDeadlines::default()
+    }
+}
+
+/// How long an adaptor waits for its sensor. A caller with a deadline of its own waits at least as long; zero leaves the
+/// deadline to the caller.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct SensorDeadlines {
+    /// For a connection and the first reading.
+    pub connect: Duration,
+    /// For a reading.
+    pub reply: Duration,
+    /// Until the sensor is ready for profiles.
+    pub start: Duration,
+    /// Until the sensor has stopped.
+    pub stop: Duration,
+    /// From the start to the first profile. A sensor that sends a whole surface sends it at the end of the scan.
+    pub first_profile: Duration,
 }
 
 /// One profile as the sensor took it: already in millimetres and in the rail frame, by the extrinsic of the configuration.

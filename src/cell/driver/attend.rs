@@ -32,6 +32,11 @@ pub(in crate::cell) trait Attendant: Send {
     /// Connects, or connects anew, and reads. Moves nothing.
     fn connect(&mut self) -> Pending<'_, Answer<Met>>;
 
+    /// What must be done as soon as there is a link, before halts, orders and readings.
+    fn settle(&mut self, _post: &mut Post) -> impl Future<Output = Result<(), Gone>> + Send {
+        async { Ok(()) }
+    }
+
     /// Reads, and tells what was read.
     fn read(&mut self, post: &mut Post) -> impl Future<Output = Result<(), Gone>> + Send;
 
@@ -113,7 +118,10 @@ impl<A: Attendant> Driver<A> {
         }
         (self.told, self.was_up) = (false, true);
         self.backoff.relax();
-        self.attend().await
+        match self.attendant.settle(&mut self.post).await {
+            Ok(()) => self.attend().await,
+            Err(gone) => gone,
+        }
     }
 
     async fn connect(&mut self) -> Result<(), Gone> {

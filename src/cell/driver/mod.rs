@@ -18,6 +18,7 @@ pub(super) use manipulator::{ManipulatorDriver, moves};
 pub(super) use post::Post;
 pub(super) use sensor::SensorDriver;
 pub(super) use stage::StageDriver;
+pub use timing::SILENCE;
 pub(super) use timing::Timing;
 
 use super::Failure;

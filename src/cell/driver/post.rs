@@ -6,6 +6,7 @@ use super::{Gone, HaltFlag, Halted, Halts, News, Outcome, Report, Seen, Timing};
 use crate::cell::input::Member;
 use crate::cell::now;
 use crate::device::{DeviceError, Pending};
+use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
 
@@ -110,9 +111,30 @@ impl Post {
         self.speak(pending, self.patience()).await
     }
 
+    /// The same for a call that may take so long, where that is longer than a usual answer.
+    pub(super) async fn ask_within<T>(
+        &mut self,
+        pending: Pending<'_, Answer<T>>,
+        within: Duration,
+    ) -> Result<Answer<T>, Gone> {
+        let patience = self.patience();
+        self.speak(pending, Patience { deadline: within.max(patience.deadline), ..patience }).await
+    }
+
     /// The same for a halt: one that is on its way serves for every newer one, and is not cut short by it.
     pub(super) async fn ask_for_halt<T>(&mut self, pending: Pending<'_, Answer<T>>) -> Result<Answer<T>, Gone> {
-        self.speak(pending, Patience { handled: u64::MAX, ..self.patience() }).await
+        self.ask_for_halt_within(pending, Duration::ZERO).await
+    }
+
+    /// The same for a halt that may take so long, where that is longer than a usual answer.
+    pub(super) async fn ask_for_halt_within<T>(
+        &mut self,
+        pending: Pending<'_, Answer<T>>,
+        within: Duration,
+    ) -> Result<Answer<T>, Gone> {
+        let patience = self.patience();
+        let deadline = within.max(patience.deadline);
+        self.speak(pending, Patience { deadline, handled: u64::MAX, ..patience }).await
     }
 
     /// The newest halt did not reach the device after all, and is due again.

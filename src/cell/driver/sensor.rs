@@ -1,11 +1,12 @@
-//! Attends the sensor: asks how it is between scans; in a scan, hands its profiles over as they come, and checks that none is
-//! missing. It moves nothing; a halt ends its scan. Must not know what the profiles are for.
+//! Drives the sensor: asks how it is between scans; in a scan, hands its profiles over as they come, and checks that none is
+//! missing. It moves nothing, but its laser is a hazard like a motion: a halt switches it off and is over when the sensor was
+//! read not to run any more, and a sensor that is found running on connecting is switched off before anything else.
 
 use super::attend::{Attendant, Driver, Met};
 use super::call::{Answer, raised};
 use super::{Gone, News, Order, Outcome, Post, Seen, Taking};
 use crate::cell::Failure;
-use crate::device::{DeviceError, Pending, Profile, ProfileSensor, ScanFault};
+use crate::device::{DeviceError, Pending, Profile, ProfileSensor, ScanFault, SensorDeadlines};
 use tokio::sync::mpsc;
 use tokio::time::timeout;
 
@@ -15,6 +16,11 @@ pub(in crate::cell) type SensorDriver = Driver<SensorAttendant>;
 /// What is particular to it.
 pub(in crate::cell) struct SensorAttendant {
     device: Box<dyn ProfileSensor>,
+    deadlines: SensorDeadlines,
+    /// A halt after which the sensor was not read to have stopped yet.
+    halting: Option<u64>,
+    /// The sensor was running when the link came up, so that no scan of ours needs its laser.
+    found_running: bool,
 }
 
 /// How the taking of profiles ended.
@@ -28,12 +34,13 @@ enum Ending {
 }
 
 impl SensorDriver {
-    pub(in crate::cell) const fn new(
+    pub(in crate::cell) fn new(
         device: Box<dyn ProfileSensor>,
         post: Post,
         orders: mpsc::Receiver<Order<Taking>>,
     ) -> Self {
-        Self::of(SensorAttendant { device }, post, orders)
+        let deadlines = device.deadlines();
+        Self::of(SensorAttendant { device, deadlines, halting: None, found_running: false }, post, orders)
     }
 }
 
@@ -41,27 +48,46 @@ impl Attendant for SensorAttendant {
     type Errand = Taking;
 
     fn connect(&mut self) -> Pending<'_, Answer<Met>> {
-        Box::pin(async move { Ok((Seen::Sensor(self.device.connect().await?), None)) })
+        Box::pin(async move {
+            let reading = self.device.connect().await?;
+            self.found_running = reading.running;
+            Ok((Seen::Sensor(reading), None))
+        })
     }
 
+    async fn settle(&mut self, post: &mut Post) -> Result<(), Gone> {
+        // A halt that is due switches it off as well.
+        if self.found_running && !post.halt_is_due() { self.read(post).await } else { Ok(()) }
+    }
+
+    /// Where the sensor was found running, it is switched off first, again with every reading until it has stopped.
     async fn read(&mut self, post: &mut Post) -> Result<(), Gone> {
-        let reading = post.ask(self.device.read()).await?.map_err(Gone::Lost)?;
-        post.seen(Seen::Sensor(reading), false).await;
-        Ok(())
+        if self.found_running {
+            tracing::warn!(device = %post.name, "the sensor was found running without a scan; it is stopped");
+            match self.switch_off(post).await? {
+                Err(error) if error.leaves_unknown() => return Err(Gone::Lost(error)),
+                Err(error) => post.tell(News::WillNotHalt { error }).await,
+                Ok(()) => {}
+            }
+        }
+        self.look(post).await
     }
 
-    /// A halt ends whatever the sensor takes; harmless where it takes nothing, and nobody's worry where it refuses.
+    /// Where the answer is lost, the connection is made anew at once and the halt sent again: nothing but we switches the laser
+    /// off.
     async fn halt(&mut self, post: &mut Post) -> Result<(), Gone> {
         let number = post.halts().number;
-        let answer = post.ask_for_halt(self.device.stop()).await?;
-        post.halted(number, answer.or_else(|error| if error.leaves_unknown() { Err(error) } else { Ok(()) })).await?;
-        post.rested(number).await;
-        Ok(())
+        let answer = self.switch_off(post).await?;
+        if answer.as_ref().is_err_and(DeviceError::leaves_unknown) {
+            return Err(Gone::Cut);
+        }
+        self.halting = post.halted(number, answer).await?.then_some(number);
+        self.look(post).await
     }
 
     async fn obey(&mut self, post: &mut Post, order: Order<Taking>) -> Result<(), Gone> {
         let Order { number, errand, .. } = order;
-        match post.ask(self.device.start(errand.profiles_count)).await? {
+        match post.ask_within(self.device.start(errand.profiles_count), self.deadlines.start).await? {
             Ok(()) => post.told(number, Outcome::Taken { sequence: 0 }).await,
             Err(error) if error.leaves_unknown() => return Err(Gone::Lost(error)),
             Err(error) => {
@@ -77,16 +103,34 @@ impl Attendant for SensorAttendant {
             Ending::Scan(result) => {
                 self.conclude(post, result).await?;
                 // It was not asked during the scan; the next one may be ordered at once.
-                self.read(post).await
+                self.look(post).await
             }
         }
     }
 }
 
 impl SensorAttendant {
+    /// Reads, and says whether the sensor has stopped after a halt.
+    async fn look(&mut self, post: &mut Post) -> Result<(), Gone> {
+        let reading = post.ask(self.device.read()).await?.map_err(Gone::Lost)?;
+        self.found_running &= reading.running;
+        let stopped = self.halting.take_if(|_| !reading.running);
+        post.seen(Seen::Sensor(reading), self.halting.is_some()).await;
+        if let Some(number) = stopped {
+            post.rested(number).await;
+        }
+        Ok(())
+    }
+
+    /// What a scan has lost is no reason against its stop.
+    async fn switch_off(&mut self, post: &mut Post) -> Result<Answer<()>, Gone> {
+        let answer = post.ask_for_halt_within(self.device.stop(), self.deadlines.stop).await?;
+        Ok(answer.or_else(|error| if matches!(error, DeviceError::ScanFault { .. }) { Ok(()) } else { Err(error) }))
+    }
+
     /// The sensor has the last word on whether it lost anything.
     async fn conclude(&mut self, post: &mut Post, result: Result<(), Failure>) -> Result<(), Gone> {
-        let stopped = post.ask(self.device.stop()).await?;
+        let stopped = post.ask_within(self.device.stop(), self.deadlines.stop).await?;
         let lost = stopped.clone().err().filter(DeviceError::leaves_unknown);
         let result = result.and_then(|()| stopped.map_err(Failure::Device));
         post.tell(News::ScanEnded { result }).await;

@@ -1,13 +1,13 @@
 //! How a driver waits: the settings' deadlines, and the silence that outlasts every watchdog. Must not know devices.
 
 use crate::cell::Settings;
+use crate::device::SensorDeadlines;
 use std::time::Duration;
 
-/// The longest watchdog that a device here may have. Ours are shorter, but it need not be ours that it keeps: a process before us
-/// may have set another, a stage and a map without a register for it have their own. What holds within 500 ms has no longer one.
-const LONGEST_WATCHDOG: Duration = Duration::from_millis(500);
-/// Silence on top of the longest watchdog before a device is spoken to.
-const MARGIN: Duration = Duration::from_millis(50);
+/// Longer than the longest watchdog that a device here may have, which is 500 ms. Ours are shorter, but it need not be ours
+/// that it keeps: a process before us may have set another, a stage and a map without a register for it have their own.
+/// Nothing is said to a device for so long at the start and after a loss, so that whatever moves stops by its watchdog.
+pub const SILENCE: Duration = Duration::from_millis(550);
 
 /// How a driver waits.
 #[derive(Debug, Clone, Copy)]
@@ -20,7 +20,7 @@ pub(in crate::cell) struct Timing {
     pub(super) grace: Duration,
     /// What the devices are asked to keep.
     pub(super) watchdog: Duration,
-    /// How long nothing is said at the start and after a loss, so that whatever moves stops by its watchdog.
+    /// How long nothing is said at the start and after a loss.
     pub(super) silence: Duration,
     pub(super) backoff_first: Duration,
     pub(super) backoff_last: Duration,
@@ -36,22 +36,19 @@ impl Timing {
             acknowledge: settings.acknowledge,
             grace: settings.halt_grace,
             watchdog: settings.watchdog,
-            silence: settings.watchdog.max(LONGEST_WATCHDOG) + MARGIN,
+            silence: SILENCE,
             backoff_first: settings.backoff_first,
             backoff_last: settings.backoff_last,
         }
     }
 
-    /// For the sensor, which moves nothing: slower, with more patience, and no silence.
-    pub(in crate::cell) fn of_sensor(settings: &Settings) -> Self {
-        let reply = settings.sensor_reply;
-        let poll = settings.sensor_poll;
+    /// For the sensor, which moves nothing: slower, no less patient than its adaptor, and without silence, since a laser has no
+    /// watchdog that the silence would let run out.
+    pub(in crate::cell) fn of_sensor(settings: &Settings, own: &SensorDeadlines) -> Self {
         Self {
-            poll,
-            poll_moving: poll,
-            reply,
-            connect: reply,
-            grace: reply,
+            poll: settings.sensor_poll,
+            reply: settings.sensor_reply.max(own.reply),
+            connect: settings.sensor_reply.max(own.connect),
             silence: Duration::ZERO,
             ..Self::of(settings)
         }

@@ -142,7 +142,8 @@ impl Task {
         let up = |link: Link| link == Link::Up;
         let manipulators = Carrier::ALL.into_iter().filter(|carrier| up(self.live.get(*carrier).link));
         let stage = self.live_stage.as_ref().filter(|stage| up(stage.link)).map(|_| Member::Stage);
-        let mut all = manipulators.map(Member::Manipulator).chain(stage);
+        let sensor = self.live_sensor.as_ref().filter(|sensor| up(sensor.link)).map(|_| Member::Sensor);
+        let mut all = manipulators.map(Member::Manipulator).chain(stage).chain(sensor);
         all.find(|member| self.rested.get(member).is_none_or(|rested| *rested < halt) && also(*member))
     }
 

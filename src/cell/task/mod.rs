@@ -17,7 +17,7 @@ use super::snapshot::{Live, Snapshot};
 use super::state::{Machine, State};
 use super::work::{Course, Purpose};
 use super::{EventKind, Fault, Refusal, Settings, Taken, now};
-use crate::device::{Reading, SensorReading, StageReading};
+use crate::device::{Reading, SensorDeadlines, SensorReading, StageReading};
 use crate::motion::Pair;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -29,6 +29,8 @@ pub(super) struct Lines {
     pub(super) manipulators: Pair<mpsc::Sender<Order<Handling>>>,
     pub(super) stage: Option<mpsc::Sender<Order<Travel>>>,
     pub(super) sensor: Option<mpsc::Sender<Order<Taking>>>,
+    /// How long the sensor's adaptor itself waits.
+    pub(super) sensor_deadlines: SensorDeadlines,
 }
 
 /// After a halt, who was seen at rest, and until when that is waited for.

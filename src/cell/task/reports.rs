@@ -41,23 +41,26 @@ impl Task {
         let device = self.name_of(member);
         self.note(EventKind::LinkUp { device });
         self.read(member, asked_at, seen);
-        // A sensor that comes back is no reason to halt what somebody moves at its panel.
-        let moves = member != Member::Sensor && self.anything_moves();
+        // A sensor that comes back is no reason to halt what somebody moves at its panel, unless its laser is on.
+        let moves = if member == Member::Sensor { self.moves(member) } else { self.anything_moves() };
         self.tell(Input::Up { member, moves });
     }
 
     fn anything_moves(&self) -> bool {
-        Carrier::ALL.into_iter().map(Member::Manipulator).chain([Member::Stage]).any(|member| self.moves(member))
+        let manipulators = Carrier::ALL.into_iter().map(Member::Manipulator);
+        manipulators.chain([Member::Stage, Member::Sensor]).any(|member| self.moves(member))
     }
 
-    /// By what was read last.
+    /// By what was read last. Of the sensor: its laser is on.
     pub(super) fn moves(&self, member: Member) -> bool {
         match member {
             Member::Manipulator(carrier) => self.live.get(carrier).reading.as_ref().is_some_and(moves),
             Member::Stage => {
                 self.live_stage.as_ref().and_then(|stage| stage.reading).is_some_and(|reading| reading.moves)
             }
-            Member::Sensor => false,
+            Member::Sensor => {
+                self.live_sensor.as_ref().and_then(|sensor| sensor.reading.as_ref()).is_some_and(|one| one.running)
+            }
         }
     }
 

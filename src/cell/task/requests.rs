@@ -135,7 +135,8 @@ impl Task {
         let patience = self.settings.scan_stall;
         let taking = Taking { profiles_count: order.profiles_count, sink, patience };
         let names = (self.stage_name(), self.sensor_name());
-        let scanning = Scanning::new(order, names, from, &self.settings, now());
+        let waits = (&self.settings, &self.lines.sensor_deadlines);
+        let scanning = Scanning::new(order, names, from, waits, now());
         let (course, told) = Course::job(Work::Scan(Box::new(scanning), Some(taking)), job);
         self.prepared = Some(course);
         Ok((told, profiles))

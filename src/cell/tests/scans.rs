@@ -1,12 +1,14 @@
 //! Scans: the profiles come whole and in order, or the scan fails by name and the stage stands.
 
-use super::bench::{Bench, LEASE, made};
-use crate::cell::{Failure, JobEnd, Refusal, ScanOrder, State, StopCause};
+use super::bench::{Bench, LEASE, made, settings};
+use crate::cell::driver::Outcome;
+use crate::cell::scanning::{ScanStep, Scanning};
+use crate::cell::{Failure, JobEnd, Refusal, ScanOrder, State, StopCause, now};
 use crate::device::simulated::{Device, Fault};
-use crate::device::{DeviceError, Profile, ScanFault};
+use crate::device::{DeviceError, Profile, ScanFault, SensorDeadlines, StageReading};
 use std::time::Duration;
 use tokio::sync::mpsc;
-use tokio::time::sleep;
+use tokio::time::{Instant, sleep};
 
 /// 50 profiles, one each 2 mm, as the made sensor triggers.
 const ORDER: ScanOrder = ScanOrder { x_from_mm: 100.0, x_to_mm: 202.0, profiles_count: 50, speed_mm_s: 50.0 };

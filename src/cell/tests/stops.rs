@@ -22,7 +22,7 @@ async fn a_stop_in_a_move_is_sent_to_all_within_50_ms_and_ends_the_job_when_all_
     assert!(now() - asked_at <= Duration::from_millis(50), "the answer took {:?}", now() - asked_at);
     // Latency of the made devices is 5 ms, and a call under way is let go on for 25 ms.
     assert!(report.sent_within < Duration::from_millis(30), "{report:?}");
-    assert!(report.devices.len() == 3 && report.devices.iter().all(|device| device.sent), "{report:?}");
+    assert!(report.devices.len() == 4 && report.devices.iter().all(|device| device.sent), "{report:?}");
     assert_eq!(bench.cell.snapshot().state, State::Stopping);
     assert_eq!(job.ended().await, JobEnd::Stopped(StopCause::Requested));
     bench.until(|now| now.state == State::Idle).await;
@@ -57,7 +57,7 @@ async fn a_halt_that_a_device_refuses_is_not_said_to_be_sent_and_is_latched_by_t
     let report = bench.cell.stop().await;
     let told: Vec<_> =
         report.devices.iter().map(|device| (device.name.as_str(), device.sent, device.confirmed)).collect();
-    assert_eq!(told, [("m1", false, false), ("m2", true, true), ("stage", true, true)]);
+    assert_eq!(told, [("m1", false, false), ("m2", true, true), ("stage", true, true), ("sensor", true, true)]);
     assert_eq!(report.unconfirmed, Axis::ALL.map(|axis| (Carrier::M1, axis)));
     let seen = bench.until(|now| now.state == State::Faulted).await;
     let refused = Failure::HaltRefused(DeviceError::Rejected { device: "m1".to_owned(), code: 5 });
@@ -136,7 +136,7 @@ async fn stop_is_taken_in_every_state_without_a_lease_and_again() {
     let report = bench.cell.stop().await;
     assert_eq!(halts(&bench, Carrier::M2).len(), before + 1);
     let confirmed: Vec<_> = report.devices.iter().map(|device| device.confirmed).collect();
-    assert_eq!(confirmed, [false, true, true], "m1 does not answer: {report:?}");
+    assert_eq!(confirmed, [false, true, true, true], "m1 does not answer: {report:?}");
     assert_eq!(report.unconfirmed.len(), 4, "all axes of m1: {report:?}");
 }
 

@@ -16,18 +16,28 @@ pub(super) struct HealthLink {
     channel: Channel,
     pub(super) wellness: Wellness,
     pub(super) within: Duration,
+    heard: bool,
 }
 
 impl HealthLink {
-    pub(super) async fn open(peer: &Peer, settings: &Settings) -> Result<Self, DeviceError> {
+    /// Connects. `hears` says whether to wait for the first message, too.
+    pub(super) async fn open(peer: &Peer, settings: &Settings, hears: bool) -> Result<Self, DeviceError> {
         let connect_within = duration(settings.deadlines.connect_ms);
         let mut link = Self {
             channel: Channel::open(peer, settings.health_port, connect_within, FRAME_BYTES_MAX).await?,
             wellness: Wellness::default(),
             within: duration(settings.deadlines.health_ms),
+            heard: false,
         };
-        link.hear_until(|_| true).await?;
+        if hears {
+            link.hear_first().await?;
+        }
         Ok(link)
+    }
+
+    /// Waits for the first message, unless it has come already.
+    pub(super) async fn hear_first(&mut self) -> Result<(), DeviceError> {
+        if self.heard { Ok(()) } else { self.hear_until(|_| true).await }
     }
 
     /// Waits for more, and takes it: how many messages. Nothing is lost where it is dropped on the way.
@@ -56,13 +66,13 @@ impl HealthLink {
     }
 
     fn take_all(&mut self) -> Result<u32, DeviceError> {
-        let Self { channel, wellness, .. } = self;
+        let Self { channel, wellness, heard, .. } = self;
         let peer = channel.peer.clone();
         let mut heard_count = 0;
         while let Some(frame) = channel.frame().map_err(|error| peer.senseless(&error))? {
             if let Message::Health(health) = decode(frame).map_err(|error| peer.senseless(&error))?.message {
                 wellness.take(&health);
-                heard_count += 1;
+                (*heard, heard_count) = (true, heard_count + 1);
             }
         }
         Ok(heard_count)

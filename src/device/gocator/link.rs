@@ -2,10 +2,10 @@
 //! it; what goes wrong in a scan ends the scan. Must not know bytes.
 //!
 //! ```text
-//! connect: control, version, identity, state, health     (the laser stays as it is)
+//! connect: control, version, identity, state, health     (the laser stays as it is; where it is on, health is not waited for)
 //! start:   data; stop where somebody left it running; start
 //! receive: data -> profiles, health -> drops; quiet for too long -> ask the state
-//! stop:    stop; where the scan was whole, one more health message
+//! stop:    stop, whoever started it; where the scan was whole, one more health message
 //! ```
 
 use super::channel::Peer;
@@ -14,8 +14,8 @@ use super::control::Control;
 use super::drops::Wellness;
 use super::health::HealthLink;
 use super::running::RunningScan;
-use super::settings::{Checked, Settings, SettingsError};
-use crate::device::{DeviceError, Pending, Profile, ProfileSensor, SensorReading};
+use super::settings::{Checked, Deadlines, Settings, SettingsError, duration};
+use crate::device::{DeviceError, Pending, Profile, ProfileSensor, SensorDeadlines, SensorReading};
 
 /// A Gocator; nothing is connected before it is asked to.
 #[derive(Debug)]
@@ -27,7 +27,7 @@ pub struct Gocator {
     control: Option<Control>,
     health: Option<HealthLink>,
     scan: Option<RunningScan>,
-    /// The laser may be on because of us.
+    /// The laser may be on: we started the sensor, or found it running.
     may_run: bool,
 }
 
@@ -119,13 +119,30 @@ impl Gocator {
             return Err(peer.senseless(&format!("its serial number is {found}, and {wanted} is configured")));
         }
         let state = control.state().await?;
-        let health = HealthLink::open(peer, settings).await?;
+        self.note_state(state);
+        // A laser that is on has to be switched off before anything else, and a health message may take a second to come.
+        let health = match HealthLink::open(&self.peer, &self.checked.settings, state != SensorState::Running).await {
+            Ok(health) => health,
+            Err(error) => {
+                if self.may_run {
+                    control.ask(Command::Stop).await?;
+                    self.may_run = false;
+                }
+                return Err(error);
+            }
+        };
         (self.control, self.health, self.identity) = (Some(control), Some(health), Some(identity));
         self.reading(state)
     }
 
+    /// A sensor that says that it runs has its laser on, whoever started it.
+    fn note_state(&mut self, state: SensorState) {
+        self.may_run |= state == SensorState::Running;
+    }
+
     async fn read_once(&mut self) -> Result<SensorReading, DeviceError> {
         let state = self.state().await?;
+        self.note_state(state);
         self.catch_up()?;
         self.reading(state)
     }
@@ -150,6 +167,8 @@ impl Gocator {
         }
         let mut scan = RunningScan::open(&self.peer, &self.checked, profiles_count).await?;
         if let Some(health) = self.health.as_mut() {
+            // Drops before the scan are told from drops during it by the counters of an earlier message.
+            health.hear_first().await?;
             health.wellness.begin_scan();
         }
         self.may_run = true;
@@ -201,7 +220,12 @@ impl Gocator {
 
     /// Switches the laser off first, over a new control channel where the old one is gone.
     async fn stop_scan(&mut self) -> Result<(), DeviceError> {
-        let whole = self.scan.take().is_some_and(|scan| scan.is_complete());
+        let scan = self.scan.take();
+        let (scanned, whole) = (scan.is_some(), scan.is_some_and(|scan| scan.is_complete()));
+        if !self.may_run && self.control.is_some() {
+            let state = self.state().await?;
+            self.note_state(state);
+        }
         if !self.may_run {
             return Ok(());
         }
@@ -220,7 +244,7 @@ impl Gocator {
             heard = if whole { health.hear_until(Wellness::is_stopped).await } else { health.catch_up() };
         }
         health.wellness.end_scan();
-        let fault = health.wellness.fault();
+        let fault = health.wellness.fault().filter(|_| scanned);
         if let Err(error) = heard {
             self.health = None;
             return Err(error);
@@ -252,5 +276,19 @@ impl ProfileSensor for Gocator {
 
     fn stop(&mut self) -> Pending<'_, Result<(), DeviceError>> {
         Box::pin(self.stop_scan())
+    }
+
+    /// The sums of what each request may wait for, one after the other.
+    fn deadlines(&self) -> SensorDeadlines {
+        let Deadlines { connect_ms, reply_ms, start_stop_ms, first_profile_ms, health_ms, .. } =
+            self.checked.settings.deadlines;
+        let [connect, reply, start_stop, health] = [connect_ms, reply_ms, start_stop_ms, health_ms].map(duration);
+        SensorDeadlines {
+            connect: 2 * connect + 4 * reply + health,
+            reply,
+            start: reply + 2 * start_stop + connect + health,
+            stop: connect + 2 * reply + start_stop + health,
+            first_profile: duration(first_profile_ms),
+        }
     }
 }

@@ -20,9 +20,9 @@ const NOTE: &str =
 pub(in super::super) struct StopDocument {
     /// Time until the halt was handed to the last device that was reached.
     sent_ms: u64,
-    /// Every device was seen at rest after the halt.
+    /// Every device was seen at rest after the halt, and the sensor's laser off.
     confirmed: bool,
-    /// Each device that moves.
+    /// Each device; the sensor's laser is switched off.
     devices: Vec<DeviceStopDocument>,
     /// Axes that were not seen at rest yet, such as `m1.x`; take them for moving. GET /v1/cell tells the rest.
     unconfirmed_axes: Vec<String>,

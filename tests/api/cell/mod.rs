@@ -3,6 +3,7 @@
 
 mod events;
 mod health;
+mod laser;
 mod lease;
 mod refusals;
 mod repeated;

@@ -7,10 +7,18 @@ use std::process::{Child, Command, Stdio};
 
 /// A service with a simulated cell in a process of its own, and its address.
 fn serve(folder: &Folder) -> (Child, String) {
+    serve_with(folder, &[])
+}
+
+/// The same with more arguments.
+pub(super) fn serve_with(folder: &Folder, more: &[&str]) -> (Child, String) {
     let data = folder.path().display().to_string();
     let arguments = ["serve", "--listen", "127.0.0.1:0", "--data", &data, "--set", "log.format=json"];
-    let mut child =
-        Command::new(env!("CARGO_BIN_EXE_coaxis")).args(arguments).stderr(Stdio::piped()).spawn().expect("it starts");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_coaxis"))
+        .args(arguments.iter().chain(more))
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("it starts");
     let log = BufReader::new(child.stderr.take().expect("a log"));
     let mut lines = log.lines().map(|line| line.expect("text"));
     let address = lines.find_map(|line| {
@@ -20,6 +28,12 @@ fn serve(folder: &Folder) -> (Child, String) {
     // Read on, so that the log never blocks the service.
     std::thread::spawn(move || lines.count());
     (child, address.expect("it listens"))
+}
+
+/// Kills a service.
+pub(super) fn end(child: &mut Child) {
+    child.kill().expect("it runs");
+    child.wait().expect("it ends");
 }
 
 #[test]

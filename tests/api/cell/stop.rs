@@ -21,7 +21,7 @@ fn a_stop_ends_the_move_on_its_way_and_the_cell_goes_on_from_where_it_is() {
     super::until(&line.service, "/v1/manipulators/m1", |one| one["reading"]["y"]["actual_mm"].as_f64() > Some(0.5));
     let stopped = line.service.post("/v1/cell/stop", &[]).expect(200);
     assert!(stopped["sent_ms"].as_u64() <= Some(250), "{stopped}");
-    assert_eq!(stopped["devices"].as_array().map(Vec::len), Some(3), "two manipulators and the stage");
+    assert_eq!(stopped["devices"].as_array().map(Vec::len), Some(4), "two manipulators, the stage and the sensor");
     let ended = line.wait_for(&begun);
     assert_eq!((&ended["state"], &ended["ending"]["code"]), (&json!("stopped"), &json!("stop_requested")));
     super::until(&line.service, "/v1/cell", |cell| cell["state"] == "idle" && cell["commands_allowed"] == true);
