@@ -127,7 +127,8 @@ fn within_own(carrier: Carrier, axis: Axis, own: &AxisReading, (value, speed): (
     Ok(())
 }
 
-/// Whether a manipulator can be told so by hand, or is so already. While one finds its references the other one stands.
+/// Whether a manipulator can be told so by hand, or is so already. One finds its references only where the other one stands and
+/// is as it has to be during the whole homing.
 pub(super) fn of_manual(
     both: &Pair<Live<Reading>>,
     carrier: Carrier,
@@ -136,13 +137,6 @@ pub(super) fn of_manual(
 ) -> Result<Taken, Refusal> {
     let live = both.get(carrier);
     let reading = good(live, now)?;
-    if manual == Manual::Home {
-        for (_, other) in both.iter().filter(|(one, _)| *one != carrier) {
-            if moves(good(other, now)?) {
-                return Err(Refusal::Moves { device: other.name.clone() });
-            }
-        }
-    }
     let homed = reading.axes.iter().all(|(_, one)| one.homed);
     let (found, already) = match manual {
         Manual::Enable => (of_enabling(&live.name, carrier, reading), enabled(reading)),
@@ -152,12 +146,31 @@ pub(super) fn of_manual(
     match found.into_iter().next() {
         Some(refusal) => Err(refusal),
         None if already => Ok(Taken::AlreadySo),
+        None if manual == Manual::Home => of_others(both, carrier, now).map(|()| Taken::Accepted),
         None => Ok(Taken::Accepted),
     }
 }
 
-/// Whether a scan can be taken as ordered.
+/// What keeps a manipulator from moving is also found at the other one, before anything is sent: they hold one part.
+fn of_others(both: &Pair<Live<Reading>>, carrier: Carrier, now: Instant) -> Result<(), Refusal> {
+    for (one, live) in both.iter().filter(|(one, _)| *one != carrier) {
+        let reading = good(live, now)?;
+        if let Some(code) = fault_of(reading) {
+            return Err(Refusal::DeviceFault { device: live.name.clone(), code });
+        }
+        if moves(reading) {
+            return Err(Refusal::Moves { device: live.name.clone() });
+        }
+        if let Some(refusal) = of_motion(one, reading) {
+            return Err(refusal);
+        }
+    }
+    Ok(())
+}
+
+/// Whether a scan can be taken as ordered. A part that a manipulator moves has no pose to be measured.
 pub(super) fn of_scan(
+    manipulators: &Pair<Live<Reading>>,
     stage: Option<&Live<StageReading>>,
     sensor: Option<&Live<SensorReading>>,
     order: &ScanOrder,
@@ -167,6 +180,11 @@ pub(super) fn of_scan(
     let sensor = sensor.ok_or(Refusal::NotThere { what: "sensor" })?;
     let reading = good(stage, now)?;
     good(sensor, now)?;
+    for (_, one) in manipulators.iter() {
+        if moves(good(one, now)?) {
+            return Err(Refusal::Moves { device: one.name.clone() });
+        }
+    }
     if reading.fault_code != 0 {
         return Err(Refusal::DeviceFault { device: stage.name.clone(), code: reading.fault_code });
     }

@@ -1,5 +1,6 @@
 //! Tests of the whole cell on the made devices, on paused time, with fixed seeds. The pure machine has its own, in `machine`.
 
+mod answers;
 mod bench;
 mod campaign;
 mod faults;

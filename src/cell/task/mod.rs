@@ -1,12 +1,14 @@
 //! The one task: looks for stops first, then for what the drivers report, then for requests, then at the time; puts each to
 //! the state machine, does what the verdict says, and publishes. Waits for no device, ever.
 //!
-//! `requests` answers what is asked, `reports` takes what the drivers say, `acts` does what was decided, `publish` shows it.
+//! `requests` answers what is asked, `waiting` lets those wait that need a newer reading, `reports` takes what the drivers say,
+//! `acts` does what was decided, `publish` shows it.
 
 mod acts;
 mod publish;
 mod reports;
 mod requests;
+mod waiting;
 
 use super::driver::{HaltAtEnd, HaltFlag, Halts, Handling, Order, Report, Taking, Travel};
 use super::events::EventLog;
@@ -23,6 +25,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::{Instant, sleep_until};
+use waiting::{Commanded, Waiting};
 
 /// The lines to the drivers.
 pub(super) struct Lines {
@@ -72,6 +75,9 @@ pub(super) struct Task {
     course: Option<Course>,
     orders_count: u64,
     purposes: BTreeMap<u64, Purpose>,
+    /// The last command to each manipulator.
+    commanded: Pair<Commanded>,
+    waiting: VecDeque<Waiting>,
     /// Jobs that were begun, newest last: none of them is begun again.
     begun: VecDeque<String>,
     closers: Vec<oneshot::Sender<()>>,
@@ -111,6 +117,8 @@ impl Task {
             course: None,
             orders_count: 0,
             purposes: BTreeMap::new(),
+            commanded: Pair::default(),
+            waiting: VecDeque::new(),
             begun: VecDeque::new(),
             closers: Vec::new(),
             held: true,
@@ -134,7 +142,7 @@ impl Task {
                 // The flag lives as long as the task: it cannot be closed.
                 _ = self.halts.changed() => self.take_stops(),
                 Some(report) = reports.recv() => self.take_report(report),
-                request = requests.recv(), if self.held => self.take_request(request),
+                request = requests.recv(), if self.takes_requests() => self.take_request(request),
                 () = sleep_until(wake) => {}
             }
             self.take_time();
@@ -203,6 +211,7 @@ impl Task {
         self.take_work_time(now);
         self.look_for_rest(now);
         self.look_for_reread(now);
+        self.take_waiting(now);
     }
 
     /// When something is due next.
@@ -213,6 +222,7 @@ impl Task {
             work,
             self.rest.map(|rest| rest.until),
             self.rereading.map(|rereading| rereading.until),
+            self.waiting_until(),
         ];
         // Without any of them, the pace keeps the snapshot's ages honest.
         let pace = now() + self.settings.poll;

@@ -130,6 +130,7 @@ impl Task {
 
     fn told(&mut self, member: Member, order: u64, outcome: Outcome) {
         let Some(purpose) = self.purposes.remove(&order) else { return };
+        self.remember_outcome(purpose, &outcome);
         match purpose {
             Purpose::Manual(_, manual) => self.manual_told(member, manual.name(), outcome),
             Purpose::Reset(carrier) => self.reset_told(carrier, outcome),

@@ -8,7 +8,7 @@ use crate::cell::obstacles;
 use crate::cell::request::{Reply, Request, ScanBegun, answer};
 use crate::cell::run::Run;
 use crate::cell::scanning::Scanning;
-use crate::cell::work::{Course, Purpose, Work};
+use crate::cell::work::{Course, Work};
 use crate::cell::{Job, Lease, LeaseRequest, Refusal, ScanOrder, now};
 use crate::motion::{Carrier, Path, check_path};
 use tokio::sync::mpsc;
@@ -35,8 +35,7 @@ impl Task {
             Some(Request::TakeLease(request, reply)) => answer(reply, self.take_lease(request)),
             Some(Request::RenewLease(id, reply)) => answer(reply, self.renew_lease(id)),
             Some(Request::ReleaseLease(id, reply)) => answer(reply, self.put(Input::ReleaseLease(id)).map(drop)),
-            Some(Request::Act { lease, carrier, manual, reply }) => answer(reply, self.manual(lease, carrier, manual)),
-            Some(Request::Move { lease, job, path, reply }) => answer(reply, self.start_move(lease, &job, path)),
+            Some(request @ (Request::Act { .. } | Request::Move { .. })) => self.answer_or_wait(request),
             Some(Request::Scan { lease, job, order, reply }) => self.start_scan(lease, &job, order, reply),
             Some(Request::Reset { lease, reply }) => {
                 let fit = obstacles::of_reset(&self.live, self.live_stage.as_ref(), now());
@@ -56,12 +55,11 @@ impl Task {
         self.machine.tenancy().held(now()).cloned().ok_or(Refusal::LeaseOver)
     }
 
-    fn manual(&mut self, lease: String, carrier: Carrier, manual: Manual) -> Result<Taken, Refusal> {
-        let mut fit = obstacles::of_manual(&self.live, carrier, manual, now());
-        // The same order once more, while its word is out, would only fill the line.
-        if fit == Ok(Taken::Accepted) && self.purposes.values().any(|one| *one == Purpose::Manual(carrier, manual)) {
-            fit = Ok(Taken::AlreadySo);
-        }
+    pub(super) fn manual(&mut self, lease: String, carrier: Carrier, manual: Manual) -> Result<Taken, Refusal> {
+        let fit = match self.outdated(carrier, now()) {
+            Some(refusal) => Err(refusal),
+            None => obstacles::of_manual(&self.live, carrier, manual, now()),
+        };
         match manual {
             Manual::Home if fit == Ok(Taken::AlreadySo) && !self.works() => {
                 self.put(Input::Command { lease, carrier, manual, fit })
@@ -75,7 +73,7 @@ impl Task {
         }
     }
 
-    fn start_move(&mut self, lease: String, job: &str, path: Path) -> Result<Job, Refusal> {
+    pub(super) fn start_move(&mut self, lease: String, job: &str, path: Path) -> Result<Job, Refusal> {
         if let Some(job) = self.under_way(&lease, job)? {
             return Ok(job);
         }
@@ -100,6 +98,9 @@ impl Task {
     fn fit_to_move(&self, job: &str, path: &Path) -> Result<(), Refusal> {
         let now = now();
         self.not_begun(job)?;
+        if let Some(outdated) = Carrier::ALL.into_iter().find_map(|carrier| self.outdated(carrier, now)) {
+            return Err(outdated);
+        }
         if let Some(obstacle) = obstacles::of_move(&self.live, now).into_iter().next() {
             return Err(obstacle);
         }
@@ -128,7 +129,7 @@ impl Task {
 
     fn prepare_scan(&mut self, job: &str, order: ScanOrder) -> Result<ScanBegun, Refusal> {
         self.not_begun(job)?;
-        obstacles::of_scan(self.live_stage.as_ref(), self.live_sensor.as_ref(), &order, now())?;
+        obstacles::of_scan(&self.live, self.live_stage.as_ref(), self.live_sensor.as_ref(), &order, now())?;
         let from = self.live_stage.as_ref().and_then(|stage| stage.reading);
         let from = from.ok_or(Refusal::NotThere { what: "stage" })?;
         let (sink, profiles) = mpsc::channel(PROFILES_WAITING);

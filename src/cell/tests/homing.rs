@@ -2,7 +2,7 @@
 
 use super::bench::{Bench, LEASE, made};
 use crate::cell::{Failure, Manual, Refusal, State, Taken};
-use crate::device::{Action, AxisState, Reading};
+use crate::device::{Action, AxisState, Mode, Reading, Safety};
 use crate::motion::{Axes, Carrier};
 use std::time::Duration;
 use tokio::time::sleep;
@@ -50,6 +50,31 @@ async fn homing_is_refused_while_the_other_moves() {
     let refused = bench.cell.act(LEASE, Carrier::M1, Manual::Home).await;
     assert_eq!(refused, Err(Refusal::Moves { device: "m2".to_owned() }));
     assert_eq!(homes(&bench, Carrier::M1), 0);
+}
+
+#[tokio::test(start_paused = true)]
+async fn homing_is_refused_before_anything_moves_where_the_other_may_not_move() {
+    let disabled = without_references().await;
+    disabled.cell.act(LEASE, Carrier::M2, Manual::Disable).await.expect("allowed");
+    let guard_open = without_references().await;
+    let open = Safety { emergency_stop_ok: true, guard_closed: false, drives_ready: true, remote_enabled: true };
+    guard_open.world.set_safety(Carrier::M2, open);
+    let at_its_panel = without_references().await;
+    at_its_panel.world.set_mode(Carrier::M2, Mode::Manual);
+    for (bench, what) in [(disabled, "disabled"), (guard_open, "guard open"), (at_its_panel, "in manual mode")] {
+        // Long enough for a reading of it.
+        sleep(Duration::from_millis(200)).await;
+        let refused = bench.cell.act(LEASE, Carrier::M1, Manual::Home).await;
+        let named = match (&refused, what) {
+            (Err(Refusal::NotEnabled { carrier, .. }), "disabled")
+            | (Err(Refusal::NotRemote { carrier, .. }), "in manual mode") => *carrier == Carrier::M2,
+            // The guard makes the device report a fault, which has stopped the cell already.
+            (Err(Refusal::Faulted { .. }), "guard open") => true,
+            _ => false,
+        };
+        assert!(named, "m2 is {what}: {refused:?}");
+        assert_eq!(homes(&bench, Carrier::M1), 0, "m2 is {what}");
+    }
 }
 
 #[tokio::test(start_paused = true)]

@@ -66,6 +66,61 @@ async fn what_the_stage_cannot_do_is_refused() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_scan_is_refused_while_a_manipulator_moves() {
+    use crate::device::Action;
+    use crate::motion::{Axes, Carrier};
+    let bench = Bench::ready(&made()).await;
+    let axes = Axes { y: true, ..Axes::default() };
+    let (targets, speeds) = (Axes { y: 10.0, ..Axes::default() }, Axes { y: 5.0, ..Axes::default() });
+    bench.command_from_elsewhere(Carrier::M2, Action::MoveTo { axes, targets, speeds }).await;
+    bench.until(|now| now.manipulators.m2.reading.as_ref().is_some_and(|seen| seen.state.moves())).await;
+    let refused = bench.cell.start_scan(LEASE, "scan-1", ORDER).await.map(|(job, _)| job.id);
+    assert_eq!(refused, Err(Refusal::Moves { device: "m2".to_owned() }));
+}
+
+/// A scan as the state machine of scans sees it: armed at `at`, and the stage on its way since.
+fn travelling(own: SensorDeadlines, at: Instant) -> Scanning {
+    let from = StageReading {
+        actual_mm: ORDER.x_from_mm,
+        lower_mm: 0.0,
+        upper_mm: 1000.0,
+        speed_mm_s: 100.0,
+        moves: false,
+        in_position: true,
+        fault_code: 0,
+    };
+    let names = ("stage".to_owned(), "sensor".to_owned());
+    let mut scanning = Scanning::new(ORDER, names, from, (&settings(), &own), at);
+    scanning.stage_told(at, Outcome::Taken { sequence: 0 });
+    assert_eq!(scanning.read(at, at, &from), ScanStep::Arm);
+    assert!(matches!(scanning.sensor_told(at, Outcome::Taken { sequence: 0 }), ScanStep::Carry(_)));
+    scanning.stage_told(at, Outcome::Taken { sequence: 0 });
+    let arrived = StageReading { actual_mm: ORDER.x_to_mm, ..from };
+    assert_eq!(scanning.read(at + Duration::from_secs(3), at + Duration::from_secs(3), &arrived), ScanStep::Wait);
+    scanning
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_stall_limit_does_not_override_a_sensors_own_time_for_the_first_profile() {
+    let at = now();
+    let patient = SensorDeadlines { first_profile: Duration::from_secs(30), ..SensorDeadlines::default() };
+    let mut scanning = travelling(patient, at);
+    // The whole surface comes 20 s after the start, and the stage has long arrived.
+    assert_eq!(scanning.time(at + Duration::from_secs(20), None), ScanStep::Wait);
+    scanning.received(at + Duration::from_secs(20), 50);
+    assert_eq!(scanning.ended(Ok(())), ScanStep::Finished);
+    let silent = travelling(patient, at);
+    assert!(matches!(silent.time(at + Duration::from_secs(31), None), ScanStep::Fail(_)));
+    // A sensor without a time of its own has the stall limit of 1 s and two periods of 40 ms.
+    let impatient = travelling(SensorDeadlines::default(), at);
+    assert!(matches!(impatient.time(at + Duration::from_millis(1_100), None), ScanStep::Fail(_)));
+    // Between profiles it is the stall limit.
+    let mut stalled = travelling(patient, at);
+    stalled.received(at + Duration::from_secs(4), 10);
+    assert!(matches!(stalled.time(at + Duration::from_millis(5_100), None), ScanStep::Fail(_)));
+}
+
+#[tokio::test(start_paused = true)]
 async fn a_gap_fails_the_scan_by_name_and_halts_the_stage() {
     let bench = Bench::ready(&made()).await;
     let (job, profiles) = bench.cell.start_scan(LEASE, "scan-1", ORDER).await.expect("allowed");
