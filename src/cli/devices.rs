@@ -1,13 +1,18 @@
 //! `coaxis devices`: whether the devices that the configuration names are there, and keep what their adaptors promise. Reads
-//! alone; moves nothing, starts no scan.
+//! alone; moves nothing, starts no scan. Beside a service that uses the devices it does so only when asked to, and a device that
+//! moves without a commander is given the time to stop by its watchdog.
 
 use super::config::Sources;
 use super::{FAILED, Outcome, print};
-use crate::cell::Devices;
+use crate::cell::{Devices, SILENCE};
 use crate::device::contract::{Report, check_manipulator, check_sensor, check_stage};
 use crate::motion::Pair;
 use crate::service::Equipment;
+use crate::store::{FolderLock, StoreError};
+use std::error::Error;
+use std::path::Path;
 use std::process::ExitCode;
+use tokio::time::sleep;
 
 /// Look after the devices that the configuration names
 #[derive(Debug, clap::Subcommand)]
@@ -15,7 +20,7 @@ pub(super) enum Subject {
     Check(Arguments),
 }
 
-/// Connect to every device, read it, and hold it to the contract; moves nothing. Not beside a service that uses them
+/// Connect to every device, read it, and hold it to the contract; moves nothing. Refuses while a service runs on the data folder
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
     #[command(flatten)]
@@ -23,6 +28,10 @@ pub(super) struct Arguments {
     /// Print one JSON document a device
     #[arg(long)]
     json: bool,
+    /// Check although a service runs that uses the devices. Its motions then go on for the devices' watchdog time longer if it
+    /// dies meanwhile
+    #[arg(long)]
+    beside_service: bool,
 }
 
 pub(super) fn run(subject: &Subject) -> Outcome {
@@ -32,6 +41,8 @@ pub(super) fn run(subject: &Subject) -> Outcome {
         print("the configuration has no cell (cell.enabled = false)\n")?;
         return Ok(ExitCode::SUCCESS);
     };
+    // Held until the end, so that no service starts meanwhile.
+    let _lock = if arguments.beside_service { None } else { keep_services_out(&config.data)? };
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let reports = runtime.block_on(check(equipment.devices));
     for report in &reports {
@@ -41,7 +52,21 @@ pub(super) fn run(subject: &Subject) -> Outcome {
     Ok(if passed { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
 }
 
+fn keep_services_out(data: &Path) -> Result<Option<FolderLock>, Box<dyn Error>> {
+    FolderLock::take(data).map_err(|error| match error {
+        StoreError::FolderInUse { folder } => format!(
+            "a service is running on {} and uses the devices; stop it first, or check beside it with --beside-service",
+            folder.display()
+        )
+        .into(),
+        error => Box::<dyn Error>::from(error),
+    })
+}
+
+/// Says nothing to the devices at first: what a process that died has left moving stops by its watchdog, which our first word
+/// would start anew.
 async fn check(devices: Devices) -> Vec<Report> {
+    sleep(SILENCE).await;
     let Devices { manipulators: Pair { mut m1, mut m2 }, sensor, stage } = devices;
     let mut reports = vec![check_manipulator(m1.as_mut()).await, check_manipulator(m2.as_mut()).await];
     if let Some(mut stage) = stage {
@@ -60,4 +85,85 @@ fn in_words(report: &Report) -> String {
         text += &format!("  {mark} {}: {}\n", check.name, check.words);
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::now;
+    use crate::device::contract::check_manipulator;
+    use crate::device::simulated::{Device, Mounting, Settings, World};
+    use crate::device::{Action, Command, Manipulator};
+    use crate::motion::{Axes, AxisLimits, Carrier};
+    use std::time::Duration;
+    use tokio::time::{Instant, sleep_until};
+
+    /// As long as a device may have it here.
+    const WATCHDOG: Duration = Duration::from_millis(400);
+
+    /// A world in which m1 has just been sent on a long way by a commander that is gone.
+    async fn abandoned() -> (World, Instant) {
+        let linear =
+            AxisLimits { lower: -40.0, upper: 40.0, speed: 10.0, acceleration: 100.0, jerk: 2000.0, step: 30.0 };
+        let turn = AxisLimits { lower: -0.5, upper: 0.5, speed: 0.2, acceleration: 2.0, jerk: 40.0, step: 0.5 };
+        let limits = Axes { x: linear, y: linear, z: linear, c: turn };
+        let mountings = Pair { m1: 150.0, m2: 650.0 }.map(|_, x: &f64| Mounting { mount_mm: [*x, 0.0, 0.0], limits });
+        let world = World::new(&Settings::default(), &mountings).expect("settings that are allowed");
+        let mut commander = world.manipulator(Carrier::M1);
+        commander.connect().await.expect("a link");
+        let axes = Axes { y: true, ..Axes::default() };
+        let (targets, speeds) = (Axes { y: 30.0, ..Axes::default() }, Axes { y: 10.0, ..Axes::default() });
+        for (sequence, action) in [(1, Action::Enable), (2, Action::MoveTo { axes, targets, speeds })] {
+            let command = Command { sequence, fence: 1, watchdog: WATCHDOG, action };
+            commander.send(&command).await.expect("a link");
+        }
+        (world, now())
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_check_does_not_prolong_a_motion_that_lost_its_commander() {
+        let (world, abandoned_at) = abandoned().await;
+        let devices = Devices {
+            manipulators: Pair { m1: Carrier::M1, m2: Carrier::M2 }
+                .map(|_, carrier| Box::new(world.manipulator(*carrier)) as Box<dyn Manipulator>),
+            sensor: Some(Box::new(world.sensor())),
+            stage: Some(Box::new(world.stage())),
+        };
+        let checking = tokio::spawn(check(devices));
+        // 400 ms of watchdog and 100 ms from 10 mm/s at 100 mm/s², and some for the way of the command.
+        sleep_until(abandoned_at + Duration::from_millis(510)).await;
+        let stood_at = world.clamp(Carrier::M1);
+        let reports = checking.await.expect("it ends");
+        assert_eq!(world.clamp(Carrier::M1), stood_at);
+        let failed =
+            |report: &Report| report.checks.iter().filter(|check| !check.passed).map(|check| check.name).collect();
+        let failed: Vec<Vec<&str>> = reports.iter().map(failed).collect();
+        assert_eq!(failed, [vec!["it has no fault"], vec![], vec![], vec![]], "its watchdog has stopped m1");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_device_that_moves_is_not_read_on() {
+        let (world, abandoned_at) = abandoned().await;
+        let steps = world.faults().steps(Device::Manipulator(Carrier::M1));
+        let report = check_manipulator(&mut world.manipulator(Carrier::M1)).await;
+        assert!(!report.passed());
+        assert_eq!(world.faults().steps(Device::Manipulator(Carrier::M1)), steps + 2, "connecting takes two exchanges");
+        sleep_until(abandoned_at + Duration::from_millis(510)).await;
+        let stood_at = world.clamp(Carrier::M1);
+        sleep_until(abandoned_at + Duration::from_secs(5)).await;
+        assert_eq!(world.clamp(Carrier::M1), stood_at);
+    }
+
+    #[test]
+    fn a_check_is_refused_while_a_service_has_the_data_folder() {
+        let folder = std::env::temp_dir().join(format!("coaxis-check-{}", std::process::id()));
+        assert!(keep_services_out(&folder).expect("no folder, no service").is_none());
+        std::fs::create_dir_all(&folder).expect("a folder");
+        let service = keep_services_out(&folder).expect("nobody has it");
+        let refused = keep_services_out(&folder).map(|_| ()).expect_err("it is taken");
+        assert!(refused.to_string().contains("--beside-service"), "{refused}");
+        drop(service);
+        assert!(keep_services_out(&folder).is_ok());
+        std::fs::remove_dir_all(&folder).expect("ours");
+    }
 }

@@ -20,6 +20,20 @@ use std::{
 
 use super::StoreError;
 
+/// Keeps every other process from opening the store of a folder, until it is dropped.
+#[derive(Debug)]
+pub struct FolderLock(#[expect(dead_code, reason = "the lock lasts as long as the file is open")] File);
+
+impl FolderLock {
+    /// Takes the lock of a folder; `None` where there is no such folder, and so no store.
+    ///
+    /// # Errors
+    /// [`StoreError::FolderInUse`] where another process has the store open.
+    pub fn take(root: &Path) -> Result<Option<Self>, StoreError> {
+        if root.is_dir() { lock(root).map(Self).map(Some) } else { Ok(None) }
+    }
+}
+
 /// A folder that this process alone uses, until the last holder lets it go.
 #[derive(Debug)]
 pub(super) struct Folder {

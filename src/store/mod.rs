@@ -30,6 +30,7 @@ mod tests;
 mod writer;
 
 pub use error::StoreError;
+pub use folder::FolderLock;
 pub use following::{ScanFollower, ScanTrail};
 pub use jobs::{EndedJob, InsertedJob, JobRow, NewJob};
 pub use page::{Cursor, Listing, PAGE_ROWS_MAX, Page};
