@@ -31,7 +31,7 @@ const fn code_of(error: &DecodeError) -> Code {
         E::UnknownFormat => Code::FormatUnknown,
         E::FormatConflict { .. } => Code::FormatConflict,
         E::NotThisFormat { .. } => Code::FormatMismatch,
-        E::Truncated { .. } | E::EndsEarly { .. } => Code::FileTruncated,
+        E::Truncated { .. } | E::FramesMissing { .. } | E::EndsEarly { .. } => Code::FileTruncated,
         E::HeaderLine { .. } | E::HeaderMissing { .. } => Code::HeaderInvalidInFile,
         E::HeaderTooLong { .. } => Code::HeaderTooLong,
         E::SizeMismatch { .. } => Code::SizeMismatch,
@@ -76,6 +76,9 @@ fn with_numbers(problem: Problem, error: DecodeError) -> Problem {
         | E::Unsupported { format, what: _ } => problem.with("format", format.name()),
         E::Truncated { expected, found } => {
             problem.with("points_expected_count", expected).with("points_found_count", found)
+        }
+        E::FramesMissing { line, expected, found } => {
+            problem.with("line", line).with("frames_expected_count", expected).with("frames_found_count", found)
         }
         E::HeaderLine { format, line, field } => {
             problem.with("format", format.name()).with("line", line).with("field", field)

@@ -35,6 +35,18 @@ pub enum DecodeError {
         /// Whole points found.
         found: u64,
     },
+    /// A section of a Gocator file says how many frames it has, and the file ends before.
+    #[error(
+        "the section that begins in line {line} announces {expected} frames and the file ends after {found}; send the whole file"
+    )]
+    FramesMissing {
+        /// Where the section begins.
+        line: u64,
+        /// Frames announced.
+        expected: u64,
+        /// Whole frames found.
+        found: u64,
+    },
     /// The file ends inside its header or another part that has no points.
     #[error("the {format} file ends before its points begin; send the whole file")]
     EndsEarly {
@@ -306,7 +318,7 @@ impl DecodeError {
             Self::UnknownFormat => "format_unknown",
             Self::FormatConflict { .. } => "format_conflict",
             Self::NotThisFormat { .. } => "format_mismatch",
-            Self::Truncated { .. } | Self::EndsEarly { .. } => "file_truncated",
+            Self::Truncated { .. } | Self::FramesMissing { .. } | Self::EndsEarly { .. } => "file_truncated",
             Self::HeaderLine { .. } | Self::HeaderMissing { .. } => "header_invalid",
             Self::HeaderTooLong { .. } => "header_too_long",
             Self::SizeMismatch { .. } => "size_mismatch",

@@ -79,9 +79,49 @@ fn check_version(line: &[u8], at: &mut Option<usize>) -> Result<(), DecodeError>
 struct Section<'s, 'a> {
     lines: &'s mut Lines<'a>,
     start: u64,
+    /// Its `End` was read; without it the file ended.
+    closed: bool,
+    announced: Announced,
 }
 
-impl Section<'_, '_> {
+/// How many rows a section says that it has: in the cell below this name.
+#[derive(Debug)]
+struct Announced {
+    name: &'static [u8],
+    at: Option<usize>,
+    count: Option<u64>,
+}
+
+impl Announced {
+    const fn below(name: &'static [u8]) -> Self {
+        Self { name, at: None, count: None }
+    }
+
+    fn look(&mut self, line: &[u8]) {
+        if let Some(at) = self.at.take() {
+            let count = COMMA.split(line).nth(at).and_then(|cell| std::str::from_utf8(cell).ok()?.parse().ok());
+            self.count = self.count.or(count);
+        } else if self.count.is_none() {
+            self.at = COMMA.split(line).position(|cell| cell == self.name);
+        }
+    }
+}
+
+impl<'s, 'a> Section<'s, 'a> {
+    fn new(lines: &'s mut Lines<'a>, start: u64, announced: Announced) -> Self {
+        Self { lines, start, closed: false, announced }
+    }
+
+    /// Refuses a section that the file ends in before all rows are there; `is_cut` says that its last row is not whole.
+    fn check_whole(&self, found: u64, is_cut: bool) -> Result<(), DecodeError> {
+        let Some(expected) = self.announced.count.filter(|_| !self.closed) else { return Ok(()) };
+        if found < expected || is_cut {
+            let found = found.min(expected).saturating_sub(u64::from(is_cut));
+            return Err(DecodeError::FramesMissing { line: self.start, expected, found });
+        }
+        Ok(())
+    }
+
     /// The next line that is not blank.
     fn next_line(&mut self) -> Result<Option<(u64, &[u8])>, DecodeError> {
         // Twice, as a line that was looked at cannot be handed out by the same borrow.
@@ -90,7 +130,8 @@ impl Section<'_, '_> {
             let Some(is_blank) = self.lines.next_line()?.map(is_blank) else { return Ok(None) };
             if !is_blank {
                 let line = self.lines.last_line();
-                return Ok(Some((number, line)).filter(|(_, line)| first_cell(line) != b"End"));
+                self.closed = first_cell(line) == b"End";
+                return Ok(Some((number, line)).filter(|_| !self.closed));
             }
         }
     }
@@ -118,10 +159,13 @@ fn read_cells(cells: Fields<'_>, before: usize, line: u64, numbers: &mut Vec<f64
 
 /// The frames of Profile, Ranges and RawProfile.
 fn read_frames(lines: &mut Lines<'_>, start: u64, gather: &mut Gather<'_>) -> Result<Labels, DecodeError> {
-    let mut section = Section { lines, start };
+    let mut section = Section::new(lines, start, Announced::below(b"Frame Count"));
     let mut across = Vec::new();
     let (travel_at, axis_at) = loop {
         let Some((number, line)) = section.next_line()? else { return Err(section.incomplete("the header with Axis")) };
+        let line = line.to_vec();
+        let line = line.as_slice();
+        section.announced.look(line);
         let position = |name: &[u8]| COMMA.split(line).position(|cell| cell == name);
         if let (b"Frame", Some(axis)) = (first_cell(line), position(b"Axis")) {
             let travel = position(b"Y").filter(|travel| *travel < axis);
@@ -130,6 +174,7 @@ fn read_frames(lines: &mut Lines<'_>, start: u64, gather: &mut Gather<'_>) -> Re
         }
     };
     let (mut row, mut heights, mut frame_of_x) = (0.0, Vec::new(), None);
+    let (mut frames_count, mut newest_frame) = (0, None);
     while let Some((number, line)) = section.next_line()? {
         let cell = |position| COMMA.split(line).nth(position).unwrap_or_default();
         let frame = parse_number(cell(0)).filter(|frame| frame.is_finite());
@@ -149,20 +194,29 @@ fn read_frames(lines: &mut Lines<'_>, start: u64, gather: &mut Gather<'_>) -> Re
                 read_cells(COMMA.split(line), axis_at + 1, number, &mut heights)?;
                 push_row(gather, row, travel, &across, &heights)?;
                 row += 1.0;
+                // Several sensors give several rows of one frame.
+                if frame.is_none() || newest_frame != frame {
+                    frames_count += 1;
+                    newest_frame = frame;
+                }
             }
             // Intensity.
             _ => {}
         }
     }
+    section.check_whole(frames_count, heights.len() < across.len())?;
     Ok(Labels::Row)
 }
 
 /// The grid of Part and Surface.
 fn read_grid(lines: &mut Lines<'_>, start: u64, gather: &mut Gather<'_>) -> Result<Labels, DecodeError> {
-    let mut section = Section { lines, start };
-    let (mut across, mut heights, mut row) = (Vec::new(), Vec::new(), 0.0);
+    let mut section = Section::new(lines, start, Announced::below(b"Row Count"));
+    let (mut across, mut heights, mut row, mut rows_count) = (Vec::new(), Vec::new(), 0.0, 0);
     loop {
         let Some((number, line)) = section.next_line()? else { return Err(section.incomplete("the row Y\\X")) };
+        let line = line.to_vec();
+        let line = line.as_slice();
+        section.announced.look(line);
         if matches!(first_cell(line), b"Y\\X" | b"Y/X") {
             read_cells(COMMA.split(line), 1, number, &mut across)?;
             break;
@@ -177,19 +231,25 @@ fn read_grid(lines: &mut Lines<'_>, start: u64, gather: &mut Gather<'_>) -> Resu
         read_cells(COMMA.split(line), 1, number, &mut heights)?;
         push_row(gather, row, travel, &across, &heights)?;
         row += 1.0;
+        rows_count += 1;
     }
+    section.check_whole(rows_count, heights.len() < across.len())?;
     Ok(Labels::Row)
 }
 
 /// The rows of SurfacePointCloud.
 fn read_triples(lines: &mut Lines<'_>, start: u64, gather: &mut Gather<'_>) -> Result<Labels, DecodeError> {
-    let mut section = Section { lines, start };
+    let mut section = Section::new(lines, start, Announced::below(b"Point Count"));
     loop {
         let Some((_, line)) = section.next_line()? else { return Err(section.incomplete("the header X,Y,Z")) };
+        let line = line.to_vec();
+        let line = line.as_slice();
+        section.announced.look(line);
         if COMMA.split(line).take(3).eq([&b"X"[..], b"Y", b"Z"]) {
             break;
         }
     }
+    let mut points_count = 0;
     while let Some((number, line)) = section.next_line()? {
         let mut cells = COMMA.split(line).enumerate().map(|(position, cell)| {
             parse_number(cell).ok_or(DecodeError::BadNumber { line: number, column: position + 1 })
@@ -197,7 +257,9 @@ fn read_triples(lines: &mut Lines<'_>, start: u64, gather: &mut Gather<'_>) -> R
         let mut next = || cells.next().unwrap_or(Err(DecodeError::RaggedRow { line: number, expected: 3, found: 2 }));
         let (across, travel, height) = (next()?, next()?, next()?);
         gather.push(0.0, [travel, across, height])?;
+        points_count += 1;
     }
+    section.check_whole(points_count, false)?;
     Ok(Labels::None)
 }
 
@@ -247,6 +309,30 @@ mod tests {
         }
         let cloud = read("SurfacePointCloud\nFrame\n1\nX,Y,Z\n-1,10.5,5\n1,10.5,7\nEnd\n").expect("points");
         assert_eq!((cloud.stripes[0].x, cloud.columns.get(1)), (10.5, Some([1.0, 7.0])));
+    }
+
+    #[test]
+    fn a_file_that_ends_before_its_announced_frames_is_truncated() {
+        let head = "Frame,Time,Y,Axis,0,1";
+        let profile =
+            format!("Profile\nFrame Count,Column Count\n3,2\n\n{head}\n1,0,1,Z,5,6\n2,0,2,Z,5,6\n3,0,3,Z,5,6\nEnd\n");
+        let raw =
+            format!("RawProfile\nFrame Count\n2\n{head}\n1,0,1,X,0,1\n1,0,1,Z,5,6\n2,0,2,X,0,1\n2,0,2,Z,5,6\nEnd\n");
+        let part = "Part\nFrame,Row Count\n1,3\nY\\X,0,1\n1,5,6\n2,5,6\n3,5,6\nEnd\n".to_owned();
+        let points = "SurfacePointCloud\nPoint Count\n3\nX,Y,Z\n0,1,5\n0,2,5\n0,3,5\nEnd\n".to_owned();
+        for whole in [profile, raw, part, points] {
+            read(&whole).unwrap_or_else(|error| panic!("{whole}: {error}"));
+            let without_end = whole.trim_end_matches("End\n");
+            read(without_end).unwrap_or_else(|error| panic!("all announced frames are there: {error}"));
+            let rows: Vec<_> = without_end.trim_end().split_inclusive('\n').collect();
+            let (_, but_the_last) = rows.split_last().expect("rows");
+            let cut = read(&but_the_last.concat()).expect_err("a row less");
+            assert_eq!(cut.code(), "file_truncated", "{cut}");
+            if !whole.starts_with("Surface") {
+                let in_the_row = without_end.trim_end().trim_end_matches(",6");
+                assert_eq!(read(in_the_row).expect_err("cut within a row").code(), "file_truncated", "{in_the_row}");
+            }
+        }
     }
 
     #[test]
