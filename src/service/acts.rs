@@ -42,7 +42,7 @@ impl Service {
         let Ok(side) = self.cell_side() else { return };
         loop {
             let count = side.stops.load(Ordering::Acquire);
-            let order = ActOrder { count: (count > 1).then_some(count), ..self.act("stop", None) };
+            let order = ActOrder { count: (count > 1).then_some(count), ..act("stop", None, Commander::NOBODY) };
             let id = self.clock.new_id("a-");
             let beginning = Beginning { kind: Kind::Act, id, plan_id: None, request: None, order: &order };
             match self.write_down(beginning).await {
@@ -60,8 +60,8 @@ impl Service {
     /// # Errors
     /// [`ServiceError::Cell`] with what the cell refuses, and what the store says.
     pub async fn reset(self: &Arc<Self>, lease_id: String) -> Result<Taken, ServiceError> {
-        self.check_lease(&lease_id, None).await?;
-        let order = self.act("reset", None);
+        let by = self.authorise(&lease_id, None).await?;
+        let order = act("reset", None, by);
         self.command(order, move |cell| async move { cell.reset(&lease_id).await }).await
     }
 
@@ -80,9 +80,9 @@ impl Service {
             Manual::Disable => "disable",
             Manual::Home => "home",
         };
-        self.check_lease(&lease_id, None).await?;
+        let by = self.authorise(&lease_id, None).await?;
         let (motion, clock) = (self.cell_side()?.motion.clone(), self.clock);
-        let order = self.act(verb, Some(carrier));
+        let order = act(verb, Some(carrier), by);
         let give = move |cell: Cell| async move {
             let taken = cell.act(&lease_id, carrier, manual).await?;
             if manual == Manual::Home {
@@ -117,8 +117,8 @@ impl Service {
         })
         .await
     }
+}
 
-    fn act(&self, verb: &str, manipulator: Option<Carrier>) -> ActOrder {
-        ActOrder { verb: verb.to_owned(), manipulator, count: None, by: self.commander() }
-    }
+fn act(verb: &str, manipulator: Option<Carrier>, by: Commander) -> ActOrder {
+    ActOrder { verb: verb.to_owned(), manipulator, count: None, by }
 }

@@ -2,7 +2,7 @@
 //! ended when the cell has told the end. Must not know how a job is carried out, nor how it is sent.
 
 use super::{Service, ServiceError};
-use crate::cell::{JobEnd, Refusal, StopCause};
+use crate::cell::{JobEnd, Lease, Refusal, StopCause};
 use crate::store::{EndedJob, InsertedJob, JobRow, NewJob, RequestKey};
 use jiff::Timestamp;
 use serde::de::DeserializeOwned;
@@ -122,6 +122,16 @@ pub struct Commander {
     pub holder: Option<String>,
     /// Its fence.
     pub fence: Option<u64>,
+}
+
+impl Commander {
+    /// A command that needs no lease, such as a stop.
+    pub(super) const NOBODY: Self = Self { holder: None, fence: None };
+
+    /// The holder of a lease.
+    pub(super) fn by(lease: &Lease) -> Self {
+        Self { holder: Some(lease.holder.clone()), fence: Some(lease.fence) }
+    }
 }
 
 /// The document of a job in the store.
@@ -293,12 +303,6 @@ impl Service {
             );
         }
         Ok(())
-    }
-
-    /// Who commands at this moment, for the record.
-    pub(super) fn commander(&self) -> Commander {
-        let lease = self.cell.as_ref().and_then(|side| side.cell.snapshot().lease.clone());
-        Commander { holder: lease.as_ref().map(|lease| lease.holder.clone()), fence: lease.map(|lease| lease.fence) }
     }
 }
 

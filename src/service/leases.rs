@@ -3,11 +3,11 @@
 
 use super::followers::whole;
 use super::side::CellSide;
-use super::{Service, ServiceError};
+use super::{Commander, Service, ServiceError};
 use crate::cell::{Lease, LeaseRequest, Refusal};
 use crate::store::RequestKey;
 use jiff::Timestamp;
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
 /// Longest name of a holder.
@@ -54,9 +54,18 @@ impl Service {
             let side = service.cell_side()?;
             let lease = side.cell.take_lease(request).await?;
             service.store.raise_fence(lease.fence).await?;
+            *side.newest_lease.lock().unwrap_or_else(PoisonError::into_inner) = Some((lease.id.clone(), lease.fence));
             Ok(service.held(lease))
         })
         .await
+    }
+
+    /// Refuses a time to live beyond the bounds of the configuration.
+    ///
+    /// # Errors
+    /// [`ServiceError::Value`], [`ServiceError::CellAbsent`].
+    pub fn check_time_to_live(&self, asked: Duration) -> Result<(), ServiceError> {
+        self.time_to_live(self.cell_side()?, Some(asked)).map(drop)
     }
 
     /// Uses the lease, which renews it.
@@ -65,6 +74,16 @@ impl Service {
     /// [`ServiceError::Cell`] where it is over or somebody else's.
     pub async fn renew_lease(&self, id: &str) -> Result<HeldLease, ServiceError> {
         Ok(self.held(self.use_lease(id).await?))
+    }
+
+    /// Whether this is the id of the lease that is held. Nothing is waited for, and the lease is not renewed by it.
+    #[must_use]
+    pub fn holds_lease(&self, id: &str) -> bool {
+        let Some(side) = &self.cell else { return false };
+        let Some(held) = side.cell.snapshot().lease.clone() else { return false };
+        let newest = side.newest_lease.lock().unwrap_or_else(PoisonError::into_inner);
+        newest.as_ref().is_some_and(|(newest, fence)| newest == id && *fence == held.fence)
+            && self.clock.instant() < held.until
     }
 
     /// Gives the lease back; what moves by it stops.
@@ -80,16 +99,17 @@ impl Service {
         self.cell_side()?.cell.renew_lease(id).await.map_err(of_another)
     }
 
-    /// Refuses whoever does not hold the lease, before anything is written or planned for him; it is renewed by that. A request
-    /// that was answered before is answered again without.
-    pub(super) async fn check_lease(&self, id: &str, request: Option<&RequestKey>) -> Result<(), ServiceError> {
+    /// Who commands by the lease of this id, for the record. Refuses a client that does not hold it, before anything is written
+    /// or planned for it; the lease is renewed by that. A request that was answered before is answered again without a lease,
+    /// and nothing is recorded for it.
+    pub(super) async fn authorise(&self, id: &str, request: Option<&RequestKey>) -> Result<Commander, ServiceError> {
         if let Some(request) = request
             && self.store.job_by_request(&request.id).await?.is_some()
         {
-            return Ok(());
+            return Ok(Commander::NOBODY);
         }
-        self.use_lease(id).await?;
-        Ok(())
+        // The cell's answer, not its newest snapshot: the lease may change hands before the command is recorded.
+        Ok(Commander::by(&self.use_lease(id).await?))
     }
 
     fn held(&self, lease: Lease) -> HeldLease {

@@ -71,7 +71,7 @@ pub use view::View;
 use crate::config::Config;
 use crate::estimation::Settings;
 use crate::scan::decode::Limits;
-use crate::store::Store;
+use crate::store::{Store, Usage};
 use clock::Clock;
 use events::EventLog;
 use followers::Followers;
@@ -218,6 +218,20 @@ impl Service {
     #[must_use]
     pub fn load(&self) -> Load {
         self.compute.load()
+    }
+
+    /// Uploads under way: being received, unpacked, measured.
+    #[must_use]
+    pub fn uploads_count(&self) -> u64 {
+        u64::try_from(self.uploads.count()).unwrap_or(u64::MAX)
+    }
+
+    /// How much room the store takes and has left.
+    ///
+    /// # Errors
+    /// Where the operating system does not say.
+    pub async fn store_usage(&self) -> Result<Usage, ServiceError> {
+        Ok(self.store.usage().await?)
     }
 
     /// Refuses where a measurement asked for now would be refused.

@@ -74,11 +74,10 @@ impl Service {
             }
             return Ok(Started { job: jobs::read_back(&row)?, replayed: true });
         }
-        self.use_lease(&request.lease_id).await?;
+        let by = self.authorise(&request.lease_id, None).await?;
         let from = side.positions().ok_or(ServiceError::PositionsUnknown)?;
         let (arrangement, targets, speed_ratio) = (side.arrangement, request.targets, request.speed_ratio);
         let plan = aside(move || Ok(plan_move(&arrangement, &from, &targets, speed_ratio)?)).await?;
-        let by = self.commander();
         let order = MoveOrder { by, measurement_id: None, speed_ratio, plan };
         self.depart(Departure { lease_id: request.lease_id, plan_id: None, request: key, order }).await
     }

@@ -203,11 +203,11 @@ impl Service {
         if let Some(row) = self.store.job_of_plan(id).await? {
             return Ok(Started { job: super::jobs::read_back(&row)?, replayed: true });
         }
-        self.use_lease(&lease_id).await?;
+        let by = self.authorise(&lease_id, None).await?;
         let taken_at = stored.expires_at.saturating_sub(max_age(side)).unwrap_or(stored.created_at);
         self.check_fresh(side, taken_at)?;
         let StoredPlan { id, measurement_id, speed_ratio, plan, .. } = stored;
-        let order = MoveOrder { by: self.commander(), measurement_id: Some(measurement_id), speed_ratio, plan };
+        let order = MoveOrder { by, measurement_id: Some(measurement_id), speed_ratio, plan };
         self.depart(Departure { lease_id, plan_id: Some(id), request: None, order }).await
     }
 

@@ -97,7 +97,10 @@ impl Service {
         let document = serde_json::to_string(recipe)
             .map_err(|source| ServiceError::RecordUnwritable { what: "recipe", source: Arc::new(source) })?;
         let put = self.store.put_recipe(name.as_str(), &document, self.clock.now(), precondition).await?;
-        self.advance();
+        // What was refused has changed nothing that a poller could look for.
+        if !matches!(put, PutRecipe::PreconditionFailed { .. }) {
+            self.advance();
+        }
         match put {
             PutRecipe::Created(row) => Ok(Put::Created(read_back(row)?)),
             PutRecipe::Replaced(row) => Ok(Put::Replaced(read_back(row)?)),

@@ -8,7 +8,8 @@ use super::followers::whole;
 use super::jobs::{Beginning, Ending, JobStanding, Kind, Recorded, Started, read_back};
 use super::scan_order::{SensorOrder, SensorRequest, check, misplaced};
 use super::{
-    Accepted, Decoded, Happening, Identity, Measured, Measurement, RecipeName, Resolved, Service, ServiceError,
+    Accepted, Commander, Decoded, Happening, Identity, Measured, Measurement, RecipeName, Resolved, Service,
+    ServiceError,
 };
 use crate::cell::{Job, JobEnd, ScanOrder};
 use crate::device::Profile;
@@ -76,7 +77,8 @@ impl Service {
         }
         let (way, scan) = (request.way, &side.config.scan);
         let order = SensorOrder {
-            by: self.commander(),
+            // Known once the lease was checked.
+            by: Commander::NOBODY,
             recipe_name: request.order.recipe.map(RecipeName::into_string),
             x_from_mm: way.x_from_mm.unwrap_or(scan.x_from_mm),
             x_to_mm: way.x_to_mm.unwrap_or(scan.x_to_mm),
@@ -147,11 +149,11 @@ impl Service {
         self: &Arc<Self>,
         lease_id: String,
         request: Option<RequestKey>,
-        order: SensorOrder,
+        mut order: SensorOrder,
         accepted: Accepted,
     ) -> Result<Started<SensorOrder>, ServiceError> {
         let side = self.cell_side()?;
-        self.check_lease(&lease_id, request.as_ref()).await?;
+        order.by = self.authorise(&lease_id, request.as_ref()).await?;
         let id = self.clock.new_id("m-");
         let beginning = Beginning { kind: Kind::Scan, id, plan_id: None, request, order: &order };
         let started = self.write_down(beginning).await?;

@@ -23,6 +23,8 @@ pub(super) struct CellSide {
     pub(super) pace: Pace,
     /// Stops that are not recorded yet.
     pub(super) stops: AtomicU64,
+    /// Id and fence of the newest lease.
+    pub(super) newest_lease: Mutex<Option<(String, u64)>>,
     /// Threads of the cell's own: whatever the requests are busy with, a lease runs out in time and a device is polled.
     runtime: Mutex<Option<Runtime>>,
 }
@@ -63,6 +65,7 @@ impl CellSide {
             motion: Motion::default(),
             pace: Pace::default(),
             stops: AtomicU64::new(0),
+            newest_lease: Mutex::new(None),
             runtime: Mutex::new(Some(runtime)),
         })
     }

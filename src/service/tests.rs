@@ -195,3 +195,28 @@ async fn a_store_that_fails_in_the_middle_is_told_as_that() {
     };
     assert!(matches!(told, ServiceError::Store(_)), "{told}");
 }
+
+#[tokio::test]
+async fn a_command_is_recorded_under_the_lease_that_authorised_it_and_a_stop_under_none() {
+    let folder = TempFolder::new();
+    let config = Config::default();
+    let equipment = Equipment::of(&config.cell).expect("devices");
+    let capacity = Capacity::from_config(&config);
+    let service = Service::open_with(&folder.0, capacity, Settings::default(), equipment).await.expect("a store");
+    let first = service.take_lease("first".to_owned(), None).await.expect("a lease");
+    let by = service.authorise(&first.id, None).await.expect("it is held");
+    // The lease changes hands before the command is recorded.
+    service.release_lease(&first.id).await.expect("given back");
+    assert!(!service.holds_lease(&first.id));
+    let second = service.take_lease("second".to_owned(), None).await.expect("a lease");
+    assert_eq!(by, Commander { holder: Some("first".to_owned()), fence: Some(first.fence) });
+    assert!(service.authorise(&first.id, None).await.is_err());
+    assert!(service.holds_lease(&second.id) && !service.holds_lease(&first.id));
+    service.stop().await.expect("a cell");
+    service.followers.finish(FOLLOWERS_WAIT).await;
+    let page = crate::store::Page { limit: 10, before: None };
+    let rows = service.store.jobs("act", None, &page).await.expect("readable").rows;
+    let stop: serde_json::Value = serde_json::from_str(&rows[0].document).expect("JSON");
+    assert_eq!((&stop["verb"], &stop["holder"], &stop["fence"]), (&"stop".into(), &().into(), &().into()), "{stop}");
+    service.close().await;
+}

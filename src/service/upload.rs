@@ -64,6 +64,11 @@ impl Uploads {
         Self { places: Arc::new(Semaphore::new(uploads_max)), uploads_max, readers }
     }
 
+    /// How many are under way.
+    pub(super) fn count(&self) -> usize {
+        self.uploads_max.saturating_sub(self.places.available_permits())
+    }
+
     fn take_place(&self) -> Result<OwnedSemaphorePermit, ServiceError> {
         let place = Arc::clone(&self.places).try_acquire_owned();
         place.map_err(|_| ServiceError::UploadsBusy { uploads_max: self.uploads_max })

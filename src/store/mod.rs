@@ -27,6 +27,7 @@ mod scans;
 mod statements;
 #[cfg(test)]
 mod tests;
+mod usage;
 mod writer;
 
 pub use error::StoreError;
@@ -40,6 +41,7 @@ pub use rows::{
     RecordedScan, RequestKey, ScanRow,
 };
 pub use scan_files::{CompleteScan, ScanPart, ScanWriter};
+pub use usage::Usage;
 
 use std::{fmt::Write as _, io::Write as _, path::Path, sync::Arc};
 
