@@ -2,6 +2,7 @@
 //! Refuses nonsense with the key, its value and what is allowed. Must not know who uses a value.
 
 mod cell;
+mod hosts;
 mod layers;
 
 pub use cell::{
@@ -14,14 +15,14 @@ use crate::estimation::{SettingError, Settings};
 use crate::scan::decode::Limits as ScanLimits;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
-use std::net::SocketAddr;
+use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 
 /// How the service is set up.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Address and port to listen on; port 0 takes a free one.
+    /// Address and port to listen on, or localhost and a port; port 0 takes a free one.
     #[serde(deserialize_with = "address")]
     pub listen: SocketAddr,
     /// Folder that holds records and scans; made where it is missing.
@@ -29,6 +30,10 @@ pub struct Config {
     /// Listen beyond this machine although there are neither tokens nor encryption: everybody on the network may
     /// measure, read, and put recipes.
     pub insecure_lan: bool,
+    /// Names under which the service is reached, besides its addresses and localhost. Requests for another host are refused,
+    /// since it may be the name of a stranger that resolves to this machine.
+    #[serde(deserialize_with = "hosts::read")]
+    pub hosts: Vec<String>,
     /// What is written to the log.
     pub log: Log,
     /// What is refused because it is too much.
@@ -44,11 +49,17 @@ pub struct Config {
     pub cell: Cell,
 }
 
-/// An address with a port; what is allowed is said, since a name such as localhost is none.
+/// An address with a port. Names are not looked up, but localhost needs no looking up.
 fn address<'de, D: Deserializer<'de>>(text: D) -> Result<SocketAddr, D::Error> {
     let text = String::deserialize(text)?;
-    text.parse().map_err(|_| {
-        Error::custom("must be an address and a port such as 127.0.0.1:8080 or [::1]:8080; names are not looked up")
+    let on_this_machine = || {
+        let (host, port) = text.rsplit_once(':')?;
+        host.eq_ignore_ascii_case("localhost").then(|| port.parse().ok().map(|port| (Ipv4Addr::LOCALHOST, port)))?
+    };
+    text.parse().ok().or_else(|| on_this_machine().map(SocketAddr::from)).ok_or_else(|| {
+        Error::custom(
+            "must be an address and a port such as 127.0.0.1:8080, [::1]:8080 or localhost:8080; other names are not looked up",
+        )
     })
 }
 
@@ -85,8 +96,15 @@ pub struct Limits {
     pub url_bytes_max: u64,
     /// Bytes of all header lines.
     pub header_bytes_max: u64,
-    /// Connections at a time; a further one is closed.
+    /// Connections at a time; on further ones, as many as `connections_reserved`, only urgent requests are answered.
     pub connections_max: u64,
+    /// Places beside those for stop, health checks and the holder of the lease.
+    pub connections_reserved: u64,
+    /// How much of the connections, of the uploads and of the waits one client address may take, per cent. Behind a proxy all
+    /// clients have one address.
+    pub peer_share_percent: u64,
+    /// The least speed of a body and of the taking of an answer, bytes a second; what is slower is ended.
+    pub bytes_per_s_min: u64,
     /// Event streams and waits for an end at a time, never more than half of the connections; a further one is answered 503.
     pub listeners_max: u64,
     /// Measurements that are calculated at a time; as many large uploads are read while they come in.
@@ -113,6 +131,8 @@ pub struct Timeouts {
     pub body_idle_ms: u64,
     /// For the whole body.
     pub body_total_ms: u64,
+    /// For a client that takes nothing of an answer.
+    pub response_idle_ms: u64,
     /// For requests under way when the service is told to stop.
     pub shutdown_ms: u64,
 }
@@ -123,6 +143,7 @@ impl Default for Config {
             listen: SocketAddr::from(([127, 0, 0, 1], 8080)),
             data: PathBuf::from("data"),
             insecure_lan: false,
+            hosts: Vec::new(),
             log: Log::default(),
             limits: Limits::default(),
             scan: ScanLimits::default(),
@@ -147,10 +168,13 @@ impl Default for Limits {
             url_bytes_max: 4 << 10,
             header_bytes_max: 16 << 10,
             connections_max: 512,
-            listeners_max: 100,
+            connections_reserved: 128,
+            peer_share_percent: 50,
+            bytes_per_s_min: 1024,
+            listeners_max: 200,
             measurements_running_max: 2,
             queue_max: 16,
-            uploads_max: 64,
+            uploads_max: 128,
             pictures_running_max: 1,
             pictures_queue_max: 64,
             threads: 0,
@@ -160,7 +184,13 @@ impl Default for Limits {
 
 impl Default for Timeouts {
     fn default() -> Self {
-        Self { header_ms: 10_000, body_idle_ms: 10_000, body_total_ms: 120_000, shutdown_ms: 9_000 }
+        Self {
+            header_ms: 10_000,
+            body_idle_ms: 10_000,
+            body_total_ms: 120_000,
+            response_idle_ms: 10_000,
+            shutdown_ms: 9_000,
+        }
     }
 }
 
@@ -255,7 +285,7 @@ impl Config {
     }
 
     /// Every number of the configuration with its least and greatest value.
-    fn ranges(&self) -> [(&'static str, u64, u64, u64); 25] {
+    fn ranges(&self) -> [(&'static str, u64, u64, u64); 29] {
         let (limits, scan, timeouts) = (&self.limits, &self.scan, &self.timeouts);
         let wide = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
         let hour = 3_600_000;
@@ -265,6 +295,9 @@ impl Config {
             ("limits.url_bytes_max", limits.url_bytes_max, 256, 64_000),
             ("limits.header_bytes_max", limits.header_bytes_max, 1 << 10, 256 << 10),
             ("limits.connections_max", limits.connections_max, 1, 100_000),
+            ("limits.connections_reserved", limits.connections_reserved, 1, 1024),
+            ("limits.peer_share_percent", limits.peer_share_percent, 1, 100),
+            ("limits.bytes_per_s_min", limits.bytes_per_s_min, 0, 1 << 30),
             ("limits.listeners_max", limits.listeners_max, 1, 100_000),
             ("scan.points_max", wide(scan.points_max), 6, 1 << 32),
             ("scan.profiles_max", wide(scan.profiles_max), 2, 10_000_000),
@@ -284,6 +317,7 @@ impl Config {
             ("timeouts.header_ms", timeouts.header_ms, 10, hour),
             ("timeouts.body_idle_ms", timeouts.body_idle_ms, 10, hour),
             ("timeouts.body_total_ms", timeouts.body_total_ms, 10, 24 * hour),
+            ("timeouts.response_idle_ms", timeouts.response_idle_ms, 10, hour),
             ("timeouts.shutdown_ms", timeouts.shutdown_ms, 1, hour),
         ]
     }
@@ -306,6 +340,23 @@ mod tests {
             ["limits", "scan", "timeouts"].iter().map(|s| table[*s].as_table().expect("section").len()).sum();
         // The one that is no integer is checked by itself.
         assert_eq!(numbers, Config::default().ranges().len() + 1);
+    }
+
+    #[test]
+    fn localhost_is_an_address_to_listen_on_and_other_names_are_not_looked_up() {
+        let listen = |text: &str| {
+            Layers::default()
+                .key("--listen", "listen", text)
+                .and_then(Layers::build)
+                .map(|config| config.listen.to_string())
+        };
+        assert_eq!(listen("localhost:8080").ok().as_deref(), Some("127.0.0.1:8080"));
+        assert_eq!(listen("LOCALHOST:0").ok().as_deref(), Some("127.0.0.1:0"));
+        assert_eq!(listen("[::1]:8080").ok().as_deref(), Some("[::1]:8080"));
+        for wrong in ["localhost", "localhost:", "localhost:99999", "line3.example:8080", ":8080"] {
+            let error = listen(wrong).expect_err(wrong).to_string();
+            assert!(error.contains("localhost:8080") && error.contains(wrong), "{error}");
+        }
     }
 
     #[test]

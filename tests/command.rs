@@ -116,7 +116,41 @@ fn a_reader_that_goes_away_ends_the_command_quietly() {
     let mut child = coaxis(&["openapi"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("runs");
     drop(child.stdout.take());
     let output = child.wait_with_output().expect("ends");
-    assert_eq!((output.status.code(), output.stderr.as_slice()), (Some(1), &b""[..]));
+    assert_eq!((output.status.code(), output.stderr.as_slice()), (Some(0), &b""[..]));
+}
+
+/// The commands that the help of a command lists.
+fn commands_of(path: &[&str]) -> Vec<String> {
+    let help = output(&[&["help"], path].concat());
+    assert!(help.status.success(), "{path:?}: {}", String::from_utf8_lossy(&help.stderr));
+    let help = String::from_utf8(help.stdout).expect("text");
+    let lines = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
+    lines.filter_map(|line| line.strip_prefix("  ")?.split_whitespace().next().map(str::to_owned)).collect()
+}
+
+#[test]
+fn every_command_that_the_help_names_is_there_with_help_and_a_manual_page() {
+    let commands = commands_of(&[]);
+    assert!(commands.len() > 10 && commands.contains(&"completions".to_owned()), "{commands:?}");
+    for command in commands.iter().map(String::as_str).filter(|command| *command != "help") {
+        for nested in commands_of(&[command]).iter().map(String::as_str).filter(|nested| *nested != "help") {
+            assert!(output(&[command, nested, "--help"]).status.success(), "{command} {nested}");
+            let page = output(&["man", command, nested]);
+            let title = format!(".TH coaxis-{command}-{nested} 1");
+            assert!(String::from_utf8_lossy(&page.stdout).contains(&title), "{title}");
+        }
+        assert!(output(&["man", command]).status.success(), "{command}");
+    }
+    assert!(complaint(&["man", "fly"]).contains("coaxis has no command fly"));
+}
+
+#[test]
+fn every_shell_gets_completions_that_know_the_commands() {
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let script = output(&["completions", shell]);
+        let text = String::from_utf8(script.stdout).expect("text");
+        assert!(script.status.success() && text.contains("simulate") && text.contains("nominal-radius-mm"), "{shell}");
+    }
 }
 
 #[test]

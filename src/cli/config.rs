@@ -1,9 +1,8 @@
 //! `coaxis config`: what the service would run with; and how every command finds its configuration.
 
-use super::{Outcome, print};
+use super::{Outcome, print_text};
 use crate::config::{Config, ConfigError, Layers};
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// Print the configuration that a service started so would have, as TOML
 #[derive(Debug, clap::Args)]
@@ -41,12 +40,10 @@ pub(super) struct Sources {
 pub(super) fn run(arguments: &Arguments) -> Outcome {
     if let Some(file) = &arguments.check {
         Layers::default().file(file)?.build()?;
-        print(&format!("{} can be used\n", file.display()))?;
-        return Ok(ExitCode::SUCCESS);
+        return print_text(&format!("{} can be used\n", file.display()));
     }
     let config = if arguments.default { Config::default() } else { arguments.sources.config()? };
-    print(&toml::to_string(&config)?)?;
-    Ok(ExitCode::SUCCESS)
+    print_text(&toml::to_string(&config)?)
 }
 
 impl Sources {
@@ -57,11 +54,16 @@ impl Sources {
 
     /// The configuration that results, checked.
     pub(super) fn config(&self) -> Result<Config, ConfigError> {
+        Ok(self.config_and_ignored()?.0)
+    }
+
+    /// The same, and the environment variables that look like settings and name none.
+    pub(super) fn config_and_ignored(&self) -> Result<(Config, Vec<String>), ConfigError> {
         let mut layers = Layers::default();
         if let Some(file) = &self.config {
             layers = layers.file(file)?;
         }
-        layers = layers.environment(std::env::vars())?;
+        layers = layers.environment(std::env::vars_os())?;
         let flags = [("--listen", "listen", &self.listen), ("--data", "data", &self.data)];
         for (flag, key, value) in flags {
             if let Some(value) = value {
@@ -74,7 +76,8 @@ impl Sources {
         for (key, value) in &self.set {
             layers = layers.key("--set", key, value)?;
         }
-        layers.build()
+        let ignored = layers.ignored().to_vec();
+        Ok((layers.build()?, ignored))
     }
 }
 

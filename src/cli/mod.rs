@@ -2,12 +2,14 @@
 
 mod bar;
 mod client;
+mod completions;
 mod config;
 mod demo;
 mod demo_cell;
 mod devices;
 mod health;
 mod log;
+mod man;
 mod measure;
 mod openapi;
 mod propose;
@@ -27,7 +29,7 @@ use std::process::ExitCode;
 
 /// Measures the pose of the axis of a cylindrical part from laser profile scans.
 #[derive(Debug, Parser)]
-#[command(name = "coaxis", version, disable_help_subcommand = true)]
+#[command(name = "coaxis", version)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,
@@ -46,6 +48,8 @@ enum Command {
     Health(health::Arguments),
     #[command(subcommand)]
     Devices(devices::Subject),
+    Completions(completions::Arguments),
+    Man(man::Arguments),
 }
 
 /// Anything but fine (0) and refused (2).
@@ -74,6 +78,8 @@ pub fn run() -> ExitCode {
         Command::Config(arguments) => config::run(&arguments),
         Command::Health(arguments) => health::run(&arguments),
         Command::Devices(subject) => devices::run(&subject),
+        Command::Completions(arguments) => completions::run(&arguments),
+        Command::Man(arguments) => man::run(&arguments),
     };
     outcome.unwrap_or_else(|error| {
         // Who closed the pipe knows why the output ends; nobody else is there to be told.
@@ -122,6 +128,17 @@ fn print(text: &str) -> Result<(), Box<dyn Error>> {
         ErrorKind::BrokenPipe => OutputClosed.into(),
         _ => format!("the output cannot be written: {error}").into(),
     })
+}
+
+/// Writes a text that says nothing by its exit code: a reader that has seen enough, as `head` has, is no failure.
+///
+/// # Errors
+/// What the operating system says.
+fn print_text(text: &str) -> Outcome {
+    match print(text) {
+        Err(error) if !error.is::<OutputClosed>() => Err(error),
+        _ => Ok(ExitCode::SUCCESS),
+    }
 }
 
 #[cfg(test)]

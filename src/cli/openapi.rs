@@ -1,8 +1,7 @@
 //! `coaxis openapi`: the document of the API, or the table of its problem codes.
 
-use super::{Outcome, print};
+use super::{Outcome, print_text};
 use crate::http::{Code, openapi_json};
-use std::process::ExitCode;
 
 /// Print the OpenAPI document
 #[derive(Debug, clap::Args)]
@@ -13,6 +12,5 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Outcome {
-    print(&if arguments.problems { Code::table() } else { openapi_json()? })?;
-    Ok(ExitCode::SUCCESS)
+    print_text(&if arguments.problems { Code::table() } else { openapi_json()? })
 }

@@ -26,8 +26,12 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Outcome {
-    let config = arguments.sources.config()?;
+    let (config, ignored) = arguments.sources.config_and_ignored()?;
     let _last_lines = log::start(&config.log)?;
+    if !ignored.is_empty() {
+        let variables = ignored.join(", ");
+        tracing::warn!(variables, "environment variables that name no setting are left out: {variables}");
+    }
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let outcome = runtime.block_on(serve(&config));
     // A thread that waits for a client must not keep the process from ending.

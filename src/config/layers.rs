@@ -3,6 +3,7 @@
 
 use super::{Config, ConfigError};
 use serde::Deserialize;
+use std::ffi::OsString;
 use std::path::Path;
 use toml::{Table, Value};
 
@@ -16,6 +17,7 @@ const FILE_VARIABLE: &str = "COAXIS_CONFIG";
 #[derive(Debug, Default)]
 pub struct Layers {
     table: Table,
+    ignored: Vec<String>,
 }
 
 impl Layers {
@@ -41,18 +43,40 @@ impl Layers {
         Ok(self)
     }
 
-    /// The variables that start with [`ENVIRONMENT_PREFIX`]; two underscores go down a level.
+    /// The variables that start with [`ENVIRONMENT_PREFIX`] and go on with a key or a section of ours; two underscores go down
+    /// a level. Any other is somebody else's: Kubernetes sets `COAXIS_PORT=tcp://…` beside a service of the name coaxis. Those
+    /// that are left out are named by [`Layers::ignored`].
     ///
     /// # Errors
-    /// [`ConfigError`] for a variable that names no key, or whose value the key cannot take.
-    pub fn environment(mut self, variables: impl IntoIterator<Item = (String, String)>) -> Result<Self, ConfigError> {
+    /// [`ConfigError`] for a variable that names a section of ours and no key in it, or whose value the key cannot take.
+    pub fn environment(
+        mut self,
+        variables: impl IntoIterator<Item = (OsString, OsString)>,
+    ) -> Result<Self, ConfigError> {
+        let known = Table::try_from(Config::default()).unwrap_or_default();
         for (name, value) in variables {
-            if let Some(rest) = name.strip_prefix(ENVIRONMENT_PREFIX).filter(|_| name != FILE_VARIABLE) {
-                let key = rest.to_ascii_lowercase().replace("__", ".");
-                self = self.key(&format!("environment variable {name}"), &key, &value)?;
+            // A name that is not UTF-8 is no key.
+            let Some(name) = name.to_str() else { continue };
+            let Some(rest) = name.strip_prefix(ENVIRONMENT_PREFIX).filter(|_| name != FILE_VARIABLE) else { continue };
+            let key = rest.to_ascii_lowercase().replace("__", ".");
+            if !key.split('.').next().is_some_and(|first| known.contains_key(first)) {
+                self.ignored.push(name.to_owned());
+                continue;
             }
+            let origin = format!("environment variable {name}");
+            let Some(value) = value.to_str() else {
+                let reason = format!("the value of {key} is not UTF-8");
+                return Err(ConfigError::Invalid { origin, reason });
+            };
+            self = self.key(&origin, &key, value)?;
         }
         Ok(self)
+    }
+
+    /// Variables that start with [`ENVIRONMENT_PREFIX`] and name nothing of ours.
+    #[must_use]
+    pub fn ignored(&self) -> &[String] {
+        &self.ignored
     }
 
     /// One value under its dotted key.
@@ -123,9 +147,42 @@ fn merge(under: &mut Table, over: Table) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::Limits;
+    use std::os::unix::ffi::OsStringExt;
 
-    fn variables(pairs: &[(&str, &str)]) -> Vec<(String, String)> {
-        pairs.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect()
+    fn variables(pairs: &[(&str, &str)]) -> Vec<(OsString, OsString)> {
+        pairs.iter().map(|(name, value)| (OsString::from(name), OsString::from(value))).collect()
+    }
+
+    #[test]
+    fn variables_that_kubernetes_sets_beside_a_service_of_the_name_coaxis_are_left_out() {
+        let set = variables(&[
+            ("COAXIS_PORT", "tcp://10.0.0.1:8080"),
+            ("COAXIS_SERVICE_HOST", "10.0.0.1"),
+            ("COAXIS_SERVICE_PORT_HTTP", "8080"),
+            ("COAXIS_PORT_8080_TCP", "tcp://10.0.0.1:8080"),
+            ("COAXIS_CELL_PORT", "tcp://10.0.0.1:8080"),
+            ("COAXIS_DATA_SERVICE_HOST", "10.0.0.2"),
+            ("COAXIS_LIMITS__QUEUE_MAX", "4"),
+        ]);
+        let layers = Layers::default().environment(set).expect("they stop nothing");
+        assert_eq!(layers.ignored().len(), 6);
+        let config = layers.build().expect("valid");
+        let default = Layers::default().build().expect("valid");
+        assert!(config == Config { limits: Limits { queue_max: 4, ..Limits::default() }, ..default });
+    }
+
+    #[test]
+    fn variables_that_are_not_utf_8_stop_nothing_unless_they_are_ours() {
+        let broken = OsString::from_vec(vec![0xff, 0xfe]);
+        let name = OsString::from_vec(b"COAXIS_\xff".to_vec());
+        let others =
+            vec![("LS_COLORS".into(), broken.clone()), (name, "1".into()), ("COAXIS_PORT".into(), broken.clone())];
+        let config = Layers::default().environment(others).and_then(Layers::build).expect("valid");
+        assert!(config == Layers::default().build().expect("valid"));
+        let ours =
+            Layers::default().environment([("COAXIS_DATA".into(), broken)]).expect_err("not a value").to_string();
+        assert!(ours.contains("COAXIS_DATA") && ours.contains("UTF-8"), "{ours}");
     }
 
     #[test]

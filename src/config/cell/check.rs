@@ -148,8 +148,8 @@ mod tests {
         assert_eq!((m2.limits.z.upper_mm, m2.limits.z.lower_mm, m1.limits.z.upper_mm), (7.5, -25.0, 25.0));
         assert!(m2.mount_mm[0] > m1.mount_mm[0]);
         let variables = [
-            ("COAXIS_CELL__MANIPULATORS__M1__ADAPTOR".to_owned(), "modbus".to_owned()),
-            ("COAXIS_CELL__SIMULATED_BESIDE_REAL".to_owned(), "true".to_owned()),
+            ("COAXIS_CELL__MANIPULATORS__M1__ADAPTOR".into(), "modbus".into()),
+            ("COAXIS_CELL__SIMULATED_BESIDE_REAL".into(), "true".into()),
         ];
         let config = Layers::default().environment(variables).and_then(Layers::build).expect("valid");
         assert_eq!(config.cell.manipulators.m1.adaptor, ManipulatorAdaptor::Modbus);
