@@ -1,4 +1,5 @@
-# The service in a container without shell, libraries or package manager: one static binary, one data volume.
+# The service in a container without shell, libraries or package manager: one static binary, one data volume, and the licence
+# texts of what the binary contains in /licences.
 #   docker build -t coaxis .
 #   docker run --rm --read-only -p 127.0.0.1:8080:8080 -v coaxis-data:/data coaxis
 
@@ -9,6 +10,7 @@ COPY Cargo.toml Cargo.lock ./
 COPY openapi openapi
 COPY benches benches
 COPY src src
+COPY LICENSE docker/licences.sh docker/
 # Static against glibc: nothing is looked up at run time, and its allocator is the faster one. A target must be named,
 # or the flag would reach the build scripts too.
 RUN --mount=type=cache,target=/usr/local/cargo/registry \
@@ -16,6 +18,8 @@ RUN --mount=type=cache,target=/usr/local/cargo/registry \
     target="$(rustc -vV | sed -n 's/^host: //p')" && \
     RUSTFLAGS="-C target-feature=+crt-static" cargo build --release --locked --bin coaxis --target "$target" && \
     install -D --mode=0755 "target/$target/release/coaxis" /image/coaxis && \
+    install -D --mode=0644 docker/LICENSE /image/licences/coaxis.txt && \
+    sh docker/licences.sh "$target" > /image/licences/third-party.txt && \
     install --directory --owner=65532 --group=65532 --mode=0750 /image/data
 
 FROM scratch
@@ -24,6 +28,7 @@ LABEL org.opencontainers.image.title="coaxis" \
       org.opencontainers.image.licenses="MIT OR Apache-2.0"
 COPY --from=build --chown=65532:65532 /image/data /data
 COPY --from=build /image/coaxis /coaxis
+COPY --from=build /image/licences /licences
 USER 65532:65532
 VOLUME ["/data"]
 EXPOSE 8080
