@@ -70,7 +70,7 @@ fn stop(address: &str) -> Outcome<Stop> {
     let start = Instant::now();
     let answer = exchange(
         address,
-        b"POST /v1/cell/stop HTTP/1.1\r\nHost: a\r\nContent-Length: 0\r\nConnection: close\r\n\r\n",
+        b"POST /v1/cell/stop HTTP/1.1\r\nHost: localhost\r\nContent-Length: 0\r\nConnection: close\r\n\r\n",
         &[],
     )?;
     let answered = start.elapsed().as_secs_f64() * 1e3;
@@ -84,7 +84,7 @@ fn stop(address: &str) -> Outcome<Stop> {
 
 fn measure_until(ended: &AtomicBool, address: &str, scan: &[u8], measured_count: &AtomicU64) {
     let head = format!(
-        "POST /v1/measurements HTTP/1.1\r\nHost: a\r\nContent-Type: application/x-ply\r\nContent-Length: {}\r\n\
+        "POST /v1/measurements HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/x-ply\r\nContent-Length: {}\r\n\
          Connection: close\r\n\r\n",
         scan.len()
     );

@@ -167,7 +167,7 @@ fn upload(service: &Serving, bytes: &[u8]) -> Outcome<Upload> {
     let mut stream = TcpStream::connect(&service.address)?;
     stream.set_nodelay(true)?;
     let head = format!(
-        "POST /v1/measurements?method=cylinder HTTP/1.1\r\nHost: a\r\nContent-Type: application/x-ply\r\n\
+        "POST /v1/measurements?method=cylinder HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/x-ply\r\n\
          Content-Length: {}\r\nConnection: close\r\n\r\n",
         bytes.len()
     );

@@ -1,10 +1,13 @@
-//! What every handler may use. Must not hold anything of a single request.
+//! What every handler may use. Nothing here belongs to a single request.
 
+use super::connections::Connections;
 use super::listeners::Listeners;
 use super::metrics::Metrics;
-use crate::config::{Limits, Timeouts};
+use super::shares::Shares;
+use crate::config::{Config, Limits, Timeouts};
 use crate::service::Service;
 use std::sync::Arc;
+use tokio::sync::Semaphore;
 
 /// Shared by all requests; cheap to clone.
 #[derive(Debug, Clone)]
@@ -15,8 +18,35 @@ pub(super) struct App {
     pub(super) limits: Arc<Limits>,
     /// What is too slow.
     pub(super) timeouts: Arc<Timeouts>,
-    /// Places for those that wait for something.
+    /// Names under which the service is reached, besides its addresses and localhost.
+    pub(super) hosts: Arc<[String]>,
+    /// Places for connections.
+    pub(super) connections: Connections,
+    /// Health checks on reserved connections.
+    pub(super) health_places: Arc<Semaphore>,
+    /// Places for clients that wait for something.
     pub(super) listeners: Listeners,
+    /// Places for bodies of scans that are coming in.
+    pub(super) uploads: Shares,
     /// What is counted.
     pub(super) metrics: Arc<Metrics>,
+}
+
+impl App {
+    pub(super) fn new(config: &Config, service: Arc<Service>) -> Self {
+        let limits = &config.limits;
+        // Half of the reserved places, so that health checks leave the other half to stops.
+        let health_places = usize::try_from(limits.connections_reserved.div_ceil(2)).unwrap_or(Semaphore::MAX_PERMITS);
+        Self {
+            service,
+            limits: Arc::new(limits.clone()),
+            timeouts: Arc::new(config.timeouts.clone()),
+            hosts: config.hosts.clone().into(),
+            connections: Connections::new(limits, &config.timeouts),
+            health_places: Arc::new(Semaphore::new(health_places.min(Semaphore::MAX_PERMITS))),
+            listeners: Listeners::new(limits),
+            uploads: Shares::new(limits.uploads_max, limits.peer_share_percent),
+            metrics: Arc::new(Metrics::new()),
+        }
+    }
 }

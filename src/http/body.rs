@@ -1,6 +1,8 @@
-//! Bodies piece by piece, within limits of size and time. Must not know what they hold.
+//! Bodies piece by piece, within limits of size, time and speed.
 
 use super::app::App;
+use super::pace::Pace;
+use super::peer::{ConnectionInfo, Peer};
 use super::problem::{Code, Problem};
 use crate::service::Stopwatch;
 use axum::body::{Body, Bytes};
@@ -19,6 +21,7 @@ const DRAIN_TIME_MAX: Duration = Duration::from_secs(2);
 /// A body that is being read.
 #[derive(Debug)]
 pub(super) struct Pieces {
+    peer: Peer,
     body: Option<Body>,
     /// Pieces looked at before, to be handed out first.
     ahead: VecDeque<Bytes>,
@@ -26,6 +29,9 @@ pub(super) struct Pieces {
     bytes_max: u64,
     idle: Duration,
     total: Duration,
+    /// How fast it comes.
+    pace: Pace,
+    bytes_per_s_min: u64,
     /// Runs since the body began.
     watch: Stopwatch,
     /// Nothing is to be thrown away: the client waits for a go-ahead, which reading on would give, or sends nothing.
@@ -39,11 +45,14 @@ impl Pieces {
     /// [`Code::BodyTooLarge`] where the announced length is beyond; nothing is read then.
     pub(super) fn new(parts: &Parts, body: Body, app: &App, bytes_max: u64) -> Result<Self, Problem> {
         let pieces = Self {
+            peer: ConnectionInfo::of(&parts.extensions).peer,
             body: Some(body),
             ahead: VecDeque::new(),
             bytes_count: 0,
             bytes_max,
             idle: Duration::from_millis(app.timeouts.body_idle_ms),
+            pace: Pace::new(Duration::from_millis(app.timeouts.body_idle_ms), app.limits.bytes_per_s_min),
+            bytes_per_s_min: app.limits.bytes_per_s_min,
             total: Duration::from_millis(app.timeouts.body_total_ms),
             watch: app.service.start_stopwatch(),
             silent: parts.headers.contains_key(header::EXPECT),
@@ -92,20 +101,35 @@ impl Pieces {
         Ok(whole)
     }
 
+    /// Who sends it.
+    pub(super) const fn peer(&self) -> Peer {
+        self.peer
+    }
+
     /// Bytes received so far.
     pub(super) const fn bytes_count(&self) -> u64 {
         self.bytes_count
     }
 
     async fn receive(&mut self) -> Result<Option<Bytes>, Problem> {
+        let mut idle = self.idle;
         while let Some(body) = &mut self.body {
             self.silent = false;
-            let left = self.total.saturating_sub(self.watch.elapsed());
-            let Ok(frame) = timeout(self.idle.min(left), body.frame()).await else {
-                return Err(match self.idle < left {
-                    true => self.too_slow("nothing came for", "idle_ms", self.idle),
-                    false => self.too_slow("it was not whole after", "total_ms", self.total),
-                });
+            let begun = self.watch.elapsed();
+            let left = self.total.saturating_sub(begun);
+            let patience = idle.min(left).min(self.pace.remaining());
+            let frame = timeout(patience, body.frame()).await;
+            self.pace.note(0, self.watch.elapsed().saturating_sub(begun).min(patience));
+            let Ok(frame) = frame else {
+                if left <= patience {
+                    return Err(self.too_slow("it was not whole after", "total_ms", self.total));
+                }
+                if idle <= patience {
+                    return Err(self.too_slow("nothing came for", "idle_ms", self.idle));
+                }
+                self.check_pace()?;
+                idle = idle.saturating_sub(patience);
+                continue;
             };
             match frame.transpose().map_err(|_| self.interrupted())?.map(|frame| frame.into_data()) {
                 Some(Ok(data)) if data.is_empty() => {}
@@ -118,8 +142,25 @@ impl Pieces {
         Ok(None)
     }
 
+    /// Refuses a body that comes in such small pieces that it would hold its place for long.
+    fn check_pace(&mut self) -> Result<(), Problem> {
+        if !self.pace.is_too_slow() {
+            return Ok(());
+        }
+        self.silent = true;
+        let bytes_per_s_min = self.bytes_per_s_min;
+        let detail = format!(
+            "the body came too slowly: less than {bytes_per_s_min} bytes a second (limits.bytes_per_s_min); send it again"
+        );
+        Err(Problem::new(Code::BodyTimeout, detail)
+            .with("bytes_per_s_min", bytes_per_s_min)
+            .with("received_bytes", self.bytes_count))
+    }
+
     fn count(&mut self, data: Bytes) -> Result<Bytes, Problem> {
-        self.bytes_count += u64::try_from(data.len()).unwrap_or(u64::MAX);
+        let bytes_count = u64::try_from(data.len()).unwrap_or(u64::MAX);
+        self.bytes_count += bytes_count;
+        self.pace.note(bytes_count, Duration::ZERO);
         if self.bytes_count > self.bytes_max { Err(too_large(self.bytes_max)) } else { Ok(data) }
     }
 

@@ -1,13 +1,17 @@
-//! What happens to every request and answer alike: an id, limits on address and headers, a line in the log, counters,
-//! problems rendered with the id, headers that keep browsers from guessing. Must not know any resource.
+//! What happens to every request and answer alike: an id, limits on address and headers, where it may come from, whether
+//! there is a place for it, a line in the log, counters, problems rendered with the id, headers that keep browsers from
+//! guessing.
 
 use super::app::App;
+use super::peer::ConnectionInfo;
 use super::problem::{Code, Problem};
+use super::{admission, same_origin};
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use std::any::Any;
+use tokio::sync::OwnedSemaphorePermit;
 
 /// Names a request in answers and in the log.
 pub(super) const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
@@ -23,12 +27,16 @@ pub(super) async fn edge(State(app): State<App>, request: Request, next: Next) -
     let watch = app.service.start_stopwatch();
     let request_id = sane_id(request.headers()).unwrap_or_else(|| app.service.new_request_id());
     let asked = Asked::of(&request);
-    let response = match refuse_size(&app, &request) {
+    let response = match check(&app, &request) {
         Err(problem) => problem.into_response(),
-        Ok(()) => next.run(request).await,
+        Ok(_permit) => next.run(request).await,
     };
     let problem = problem_of(&response);
-    let response = finish(response, problem.clone(), &request_id);
+    let mut response = finish(response, problem.clone(), &request_id);
+    if asked.is_reserved {
+        // The next urgent request needs the place.
+        response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
+    }
     let seconds = watch.elapsed().as_secs_f64();
     app.metrics.answered(&asked.method, &asked.route, response.status(), seconds);
     asked.log(response.status(), seconds * 1e3, &request_id, problem.as_ref());
@@ -54,6 +62,27 @@ pub(super) async fn route_unknown(uri: Uri) -> Problem {
 pub(super) async fn method_not_allowed(method: Method, uri: Uri) -> Problem {
     let detail = format!("{} does not take {method}; the header Allow says what it takes", uri.path());
     Problem::new(Code::MethodNotAllowed, detail)
+}
+
+/// Everything that is checked before the address is looked up. The permit is held until the answer is there.
+fn check(app: &App, request: &Request) -> Result<Option<OwnedSemaphorePermit>, Problem> {
+    refuse_size(app, request)?;
+    refuse_transfer_coding(request.headers())?;
+    same_origin::check(&app.hosts, request)?;
+    admission::admit(app, request)
+}
+
+/// Only chunks are decoded; a body that is also packed would be stored as if it were not.
+fn refuse_transfer_coding(headers: &HeaderMap) -> Result<(), Problem> {
+    let chunked = |value: &HeaderValue| value.as_bytes().trim_ascii().eq_ignore_ascii_case(b"chunked");
+    let mut codings = headers.get_all(header::TRANSFER_ENCODING).iter();
+    let Some(other) = codings.find(|value| !chunked(value)) else { return Ok(()) };
+    let coding = String::from_utf8_lossy(other.as_bytes()).into_owned();
+    let detail = format!(
+        "the header Transfer-Encoding: {coding} names a coding that is not decoded; send the body as it is or in chunks, and \
+         name what it is packed with in Content-Encoding: gzip or zstd"
+    );
+    Err(Problem::new(Code::TransferCodingUnsupported, detail).with("transfer_encoding", coding))
 }
 
 fn sane_id(headers: &HeaderMap) -> Option<String> {
@@ -117,6 +146,7 @@ struct Asked {
     path: String,
     /// The pattern, not the address: one series of numbers a route.
     route: String,
+    is_reserved: bool,
 }
 
 /// What machines ask all day; the log need not tell when it went well.
@@ -125,17 +155,22 @@ const POLLED: [&str; 4] = ["/v1/status", "/health/live", "/health/ready", "/metr
 impl Asked {
     fn of(request: &Request) -> Self {
         let route = request.extensions().get::<MatchedPath>().map_or("none", |path| path.as_str()).to_owned();
-        Self { method: request.method().clone(), path: request.uri().path().to_owned(), route }
+        let is_reserved = ConnectionInfo::of(request.extensions()).reserved;
+        Self { method: request.method().clone(), path: request.uri().path().to_owned(), route, is_reserved }
     }
 
     /// One line a request: what was asked, what was answered, how long it took.
     fn log(&self, status: StatusCode, duration_ms: f64, request_id: &str, problem: Option<&Problem>) {
-        let Self { method, path, route } = self;
+        let Self { method, path, route, .. } = self;
         let status = status.as_u16();
         match problem.map(|problem| (problem.code().name(), problem.log())) {
             Some((code, Some(cause))) => tracing::error!(
                 %method, path, status, duration_ms, request_id, code, cause, "{method} {path} {status}: {cause}"
             ),
+            // A crowd that finds no place must not fill the log as well.
+            Some((code, None)) if self.is_reserved && code == Code::Busy.name() => {
+                tracing::debug!(%method, path, status, duration_ms, request_id, code, "{method} {path} {status} {code}");
+            }
             Some((code, None)) => {
                 tracing::info!(%method, path, status, duration_ms, request_id, code, "{method} {path} {status} {code}");
             }

@@ -6,7 +6,9 @@ use super::app::App;
 use super::command::{WaitSeconds, wait};
 use super::extract::{Query, header_text};
 use super::numbers::rounded;
+use super::peer::Peer;
 use super::problem::{Code, Problem};
+use super::shares::Place;
 use crate::cell::{EventKind, Failure, JobEnd, StopCause};
 use crate::service::{After, Event, Events, Happening, Service, stop_code};
 use axum::Json;
@@ -20,7 +22,6 @@ use serde::{Deserialize, Serialize};
 use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::OwnedSemaphorePermit;
 use utoipa::{IntoParams, ToSchema};
 
 const LAST_EVENT_ID: HeaderName = HeaderName::from_static("last-event-id");
@@ -68,6 +69,7 @@ pub(super) struct EventDocument {
     number: u64,
     /// When, UTC.
     #[schema(value_type = String, format = DateTime)]
+    #[serde(serialize_with = "crate::http::times::time")]
     at: Timestamp,
     /// `state_changed`, `link_up`, `link_lost`, `lease_taken`, `lease_ended`, `job_started`, `job_progress`, `job_ended`,
     /// `measured`, `not_measured`, `stopping`, `faulted`, `resolved`, `manual_done`, `manual_refused`, `reset`, `closed`.
@@ -118,6 +120,7 @@ pub(super) struct EventDocument {
 )]
 pub(super) async fn list_events(
     State(app): State<App>,
+    peer: Peer,
     Query(query): Query<EventsQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
@@ -125,9 +128,9 @@ pub(super) async fn list_events(
     let after = query.after(&headers, app.service.instance_id())?;
     let streams = choose(&headers, &[("application/json", false), ("text/event-stream", true)])?;
     if streams {
-        return Ok(stream(Arc::clone(&app.service), after, app.listeners.place()?));
+        return Ok(stream(Arc::clone(&app.service), after, app.listeners.place(peer)?));
     }
-    let _place = app.listeners.place_for(wait)?;
+    let _place = app.listeners.place_for(peer, wait)?;
     let events = app.service.events(after, LIMIT, wait).await;
     Ok(Json(EventList::of(events, &app.service)).into_response())
 }
@@ -161,7 +164,7 @@ fn last_event(id: &str, instance_id: &str) -> Result<After, Problem> {
 }
 
 /// A body that tells events as they come, until the client hangs up or the service ends.
-fn stream(service: Arc<Service>, after: After, place: OwnedSemaphorePermit) -> Response {
+fn stream(service: Arc<Service>, after: After, place: Place) -> Response {
     let (sender, body) = Channel::<Bytes, Infallible>::new(PIECES_WAITING);
     tokio::spawn(async move {
         tell(service, after, sender).await;

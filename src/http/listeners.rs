@@ -1,20 +1,20 @@
 //! Lets only so many clients wait for something to happen at a time, by a stream of events or by a long poll, so that they
-//! cannot fill all connections and a stop finds one. Must not know what is waited for.
+//! cannot fill all connections.
 
+use super::peer::Peer;
 use super::problem::{Code, Problem};
+use super::shares::{Full, Place, Shares};
 use crate::config::Limits;
 use axum::http::{HeaderValue, header};
-use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-/// Whoever finds no place may ask again after this, seconds.
+/// A client that finds no place may ask again after this, seconds.
 const RETRY_AFTER_S: HeaderValue = HeaderValue::from_static("1");
 
-/// Places for those that wait.
+/// Places for clients that wait.
 #[derive(Debug, Clone)]
 pub(super) struct Listeners {
-    places: Arc<Semaphore>,
+    places: Shares,
     most: u64,
 }
 
@@ -22,18 +22,24 @@ impl Listeners {
     /// As many as is configured, but never more than half of the connections.
     pub(super) fn new(limits: &Limits) -> Self {
         let most = limits.listeners_max.min(limits.connections_max / 2).max(1);
-        let places = usize::try_from(most).unwrap_or(usize::MAX).min(Semaphore::MAX_PERMITS);
-        Self { places: Arc::new(Semaphore::new(places)), most }
+        Self { places: Shares::new(most, limits.peer_share_percent), most }
     }
 
     /// A place, held until it is dropped.
     ///
     /// # Errors
-    /// [`Code::Busy`] where all are taken.
-    pub(super) fn place(&self) -> Result<OwnedSemaphorePermit, Problem> {
-        Arc::clone(&self.places).try_acquire_owned().map_err(|_| {
-            let most = self.most;
-            let detail = format!("{most} clients wait for events or ends, as many as may (limits.listeners_max); ask again later, or without wait_s");
+    /// [`Code::Busy`] where all are taken, or the peer's share is.
+    pub(super) fn place(&self, peer: Peer) -> Result<Place, Problem> {
+        self.places.take(peer).map_err(|full| {
+            let (most, whose, keys) = match full {
+                Full::All { places_max } => (places_max, "", "limits.listeners_max"),
+                Full::Peer { peer_max } => {
+                    (peer_max, " of this address", "limits.listeners_max, limits.peer_share_percent")
+                }
+            };
+            let detail = format!(
+                "{most} clients{whose} wait for events or ends, and no more may ({keys}); ask again later, or without wait_s"
+            );
             Problem::new(Code::Busy, detail)
                 .with("listeners_max_count", most)
                 .with_header(header::RETRY_AFTER, RETRY_AFTER_S)
@@ -44,7 +50,17 @@ impl Listeners {
     ///
     /// # Errors
     /// As [`Listeners::place`].
-    pub(super) fn place_for(&self, wait: Duration) -> Result<Option<OwnedSemaphorePermit>, Problem> {
-        if wait.is_zero() { Ok(None) } else { self.place().map(Some) }
+    pub(super) fn place_for(&self, peer: Peer, wait: Duration) -> Result<Option<Place>, Problem> {
+        if wait.is_zero() { Ok(None) } else { self.place(peer).map(Some) }
+    }
+
+    /// How many may wait.
+    pub(super) const fn most(&self) -> u64 {
+        self.most
+    }
+
+    /// How many wait at this moment.
+    pub(super) fn count(&self) -> u64 {
+        self.places.taken_count()
     }
 }

@@ -9,6 +9,7 @@
 //! Must not calculate, nor know how anything is stored.
 
 mod accept;
+mod admission;
 mod app;
 mod axes;
 mod body;
@@ -19,6 +20,7 @@ mod docs;
 mod edge;
 mod events;
 mod extract;
+mod guarded;
 mod listeners;
 mod manipulators;
 mod measurements;
@@ -27,15 +29,20 @@ mod moves;
 mod names;
 mod numbers;
 mod openapi;
+mod pace;
 mod paging;
+mod peer;
 mod plans;
 mod problem;
 mod receive;
 mod recipes;
 mod router;
+mod same_origin;
 mod scans;
 mod server;
+mod shares;
 mod status;
+mod times;
 
 pub use measurements::{
     MeasurementDocument, PartDocument, PoseDocument, ProfileDocument, ReasonDocument, ScopeDocument, TallyDocument,

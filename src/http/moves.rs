@@ -7,6 +7,7 @@ use super::command::{LeaseQuery, WaitQuery, lease_id, made, wait};
 use super::extract::{Json as JsonBody, Path, Query};
 use super::numbers::{degrees, rounded};
 use super::paging::{PageQuery, listed};
+use super::peer::Peer;
 use super::problem::{Code, Problem};
 use super::receive::request_id;
 use crate::motion::{Carrier, MoveTargets, Pair, Plan};
@@ -53,9 +54,11 @@ pub(super) struct MoveDocument {
     progress: f64,
     /// When it was asked for, UTC.
     #[schema(value_type = String, format = DateTime)]
+    #[serde(serialize_with = "crate::http::times::time")]
     created_at: Timestamp,
     /// When it was over, UTC; null while it is under way.
     #[schema(value_type = Option<String>, format = DateTime)]
+    #[serde(serialize_with = "crate::http::times::optional")]
     ended_at: Option<Timestamp>,
     /// Why it ended, where there is more to say than that it is done.
     ending: Option<EndingDocument>,
@@ -218,11 +221,12 @@ pub(super) async fn list_moves(
 )]
 pub(super) async fn get_move(
     State(app): State<App>,
+    peer: Peer,
     Path(id): Path<String>,
     Query(query): Query<WaitQuery>,
 ) -> Result<Json<MoveDocument>, Problem> {
     let wait = wait(query.wait_s);
-    let _place = app.listeners.place_for(wait)?;
+    let _place = app.listeners.place_for(peer, wait)?;
     let one = app.service.get_move(&id, wait).await?;
     Ok(Json(MoveDocument::of(one, &app.service)))
 }

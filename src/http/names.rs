@@ -5,6 +5,16 @@ use crate::scan::decode::{Format, Unit};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+/// A way to show a measurement or the cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum View {
+    /// The whole document.
+    Full,
+    /// Integers in one flat object, for a PLC.
+    Plc,
+}
+
 /// How the pose is found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]

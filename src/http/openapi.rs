@@ -60,8 +60,20 @@ fn operations(item: &mut PathItem) -> impl Iterator<Item = &mut Operation> {
 }
 
 /// What every operation may refuse.
-const EVERYWHERE: &[Code] =
-    &[Code::QueryInvalid, Code::HeadersTooLarge, Code::UrlTooLong, Code::MethodNotAllowed, Code::Internal];
+const EVERYWHERE: &[Code] = &[
+    Code::QueryInvalid,
+    Code::HostInvalid,
+    Code::OriginForeign,
+    Code::MethodNotAllowed,
+    Code::UrlTooLong,
+    Code::HostUnknown,
+    Code::HeadersTooLarge,
+    Code::Internal,
+    Code::TransferCodingUnsupported,
+];
+
+/// What one may refuse besides that is not answered while all connections are open: all but stop.
+const NOT_URGENT: &[Code] = &[Code::Busy];
 
 /// What one that asks the store may refuse besides.
 const STORE: &[Code] = &[Code::StoreUnavailable];
@@ -267,8 +279,13 @@ fn refusals(operation_id: &str) -> Vec<&'static [Code]> {
 fn add_refusals(operation: &mut Operation) {
     let id = operation.operation_id.clone().unwrap_or_default();
     let mut by_status: BTreeMap<u16, Vec<&'static str>> = BTreeMap::new();
-    for code in refusals(&id).into_iter().chain([EVERYWHERE]).flatten() {
-        by_status.entry(code.status()).or_default().push(code.name());
+    let is_stop = id == "stop_cell";
+    let not_urgent = if is_stop { &[] } else { NOT_URGENT };
+    for code in refusals(&id).into_iter().chain([EVERYWHERE, not_urgent]).flatten() {
+        let names = by_status.entry(code.status()).or_default();
+        if !names.contains(&code.name()) {
+            names.push(code.name());
+        }
     }
     for (status, names) in by_status {
         let response = RefOr::T(problem(status, &names));

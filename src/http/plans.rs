@@ -79,9 +79,11 @@ pub(super) struct PlanDocument {
     id: String,
     /// When it was made, UTC.
     #[schema(value_type = String, format = DateTime)]
+    #[serde(serialize_with = "crate::http::times::time")]
     created_at: Timestamp,
     /// From then on it is too old to be executed: the measured pose is. It ends earlier where anything moves.
     #[schema(value_type = String, format = DateTime)]
+    #[serde(serialize_with = "crate::http::times::time")]
     expires_at: Timestamp,
     /// The move that executes it; null where none does yet.
     move_id: Option<String>,

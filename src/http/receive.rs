@@ -5,10 +5,12 @@ use super::app::App;
 use super::body::Pieces;
 use super::extract::{header_text, media_type};
 use super::names::FormatName;
+use super::peer::Peer;
 use super::problem::{Code, Problem};
+use super::shares::{Full, Place};
 use crate::scan::decode::Encoding;
 use crate::service::{Accepted, Arrived, Origin, Upload};
-use axum::http::{HeaderMap, HeaderName, header};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
 
 const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
 
@@ -87,6 +89,7 @@ pub(super) async fn receive(
     origin: Origin,
     accepted: Accepted,
 ) -> Result<Arrived, Problem> {
+    let _place = upload_place(app, pieces.peer())?;
     let mut upload = app.service.begin_upload(encoding, origin, accepted).await?;
     if let Err(problem) = write_all(pieces, &mut upload).await {
         upload.abandon().await;
@@ -94,6 +97,22 @@ pub(super) async fn receive(
     }
     app.metrics.received(pieces.bytes_count());
     Ok(app.service.complete_upload(upload).await?)
+}
+
+/// A place among the uploads that are coming in, so that one client with many slow ones leaves places to the others.
+fn upload_place(app: &App, peer: Peer) -> Result<Place, Problem> {
+    app.uploads.take(peer).map_err(|full| {
+        let (most, whose, keys) = match full {
+            Full::All { places_max } => (places_max, "", "limits.uploads_max"),
+            Full::Peer { peer_max } => {
+                (peer_max, " from this address", "limits.uploads_max, limits.peer_share_percent")
+            }
+        };
+        let detail = format!("{most} uploads{whose} are under way, and no more may ({keys}); send this again later");
+        Problem::new(Code::Busy, detail)
+            .with("uploads_max_count", most)
+            .with_header(header::RETRY_AFTER, HeaderValue::from_static("1"))
+    })
 }
 
 async fn write_all(pieces: &mut Pieces, upload: &mut Upload) -> Result<(), Problem> {

@@ -33,9 +33,11 @@ pub(super) struct StoredRecipeDocument {
     etag: String,
     /// When the first revision was put, UTC.
     #[schema(value_type = String, format = DateTime)]
+    #[serde(serialize_with = "crate::http::times::time")]
     created_at: Timestamp,
     /// When this revision was put, UTC.
     #[schema(value_type = String, format = DateTime)]
+    #[serde(serialize_with = "crate::http::times::time")]
     updated_at: Timestamp,
     /// What it says.
     recipe: RecipeDocument,

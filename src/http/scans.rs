@@ -31,6 +31,7 @@ pub(super) struct ScanDocument {
     id: String,
     /// When it was first seen, UTC.
     #[schema(value_type = String, format = DateTime)]
+    #[serde(serialize_with = "crate::http::times::time")]
     created_at: Timestamp,
     /// Length of the file.
     bytes_count: u64,

@@ -2,9 +2,6 @@
 //! route.
 
 use super::app::App;
-use super::connections::Connections;
-use super::listeners::Listeners;
-use super::metrics::Metrics;
 use super::router::router;
 use crate::config::{Config, Timeouts};
 use crate::service::Service;
@@ -13,6 +10,11 @@ use std::io;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::Arc;
 use std::time::Duration;
+use tokio::net::TcpSocket;
+
+/// Where the queue of the operating system is full, a client tries again after a second; so long must no stop wait because
+/// many connections are opened at the same time.
+const BACKLOG: u32 = 4096;
 
 /// A service that listens and does not answer yet.
 #[derive(Debug)]
@@ -31,21 +33,14 @@ pub struct Stopper {
 }
 
 impl Server {
-    /// Listens on the configured address.
+    /// Listens on the configured address. Must be called within a tokio runtime.
     ///
     /// # Errors
     /// Where the address cannot be had.
     pub fn bind(config: &Config, service: Arc<Service>) -> io::Result<Self> {
-        let listener = TcpListener::bind(config.listen)?;
+        let listener = listen(config.listen)?;
         let address = listener.local_addr()?;
-        let app = App {
-            service,
-            limits: Arc::new(config.limits.clone()),
-            timeouts: Arc::new(config.timeouts.clone()),
-            listeners: Listeners::new(&config.limits),
-            metrics: Arc::new(Metrics::new()),
-        };
-        Ok(Self { listener, address, app, handle: Handle::new() })
+        Ok(Self { listener, address, app: App::new(config, service), handle: Handle::new() })
     }
 
     /// Where it listens, the port filled in.
@@ -68,7 +63,7 @@ impl Server {
     pub async fn serve(self) -> io::Result<()> {
         let Self { listener, app, handle, .. } = self;
         let Timeouts { header_ms, .. } = *app.timeouts;
-        let connections = Connections::new(app.limits.connections_max);
+        let connections = app.connections.clone();
         let service = Arc::clone(&app.service);
         let mut server = match axum_server::from_tcp(listener) {
             Ok(server) => server,
@@ -95,6 +90,15 @@ impl Server {
         service.close().await;
         served
     }
+}
+
+/// Listens with room for [`BACKLOG`] connections that are not accepted yet.
+fn listen(address: SocketAddr) -> io::Result<TcpListener> {
+    let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
+    // A restart need not wait until the connections of the process before have timed out.
+    socket.set_reuseaddr(true)?;
+    socket.bind(address)?;
+    socket.listen(BACKLOG)?.into_std()
 }
 
 impl Stopper {

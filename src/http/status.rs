@@ -2,6 +2,8 @@
 //! Must not know how anything is done.
 
 use super::app::App;
+use super::extract::NoQuery;
+use super::metrics::Levels;
 use super::problem::{Code, Problem};
 use axum::Json;
 use axum::extract::State;
@@ -24,9 +26,11 @@ pub(super) struct Status {
     version: &'static str,
     /// When this instance was started, UTC.
     #[schema(value_type = String, format = DateTime)]
+    #[serde(serialize_with = "crate::http::times::time")]
     started_at: Timestamp,
     /// The service's clock, UTC.
     #[schema(value_type = String, format = DateTime)]
+    #[serde(serialize_with = "crate::http::times::time")]
     now_at: Timestamp,
     /// Measurements that are calculated.
     running_count: u64,
@@ -46,6 +50,7 @@ pub(super) struct Status {
     last_verdict: Option<&'static str>,
     /// When it was made, UTC.
     #[schema(value_type = Option<String>, format = DateTime)]
+    #[serde(serialize_with = "crate::http::times::optional")]
     last_created_at: Option<Timestamp>,
 }
 
@@ -69,7 +74,7 @@ pub(super) enum StateName {
     get, path = "/v1/status", tag = "status",
     responses((status = 200, description = "How the service is", body = Status))
 )]
-pub(super) async fn get_status(State(app): State<App>) -> Json<Status> {
+pub(super) async fn get_status(State(app): State<App>, _: NoQuery) -> Json<Status> {
     let service = &app.service;
     let (load, capacity, last) = (service.load(), service.capacity(), service.last());
     let wide = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
@@ -154,6 +159,17 @@ pub(super) async fn get_readiness(State(app): State<App>) -> Result<Json<Healthy
     responses((status = 200, description = "The counters", content((String = "text/plain"))))
 )]
 pub(super) async fn get_metrics(State(app): State<App>) -> Response {
-    let text = app.metrics.render(app.service.load(), app.service.cell_is_alive());
+    let limits = &app.limits;
+    let usage = app.service.store_usage().await;
+    let levels = Levels {
+        load: app.service.load(),
+        cell_alive: app.service.cell_is_alive(),
+        connections: app.connections.count(),
+        connections_max: (limits.connections_max, limits.connections_reserved),
+        uploads: (app.service.uploads_count(), limits.uploads_max),
+        listeners: (app.listeners.count(), app.listeners.most()),
+        usage: usage.inspect_err(|error| tracing::warn!(%error, "the room of the data folder is not known")).ok(),
+    };
+    let text = app.metrics.render(&levels);
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
 }

@@ -212,6 +212,27 @@ impl Running {
         stream
     }
 
+    /// A connection from another address of this machine.
+    pub(crate) fn connect_from(&self, address: [u8; 4]) -> TcpStream {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
+        let connected = runtime.block_on(async {
+            let socket = tokio::net::TcpSocket::new_v4().expect("a socket");
+            socket.bind(SocketAddr::from((address, 0))).expect("an address of this machine");
+            socket.connect(self.address).await.expect("it listens")
+        });
+        let stream = connected.into_std().expect("a stream");
+        stream.set_nonblocking(false).expect("it blocks");
+        stream.set_read_timeout(Some(PATIENCE)).expect("a timeout");
+        stream
+    }
+
+    /// The value of a line of the counters.
+    pub(crate) fn counter(&self, name: &str) -> f64 {
+        let text = self.get("/metrics").text();
+        let value = text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(' ')?.parse().ok());
+        value.unwrap_or_else(|| panic!("{name} is missing in\n{text}"))
+    }
+
     /// Begins to stop: no further connection is taken.
     pub(crate) fn begin_to_stop(&self) {
         self.stopper.as_ref().expect("it runs here").stop();

@@ -71,7 +71,7 @@ fn a_request_under_way_is_finished_when_the_service_is_told_to_stop() {
     let (first, second) = body.split_at(body.len() / 2);
     let mut stream = service.connect();
     let head = format!(
-        "POST /v1/measurements HTTP/1.1\r\nHost: a\r\nContent-Length: {}\r\nExpect: 100-continue\r\n\r\n",
+        "POST /v1/measurements HTTP/1.1\r\nHost: localhost\r\nContent-Length: {}\r\nExpect: 100-continue\r\n\r\n",
         body.len()
     );
     stream.write_all(head.as_bytes()).expect("sent");

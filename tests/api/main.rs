@@ -6,12 +6,14 @@
 mod bodies;
 mod cell;
 mod command;
+mod crowded;
 mod documents;
 mod harness;
 mod life;
 mod limits;
 mod measurements;
 mod on_the_way;
+mod origin;
 mod parts;
 mod recipes;
 mod scans;

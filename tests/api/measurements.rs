@@ -131,22 +131,108 @@ fn the_list_goes_by_the_page_newest_first() {
     assert_eq!(service.get("/v1/measurements?limit=0").problem(400, "query_invalid")["limit_max"], 1000);
 }
 
+/// Everything but the id is a whole number, or null.
+fn assert_integers(view: &Value) {
+    for (key, value) in view.as_object().expect("flat").iter().filter(|(key, _)| *key != "id") {
+        assert!(value.is_i64() || value.is_null(), "{key}: {value}");
+    }
+}
+
 #[test]
-fn a_plc_gets_integers_in_less_than_512_bytes() {
+fn a_plc_gets_integers_in_less_than_1024_bytes() {
     let (service, _folder) = start();
     let measurement = measured(&service);
     let answer = service.get(&format!("/v1/measurements/{}?view=plc&wait_s=20", id_of(&measurement)));
     let view = answer.expect(200);
-    assert!(answer.body.len() < 512, "{}", answer.body.len());
-    assert!(view["end_face_x_um"].is_null(), "nobody asked for it");
-    let integers =
-        view.as_object().expect("flat").iter().filter(|(key, _)| !["id", "end_face_x_um"].contains(&key.as_str()));
-    assert!(integers.clone().count() > 10 && integers.clone().all(|(_, value)| value.is_i64()), "{view}");
+    assert!(answer.body.len() < 1024, "{}", answer.body.len());
+    assert_integers(&view);
+    assert!(view["end_face_x_um"].is_null() && view["far_end_face_z_um"].is_null(), "nobody asked for them");
     assert_eq!(
         (&view["y_c0_um"], &view["pitch_udeg"], &view["radius_um"]),
         (&json!(1500), &json!(-1_145_763), &json!(200_000))
     );
+    for (expanded, up) in [("y_c0_mm", "u_y_c0_um"), ("z_c0_mm", "u_z_c0_um"), ("radius_mm", "u_radius_um")] {
+        let um = measurement["uncertainty"][expanded].as_f64().expect("known") * 1e3;
+        assert_eq!(view[up].as_f64(), Some(um.ceil()), "{up} is rounded up from {um}");
+    }
+    assert_eq!((&view["warnings_count"], &view["warnings_mask"]), (&json!(1), &json!(1024)), "calibration_not_stated");
     assert_json_snapshot!("plc_view", view, { ".id" => "[id]" });
+}
+
+#[test]
+fn a_measurement_is_answered_for_a_plc_at_once_however_it_was_asked_for() {
+    let (service, _folder) = start();
+    let answer = service.post("/v1/measurements?view=plc&request_id=plc", &exact_csv());
+    let view = answer.expect(201);
+    assert!(answer.header("location").ends_with(view["id"].as_str().expect("an id")));
+    assert_eq!(service.get(&format!("{}?view=plc", answer.header("location"))).expect(200), view);
+    assert_eq!(service.post("/v1/measurements?view=plc&request_id=plc", &exact_csv()).expect(200), view);
+    let whole = service.get(answer.header("location")).expect(200);
+    let order = json!({"scan_id": whole["provenance"]["scan_id"]});
+    let kept = service.post_json("/v1/measurements?view=plc", &order).expect(201);
+    assert_eq!((&kept["y_c0_um"], &kept["verdict_code"]), (&view["y_c0_um"], &json!(1)));
+    assert_eq!(service.post("/v1/measurements?view=full", &exact_csv()).expect(201)["verdict"], "accepted");
+}
+
+#[test]
+fn an_unknown_view_is_400_everywhere() {
+    let (service, _folder) = start();
+    let id = id_of(&measured(&service)).to_owned();
+    service.post("/v1/measurements?view=plcs", &exact_csv()).problem(400, "query_invalid");
+    service.post("/v1/scans?view=plcs", &exact_csv()).problem(400, "query_invalid");
+    for path in [
+        "/v1/measurements",
+        &format!("/v1/measurements/{id}"),
+        &format!("/v1/measurements/{id}/profiles"),
+        &format!("/v1/measurements/{id}/plots/section.svg"),
+        "/v1/scans",
+        "/v1/recipes",
+        "/v1/status",
+        "/v1/events",
+        "/v1/cell",
+        "/v1/cell/lease",
+        "/v1/manipulators",
+        "/v1/manipulators/m1",
+        "/v1/moves",
+        "/v1/moves/v-1",
+        "/v1/plans",
+        "/v1/plans/p-1",
+    ] {
+        service.get(&format!("{path}?view=plcs")).problem(400, "query_invalid");
+    }
+}
+
+#[test]
+fn times_have_six_digits_behind_the_second_in_every_document() {
+    fn check(value: &Value) -> usize {
+        match value {
+            Value::Object(object) => object
+                .iter()
+                .map(|(key, value)| match value.as_str().filter(|_| key.ends_with("_at") || key == "at") {
+                    Some(time) => {
+                        assert!(
+                            time.len() == 27 && time.as_bytes()[19] == b'.' && time.ends_with('Z'),
+                            "{key}: {time}"
+                        );
+                        1
+                    }
+                    None => check(value),
+                })
+                .sum(),
+            Value::Array(array) => array.iter().map(check).sum(),
+            _ => 0,
+        }
+    }
+    let (service, _folder) = start();
+    service.put("/v1/recipes/a", &[], &json!({"points_min": 33})).expect(201);
+    let documents = [
+        measured(&service),
+        service.get("/v1/measurements").expect(200),
+        service.get("/v1/scans").expect(200),
+        service.get("/v1/recipes/a").expect(200),
+        service.get("/v1/status").expect(200),
+    ];
+    assert!(documents.iter().all(|document| check(document) > 0));
 }
 
 #[test]

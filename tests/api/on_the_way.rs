@@ -19,7 +19,7 @@ const BEGUN_BYTES: usize = 700_000;
 fn begin<'a>(service: &Running, body: &'a [u8], header: &str) -> (TcpStream, &'a [u8]) {
     let mut stream = service.connect();
     let head = format!(
-        "POST /v1/measurements HTTP/1.1\r\nHost: a\r\n{header}Content-Length: {}\r\nConnection: close\r\n\r\n",
+        "POST /v1/measurements HTTP/1.1\r\nHost: localhost\r\n{header}Content-Length: {}\r\nConnection: close\r\n\r\n",
         body.len()
     );
     let (first, second) = body.split_at(BEGUN_BYTES);
@@ -126,7 +126,8 @@ fn a_client_that_stops_sending_in_the_middle_is_told_so_and_leaves_nothing_behin
 fn a_body_that_turns_out_too_large_is_refused_in_the_middle() {
     let (service, folder) = start_with(|config| config.limits.body_bytes_max = 1_000_000);
     let body = large_csv();
-    let head = "POST /v1/measurements HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: chunked\r\nConnection: close\r\n\r\n";
+    let head =
+        "POST /v1/measurements HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\nConnection: close\r\n\r\n";
     let chunk = format!("{:x}\r\n", body.len());
     let answer = service.raw(&[head.as_bytes(), chunk.as_bytes(), &body, b"\r\n0\r\n\r\n"].concat());
     assert!(answer.starts_with("HTTP/1.1 413 ") && answer.contains("\"body_too_large\""), "{answer}");

@@ -119,3 +119,16 @@ fn a_recipe_asks_for_end_faces_and_an_end_that_is_not_seen_is_null_with_a_warnin
     }
     service.put("/v1/recipes/wrong", &[], &json!({ "end_face": "left" })).problem(422, "json_invalid");
 }
+
+#[test]
+fn a_precondition_that_fails_does_not_advance_the_sequence() {
+    let (service, _folder) = start();
+    service.put("/v1/recipes/a", &[], &json!({"points_min": 33})).expect(201);
+    let sequence = || service.get("/v1/status").expect(200)["sequence"].as_u64();
+    let before = sequence();
+    service.put("/v1/recipes/a", &[("if-match", "\"r7\"")], &json!({"points_min": 34})).problem(412, "recipe_changed");
+    service.put("/v1/recipes/a", &[("if-none-match", "*")], &json!({"points_min": 34})).problem(412, "recipe_changed");
+    assert_eq!(sequence(), before);
+    service.put("/v1/recipes/a", &[("if-match", "\"r1\"")], &json!({"points_min": 34})).expect(200);
+    assert!(sequence() > before);
+}

@@ -4,9 +4,9 @@
 use super::super::app::App;
 use super::super::command::{CommandLease, LeaseBody, LeaseQuery, named_lease};
 use super::super::extract::{NoQuery, OptionalJson, Query};
-use super::super::problem::{Code, Problem};
+use super::super::problem::Problem;
 use super::live::{LeaseViewDocument, lease_view, ms};
-use crate::service::{HOLDER_CHARACTERS_MAX, HeldLease, plain};
+use crate::service::HeldLease;
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
@@ -16,10 +16,6 @@ use serde::{Deserialize, Serialize};
 use std::time::Duration;
 use utoipa::ToSchema;
 
-/// Bounds of what may be asked for; the configuration has narrower ones.
-const TTL_S_MIN: f64 = 0.1;
-const TTL_S_MAX: f64 = 600.0;
-
 /// Who wants to move, or goes on.
 #[derive(Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -28,7 +24,8 @@ pub(in super::super) struct LeaseRequestDocument {
     /// Who asks, for others to read; `anonymous` where nothing is said.
     #[schema(min_length = 1, max_length = 64)]
     holder: Option<String>,
-    /// How long it lasts unless it is used or renewed, in seconds; 5 unless the configuration says otherwise.
+    /// How long it lasts unless it is used or renewed, in seconds: by default 5, at least 1 and at most 60; the configuration
+    /// (cell.lease) may say otherwise.
     #[schema(minimum = 0.1, maximum = 600.0)]
     ttl_s: Option<f64>,
     /// Renews this lease instead of taking a new one.
@@ -50,6 +47,7 @@ pub(in super::super) struct LeaseDocument {
     ttl_ms: u64,
     /// When it ends unless it is used, UTC.
     #[schema(value_type = String, format = DateTime)]
+    #[serde(serialize_with = "crate::http::times::time")]
     until_at: Timestamp,
 }
 
@@ -89,11 +87,9 @@ pub(in super::super) async fn take_lease(
 ) -> Result<Response, Problem> {
     app.service.cell_config()?;
     let LeaseRequestDocument { holder, ttl_s, lease_id: said } = body;
-    let time_to_live = ttl_s.map(time_to_live).transpose()?;
-    if holder.as_ref().is_some_and(|holder| !(1..=HOLDER_CHARACTERS_MAX).contains(&holder.chars().count())) {
-        let detail = format!("holder must have 1 to {HOLDER_CHARACTERS_MAX} characters");
-        return Err(Problem::new(Code::OptionInvalid, detail).with("field", "holder"));
-    }
+    let time_to_live = ttl_s.map(time_to_live);
+    // Also where the lease is renewed, which changes nothing about it: a mistake is better told.
+    time_to_live.map(|asked| app.service.check_time_to_live(asked)).transpose()?;
     if let Some(id) = named_lease([said, query.lease_id], &headers)? {
         let lease = app.service.renew_lease(&id).await?;
         return Ok(Json(LeaseDocument::from(lease)).into_response());
@@ -135,10 +131,8 @@ pub(in super::super) async fn release_lease(
     Ok(Json(LeaseStateDocument { lease: None }))
 }
 
-fn time_to_live(ttl_s: f64) -> Result<Duration, Problem> {
-    if !(TTL_S_MIN..=TTL_S_MAX).contains(&ttl_s) {
-        let detail = format!("ttl_s must be between {TTL_S_MIN} and {TTL_S_MAX}, got {}", plain(ttl_s));
-        return Err(Problem::new(Code::OptionInvalid, detail).with("field", "ttl_s"));
-    }
-    Ok(Duration::from_secs_f64(ttl_s))
+/// What is no duration is beyond every bound; the service knows the bounds that hold, and refuses it.
+fn time_to_live(ttl_s: f64) -> Duration {
+    let beyond = if ttl_s > 0.0 { Duration::MAX } else { Duration::ZERO };
+    Duration::try_from_secs_f64(ttl_s).unwrap_or(beyond)
 }

@@ -2,18 +2,20 @@
 //! command anything.
 
 use super::super::app::App;
-use super::super::extract::NoQuery;
+use super::super::extract::Query;
+use super::super::names::View;
 use super::super::numbers::rounded;
 use super::super::problem::Problem;
+use super::plc::PlcCellDocument;
 use crate::cell::{Fault, LeaseView, Live, Refusal};
 use crate::device::{SensorReading, StageReading};
 use crate::service::CellView;
 use axum::Json;
 use axum::extract::State;
 use jiff::Timestamp;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::time::Duration;
-use utoipa::ToSchema;
+use utoipa::{IntoParams, ToSchema};
 
 /// The cell at one moment.
 #[derive(Debug, Serialize, ToSchema)]
@@ -24,6 +26,7 @@ pub(in super::super) struct CellDocument {
     state: &'static str,
     /// Since when, UTC.
     #[schema(value_type = String, format = DateTime)]
+    #[serde(serialize_with = "crate::http::times::time")]
     since_at: Timestamp,
     /// Grows with every change.
     sequence: u64,
@@ -69,6 +72,7 @@ pub(in super::super) struct LeaseViewDocument {
     pub(super) remaining_ms: u64,
     /// When it ends unless it is used, UTC.
     #[schema(value_type = String, format = DateTime)]
+    #[serde(serialize_with = "crate::http::times::time")]
     pub(super) until_at: Timestamp,
 }
 
@@ -95,6 +99,7 @@ pub(in super::super) struct FaultDocument {
     text: String,
     /// When, UTC.
     #[schema(value_type = String, format = DateTime)]
+    #[serde(serialize_with = "crate::http::times::time")]
     at: Timestamp,
 }
 
@@ -150,16 +155,44 @@ pub(in super::super) struct SensorDocument {
     temperature_c: Option<f64>,
 }
 
+/// How the cell is shown.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in super::super) struct CellQuery {
+    /// `plc` gives integers in one flat object below 1024 bytes.
+    #[param(inline)]
+    view: Option<View>,
+}
+
+/// The cell, whole or for a PLC.
+#[derive(Debug, Serialize, ToSchema)]
+#[serde(untagged)]
+#[schema(as = ShownCell)]
+pub(in super::super) enum Shown {
+    /// Whole.
+    Full(Box<CellDocument>),
+    /// For a PLC.
+    Plc(Box<PlcCellDocument>),
+}
+
 /// Get the cell
 ///
 /// What it does, who may move, what is latched, how well each device is known, and whether a move would be begun, with the
-/// reasons why not.
+/// reasons why not. With `?view=plc` integers in one flat object below 1024 bytes.
 #[utoipa::path(
-    get, path = "/v1/cell", tag = "cell",
-    responses((status = 200, description = "The cell", body = CellDocument))
+    get, path = "/v1/cell", tag = "cell", params(CellQuery),
+    responses((status = 200, description = "The cell", body = Shown))
 )]
-pub(in super::super) async fn get_cell(State(app): State<App>, _: NoQuery) -> Result<Json<CellDocument>, Problem> {
-    Ok(Json(CellDocument::from(&app.service.cell_view()?)))
+pub(in super::super) async fn get_cell(
+    State(app): State<App>,
+    Query(query): Query<CellQuery>,
+) -> Result<Json<Shown>, Problem> {
+    let view = app.service.cell_view()?;
+    Ok(Json(match query.view.unwrap_or(View::Full) {
+        View::Full => Shown::Full(Box::new(CellDocument::from(&view))),
+        View::Plc => Shown::Plc(Box::new(PlcCellDocument::from(&view))),
+    }))
 }
 
 impl From<&CellView> for CellDocument {

@@ -5,11 +5,12 @@ use super::super::app::App;
 use super::super::body::Pieces;
 use super::super::command::made;
 use super::super::extract::{is_json, json, query};
-use super::super::names::{FormatName, MethodName, UnitName};
+use super::super::names::{FormatName, MethodName, UnitName, View};
 use super::super::problem::{Code, Problem};
 use super::super::receive::{content_encoding, origin, receive, request_id};
-use super::MeasurementDocument;
-use super::sensor::{AnyMeasurementDocument, SensorOrderDocument, measure_from_sensor};
+use super::plc::PlcDocument;
+use super::sensor::{SensorOrderDocument, measure_from_sensor};
+use super::{MeasurementDocument, Shown};
 use crate::scan::decode::Encoding;
 use crate::service::{Answer, Order, Recipe, RecipeName};
 use axum::extract::{Request, State};
@@ -49,6 +50,9 @@ pub(in super::super) struct CreateQuery {
     request_id: Option<String>,
     /// The same as the header `Lease-Id`, which a scan by the sensor needs; nothing else does.
     lease_id: Option<String>,
+    /// `plc` answers integers in one flat object below 1024 bytes, of several parts the first.
+    #[param(inline)]
+    view: Option<View>,
 }
 
 /// A measurement of a kept scan.
@@ -128,6 +132,8 @@ pub(in super::super) struct JsonProfile {
 /// Or it is JSON with `"source": "sensor"`: the cell's sensor scans first, which needs the lease. 201 comes at once, with the
 /// record in state `scanning`; GET it with `?wait_s=` for the end.
 ///
+/// With `?view=plc` the answer is that of `GET …/{id}?view=plc`.
+///
 /// 201 with verdict `accepted` or `refused`: a refusal is a result, with its reason and numbers. Repeating a request of the
 /// same `request_id` gives the first answer again, with status 200 and `Idempotency-Replayed: true`.
 #[utoipa::path(
@@ -142,9 +148,9 @@ pub(in super::super) struct JsonProfile {
         content((Vec<u8> = "application/octet-stream"), (JsonBody = "application/json"))
     ),
     responses(
-        (status = 201, description = "Measured and recorded; or, by the sensor, begun", body = AnyMeasurementDocument,
+        (status = 201, description = "Measured and recorded; or, by the sensor, begun", body = Shown,
             headers(("Location" = String, description = "Address of the measurement"))),
-        (status = 200, description = "Measured, or begun, before, for a request of the same id", body = AnyMeasurementDocument,
+        (status = 200, description = "Measured, or begun, before, for a request of the same id", body = Shown,
             headers(("Location" = String, description = "Address of the measurement"),
                 ("Idempotency-Replayed" = String, description = "true"))),
     )
@@ -164,13 +170,17 @@ pub(in super::super) async fn create_measurement(
     {
         return match order {
             JsonOrder::Kept(order) => measure_kept(&app, order, query, &parts.headers).await,
-            JsonOrder::Sensor(order) => measure_from_sensor(&app, query.under(order)?, &parts.headers).await,
+            JsonOrder::Sensor(order) => {
+                let view = query.view.unwrap_or(View::Full);
+                measure_from_sensor(&app, query.under(order)?, &parts.headers, view).await
+            }
         };
     }
     let origin = origin(query.format, &parts.headers)?;
+    let view = query.view.unwrap_or(View::Full);
     let accepted = app.service.accept(query.order(&parts.headers)?).await?;
     let arrived = receive(&app, &mut pieces, encoding, origin, accepted).await?;
-    answer(&app, app.service.measure_upload(arrived).await?)
+    answer(&app, app.service.measure_upload(arrived).await?, view)
 }
 
 async fn measure_kept(
@@ -188,18 +198,24 @@ async fn measure_kept(
         nominal_radius_mm: body.nominal_radius_mm.or(query.nominal_radius_mm),
         request_id: body.request_id.or(query.request_id),
         lease_id: None,
+        view: query.view,
     };
+    let view = query.view.unwrap_or(View::Full);
     let accepted = app.service.accept(query.order(headers)?).await?;
-    answer(app, app.service.measure_scan(&body.scan_id, accepted).await?)
+    answer(app, app.service.measure_scan(&body.scan_id, accepted).await?, view)
 }
 
-fn answer(app: &App, Answer { measurement, replayed }: Answer) -> Result<Response, Problem> {
+fn answer(app: &App, Answer { measurement, replayed }: Answer, view: View) -> Result<Response, Problem> {
     if !replayed {
         // Precise enough for a duration of any length that is waited for.
         let seconds = std::time::Duration::from_millis(measurement.duration_ms).as_secs_f64();
         app.metrics.measured(measurement.verdict(), measurement.method.name(), seconds);
     }
-    made(&format!("/v1/measurements/{}", measurement.id), replayed, MeasurementDocument::from(&measurement))
+    let address = format!("/v1/measurements/{}", measurement.id);
+    match view {
+        View::Full => made(&address, replayed, MeasurementDocument::from(&measurement)),
+        View::Plc => made(&address, replayed, PlcDocument::new(&measurement, measurement.findings.choose(None)?)),
+    }
 }
 
 /// The name of a recipe.

@@ -29,6 +29,7 @@ pub struct MeasurementDocument {
     pub method: &'static str,
     /// When it was made, UTC.
     #[schema(value_type = String, format = DateTime)]
+    #[serde(serialize_with = "crate::http::times::time")]
     pub created_at: Timestamp,
     /// Reading and calculation; what was read while it came in is not counted.
     pub duration_ms: u64,

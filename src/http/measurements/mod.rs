@@ -20,9 +20,11 @@ pub use uncertainty::{ScopeDocument, UncertaintyDocument};
 use super::app::App;
 use super::command::{WaitSeconds, wait};
 use super::extract::{Path, Query};
+use super::names::View;
 use super::paging::{listed, page};
+use super::peer::Peer;
 use super::problem::{Code, Problem};
-use crate::service::{AnyMeasurement, JobStanding};
+use crate::service::{AnyMeasurement, JobStanding, Service};
 use crate::store::Filter;
 use axum::Json;
 use axum::extract::State;
@@ -133,7 +135,7 @@ pub(super) async fn list_measurements(
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct GetQuery {
-    /// `plc` gives integers in one flat object below 512 bytes.
+    /// `plc` gives integers in one flat object below 1024 bytes.
     #[param(inline)]
     view: Option<View>,
     /// Which part `plc` shows, by name or by number from 1 in order of x; the first where nothing is said.
@@ -142,16 +144,6 @@ pub(super) struct GetQuery {
     /// How long to wait for the end of a measurement by the sensor, in seconds; a file is measured before its answer.
     #[param(value_type = Option<u8>, minimum = 0, maximum = 60)]
     wait_s: Option<WaitSeconds>,
-}
-
-/// A way to show a measurement.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub(super) enum View {
-    /// The whole document.
-    Full,
-    /// For a PLC.
-    Plc,
 }
 
 /// A measurement, whole or for a PLC; one by the sensor that has not run is shown by what is known of it.
@@ -170,7 +162,7 @@ pub(super) enum Shown {
 
 /// Get a measurement
 ///
-/// The whole document, or with `?view=plc` integers in one flat object below 512 bytes. Of several parts that is one
+/// The whole document, or with `?view=plc` integers in one flat object below 1024 bytes. Of several parts that is one
 /// part, the first unless `?part=` says which. One by the sensor is in state `scanning` until it has run; with `?wait_s=` the
 /// answer comes at its end, or after that time.
 #[utoipa::path(
@@ -180,25 +172,33 @@ pub(super) enum Shown {
 )]
 pub(super) async fn get_measurement(
     State(app): State<App>,
+    peer: Peer,
     Path(id): Path<String>,
     Query(query): Query<GetQuery>,
 ) -> Result<Json<Shown>, Problem> {
     query.check()?;
     let view = query.view.unwrap_or(View::Full);
     let wait = wait(query.wait_s);
-    let _place = app.listeners.place_for(wait)?;
-    let shown = match (app.service.any_measurement(&id, wait).await?, view) {
-        (AnyMeasurement::Ran(measurement), View::Full) => Shown::Full(Box::new((&*measurement).into())),
-        (AnyMeasurement::Ran(measurement), View::Plc) => {
-            let chosen = measurement.findings.choose(query.part.as_deref())?;
-            Shown::Plc(Box::new(PlcDocument::new(&measurement, chosen)))
-        }
-        (AnyMeasurement::Scan(scan), View::Full) => {
-            Shown::Sensor(Box::new(SensorMeasurementDocument::of(*scan, &app.service)))
-        }
-        (AnyMeasurement::Scan(scan), View::Plc) => Shown::PlcSensor(PlcSensorDocument::of(&scan, &app.service)),
-    };
-    Ok(Json(shown))
+    let _place = app.listeners.place_for(peer, wait)?;
+    let any = app.service.any_measurement(&id, wait).await?;
+    Shown::of(any, view, query.part.as_deref(), &app.service).map(Json)
+}
+
+impl Shown {
+    /// A measurement as it is at this moment; of several parts a PLC gets the named one, else the first.
+    fn of(any: AnyMeasurement, view: View, part: Option<&str>, service: &Service) -> Result<Self, Problem> {
+        Ok(match (any, view) {
+            (AnyMeasurement::Ran(measurement), View::Full) => Self::Full(Box::new((&*measurement).into())),
+            (AnyMeasurement::Ran(measurement), View::Plc) => {
+                let chosen = measurement.findings.choose(part)?;
+                Self::Plc(Box::new(PlcDocument::new(&measurement, chosen)))
+            }
+            (AnyMeasurement::Scan(scan), View::Full) => {
+                Self::Sensor(Box::new(SensorMeasurementDocument::of(*scan, service)))
+            }
+            (AnyMeasurement::Scan(scan), View::Plc) => Self::PlcSensor(PlcSensorDocument::of(&scan, service)),
+        })
+    }
 }
 
 impl StateFilter {

@@ -2,12 +2,14 @@
 //! know how a scan is taken.
 
 use super::super::app::App;
+use super::super::cell::permille;
 use super::super::command::{lease_id, made};
 use super::super::moves::EndingDocument;
-use super::super::names::MethodName;
+use super::super::names::{MethodName, View};
 use super::super::numbers::{LENGTH_MAX_MM, rounded, within};
 use super::super::problem::Problem;
 use super::super::receive::request_id;
+use super::Shown;
 use super::create::recipe_name;
 use super::document::MeasurementDocument;
 use crate::service::{AnyMeasurement, JobStanding, Order, Recipe, ScanWay, SensorRequest, SensorScan, Service};
@@ -83,9 +85,11 @@ pub(in super::super) struct SensorMeasurementDocument {
     progress: f64,
     /// When it was asked for, UTC.
     #[schema(value_type = String, format = DateTime)]
+    #[serde(serialize_with = "crate::http::times::time")]
     created_at: Timestamp,
     /// When it was over, UTC; null while it is under way.
     #[schema(value_type = Option<String>, format = DateTime)]
+    #[serde(serialize_with = "crate::http::times::optional")]
     ended_at: Option<Timestamp>,
     /// Why it came to nothing; null while it is under way.
     failure: Option<EndingDocument>,
@@ -114,7 +118,7 @@ pub(in super::super) enum AnyMeasurementDocument {
     Sensor(Box<SensorMeasurementDocument>),
 }
 
-/// The same for a PLC: below 512 bytes.
+/// The same for a PLC.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = PlcSensorMeasurement)]
 pub(in super::super) struct PlcSensorDocument {
@@ -170,8 +174,7 @@ impl PlcSensorDocument {
             JobStanding::Interrupted => 6,
             JobStanding::Refused => 7,
         };
-        // Between 0 and 1000, which every word holds.
-        let progress_permille = (progress(scan.standing, &scan.id, service).clamp(0.0, 1.0) * 1000.0) as u16;
+        let progress_permille = permille(progress(scan.standing, &scan.id, service));
         Self { id: scan.id.clone(), verdict_code, progress_permille }
     }
 }
@@ -193,6 +196,7 @@ pub(super) async fn measure_from_sensor(
     app: &App,
     body: SensorOrderDocument,
     headers: &HeaderMap,
+    view: View,
 ) -> Result<Response, Problem> {
     let overrides =
         Recipe { method: body.method.map(Into::into), nominal_radius_mm: body.nominal_radius_mm, ..Recipe::default() };
@@ -213,14 +217,20 @@ pub(super) async fn measure_from_sensor(
     };
     let started = app.service.measure_from_sensor(request).await?;
     let address = format!("/v1/measurements/{}", started.job.id);
-    let any = match started.replayed {
-        true => app.service.any_measurement(&started.job.id, Duration::ZERO).await?,
-        false => {
-            // The cell may not have begun.
-            let begun =
-                SensorMeasurementDocument { progress: 0.0, ..SensorMeasurementDocument::of(started.job, &app.service) };
-            return made(&address, false, AnyMeasurementDocument::Sensor(Box::new(begun)));
+    if started.replayed {
+        let any = app.service.any_measurement(&started.job.id, Duration::ZERO).await?;
+        return made(&address, true, Shown::of(any, view, None, &app.service)?);
+    }
+    // The cell may not have begun.
+    let begun = match view {
+        View::Full => {
+            let document = SensorMeasurementDocument::of(started.job, &app.service);
+            Shown::Sensor(Box::new(SensorMeasurementDocument { progress: 0.0, ..document }))
+        }
+        View::Plc => {
+            let document = PlcSensorDocument::of(&started.job, &app.service);
+            Shown::PlcSensor(PlcSensorDocument { progress_permille: 0, ..document })
         }
     };
-    made(&address, true, AnyMeasurementDocument::of(any, &app.service))
+    made(&address, false, begun)
 }

@@ -52,9 +52,13 @@ codes! {
     // The caller's program.
     QueryInvalid          "query_invalid"           400 No  "The query has a parameter that is unknown or cannot be read"
     HeaderInvalid         "request_header_invalid"  400 No  "A header of the request cannot be read"
+    HostInvalid           "host_invalid"            400 No  "The header Host is missing, repeated or cannot be read"
     JsonMalformed         "json_malformed"          400 No  "The body is not JSON"
     BodyInterrupted       "body_interrupted"        400 Yes "The body ended before its announced length"
     CursorMalformed       "cursor_malformed"        400 No  "The cursor did not come from a list of this service"
+    // Where the request comes from, and where it goes.
+    OriginForeign         "origin_foreign"          403 No  "The request comes from a web page of another site"
+    HostUnknown           "host_unknown"            421 No  "The service does not answer for the host that the request names"
     // The id.
     RouteUnknown          "route_unknown"           404 No  "There is nothing at this address"
     MeasurementUnknown    "measurement_unknown"     404 No  "There is no measurement of this id"
@@ -154,8 +158,9 @@ codes! {
     CompressionInvalid    "compression_invalid"     422 No  "The body does not unpack"
     // Us.
     Internal              "internal"                500 No  "The service failed; the log says why, under the request id"
+    TransferCodingUnsupported "transfer_coding_unsupported" 501 No "The transfer coding of the body is not decoded"
     // Later.
-    Busy                  "busy"                    503 Yes "As many measurements run and wait as may"
+    Busy                  "busy"                    503 Yes "All places for this are taken"
     NotReady              "not_ready"               503 Yes "The service cannot do its work now"
     DeviceUnavailable     "device_unavailable"      503 Yes "A device does not answer, or its state is old"
     StoreUnavailable      "store_unavailable"       503 Yes "The store cannot be used now"

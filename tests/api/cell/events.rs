@@ -11,7 +11,8 @@ use std::time::Duration;
 fn stream(service: &Running, resume: Option<&str>, last: &str) -> Vec<Value> {
     let mut stream = service.connect();
     let resume = resume.map(|id| format!("Last-Event-ID: {id}\r\n")).unwrap_or_default();
-    write!(stream, "GET /v1/events HTTP/1.1\r\nHost: x\r\nAccept: text/event-stream\r\n{resume}\r\n").expect("sent");
+    write!(stream, "GET /v1/events HTTP/1.1\r\nHost: localhost\r\nAccept: text/event-stream\r\n{resume}\r\n")
+        .expect("sent");
     let mut events = Vec::new();
     let mut lines = BufReader::new(stream).lines().map(|line| line.expect("text"));
     let head: Vec<String> = lines.by_ref().take_while(|line| !line.is_empty()).collect();
@@ -87,8 +88,11 @@ fn a_number_of_another_instance_is_told_once_and_listeners_are_counted() {
     let (service, _folder) = start_with(|config| config.limits.listeners_max = 1);
     let mut stream = service.connect();
     stream.set_read_timeout(Some(Duration::from_secs(1))).expect("a timeout");
-    write!(stream, "GET /v1/events HTTP/1.1\r\nHost: x\r\nAccept: text/event-stream\r\nLast-Event-ID: 5\r\n\r\n")
-        .expect("sent");
+    write!(
+        stream,
+        "GET /v1/events HTTP/1.1\r\nHost: localhost\r\nAccept: text/event-stream\r\nLast-Event-ID: 5\r\n\r\n"
+    )
+    .expect("sent");
     // Nothing comes any more within the time of the read: the stream waits.
     let lines: Vec<_> = BufReader::new(&stream).lines().map_while(Result::ok).take(1000).collect();
     assert_eq!(lines.iter().filter(|line| *line == "event: missed").count(), 1, "{} lines", lines.len());
@@ -113,7 +117,7 @@ fn the_stream_says_what_polling_says_and_goes_on_behind_the_last_id() {
 /// The id of the newest event that a stream has told when it comes to `number`.
 fn told_id(service: &Running, number: u64) -> String {
     let mut stream = service.connect();
-    write!(stream, "GET /v1/events HTTP/1.1\r\nHost: x\r\nAccept: text/event-stream\r\n\r\n").expect("sent");
+    write!(stream, "GET /v1/events HTTP/1.1\r\nHost: localhost\r\nAccept: text/event-stream\r\n\r\n").expect("sent");
     let mut lines = BufReader::new(stream).lines().map(|line| line.expect("text"));
     let ids = lines.by_ref().filter_map(|line| line.strip_prefix("id: ").map(str::to_owned));
     ids.into_iter().find(|id| id.ends_with(&format!(":{number}"))).expect("an id")

@@ -1,6 +1,6 @@
 //! The lease: one at a time, renewed by use, its running out stops what it moves, and its fence never goes back.
 
-use super::{FAST, Line, REAL, id, untouched};
+use super::{FAST, Line, REAL, id, untouched, untouched_with};
 use crate::harness::{Folder, start_on};
 use serde_json::json;
 
@@ -23,6 +23,46 @@ fn a_lease_is_taken_renewed_seen_and_given_back() {
     for bad in [json!({"ttl_s": 0.001}), json!({"ttl_s": 1e9}), json!({"ttl_s": -1}), json!({"holder": ""})] {
         service.post_json("/v1/cell/lease", &bad).problem(422, "option_invalid");
     }
+}
+
+#[test]
+fn the_bounds_of_a_lease_in_messages_are_those_that_hold_whatever_is_asked_for() {
+    let (service, _folder) = untouched_with(FAST, |config| config.cell.lease.ttl_max_ms = 30_000);
+    for ttl_s in [json!(0.1), json!(0.999), json!(30.001), json!(600), json!(1e300), json!(-1), json!(0)] {
+        let problem = service.post_json("/v1/cell/lease", &json!({ "ttl_s": ttl_s })).problem(422, "option_invalid");
+        let detail = problem["detail"].as_str().expect("text");
+        assert!(detail.contains("ttl_s must be between 1 and 30"), "{ttl_s}: {detail}");
+    }
+    let taken = service.post_json("/v1/cell/lease", &json!({"ttl_s": 30})).expect(201);
+    assert_eq!(taken["ttl_ms"], 30_000);
+}
+
+#[test]
+fn the_cell_is_shown_to_a_plc_as_integers_in_less_than_1024_bytes() {
+    let line = Line::ready_with(FAST, |config| config.cell.simulated.manipulators.homed = false);
+    let answer = line.service.get("/v1/cell?view=plc");
+    let view = answer.expect(200);
+    assert!(answer.body.len() < 1024, "{}", answer.body.len());
+    let object = view.as_object().expect("flat");
+    assert!(object.len() > 20 && object.values().all(|value| value.is_i64() || value.is_null()), "{view}");
+    assert_eq!((&view["state_code"], &view["lease_held"], &view["reason_code"]), (&json!(1), &json!(1), &json!(11)));
+    assert_eq!(
+        (&view["m1_state_code"], &view["m1_homed"], &view["m1_quality_code"]),
+        (&json!(1), &json!(0), &json!(2))
+    );
+    for manipulator in ["m1", "m2"] {
+        line.act(&format!("/v1/manipulators/{manipulator}/home")).expect(200);
+        let homed = format!("{manipulator}_homed");
+        super::until(&line.service, "/v1/cell?view=plc", |view| view[&homed] == 1 && view["state_code"] == 1);
+    }
+    let moved = line.post("/v1/moves", &json!({"m1": {"y_mm": 1.25}, "m2": {"y_mm": 1.25}})).expect(201);
+    assert_eq!(line.wait_for(&moved)["state"], "done");
+    let view = super::until(&line.service, "/v1/cell?view=plc", |view| view["state_code"] == 1);
+    let y_um = view["m1_y_um"].as_i64().expect("known");
+    assert!((1150..1350).contains(&y_um) && view["commands_allowed"] == 1 && view["reason_code"] == 0, "{view}");
+    let order = json!({"source": "sensor", "lease_id": line.lease});
+    let begun = line.service.post_json("/v1/measurements?view=plc", &order).expect(201);
+    assert_eq!((&begun["verdict_code"], &begun["progress_permille"]), (&json!(0), &json!(0)));
 }
 
 #[test]

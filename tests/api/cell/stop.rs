@@ -69,7 +69,7 @@ fn a_client_that_hangs_up_changes_nothing_about_its_move() {
         json!({"m1": {"y_mm": 3.0}, "m2": {"y_mm": 3.0}, "speed_ratio": 0.2, "lease_id": line.lease}).to_string();
     let mut stream = line.service.connect();
     let head = format!(
-        "POST /v1/moves HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\nContent-Length: {}\r\n\r\n",
+        "POST /v1/moves HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: {}\r\n\r\n",
         body.len()
     );
     stream.write_all((head + &body).as_bytes()).expect("sent");
@@ -77,7 +77,7 @@ fn a_client_that_hangs_up_changes_nothing_about_its_move() {
     drop(stream);
     let path = format!("/v1/moves/{}?wait_s=30", id(&moves["moves"][0]));
     let mut waiting = line.service.connect();
-    write!(waiting, "GET {path} HTTP/1.1\r\nHost: x\r\n\r\n").expect("sent");
+    write!(waiting, "GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n").expect("sent");
     drop(waiting);
     assert_eq!(line.service.get(&path).expect(200)["state"], "done");
     let one = line.service.get("/v1/manipulators/m1").expect(200);

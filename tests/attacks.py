@@ -1,0 +1,180 @@
+"""Attacks on the listener of the service, and whether a stop gets through while they go on.
+
+Usage: attacks.py COAXIS (the built command) [STOPS]. Starts `coaxis serve` with a simulated cell on a free port and a folder
+in memory. During each attack it sends stops (1000 unless said otherwise), each over a new connection, and prints how long they
+took. Fails where a stop is lost, or where the 99th percentile is above 50 ms. The figures are in docs/reliability.md.
+
+The attackers run in a process of their own and open the connections again that the service closes, up to 500 a second.
+"""
+
+import multiprocessing
+import pathlib
+import re
+import select
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+STOP_P99_MS_MAX = 50
+OPENED_PER_S_MAX = 500
+PATIENCE_S = 5
+LENGTH = 1_000_000
+
+
+def start(binary, data):
+    """The service and its port, read from the line of the log that tells it."""
+    command = [binary, "serve", "--listen", "127.0.0.1:0", "--data", data, "--set", "log.filter=error,coaxis::cli=info"]
+    service = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    for line in service.stderr:
+        found = re.search(r"listening on http://127.0.0.1:([0-9]+)", line)
+        if found:
+            threading.Thread(target=lambda: [print(line, end="", file=sys.stderr) for line in service.stderr]).start()
+            return service, int(found.group(1))
+    raise SystemExit(f"{binary} ended before it listened")
+
+
+def ask(port, head, body=b"", source="127.0.0.1", patience_s=PATIENCE_S):
+    """One request over a connection of its own: the status, 0 where there was no answer."""
+    try:
+        with socket.create_connection(("127.0.0.1", port), patience_s, (source, 0)) as connection:
+            lines = f"{head} HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(body)}\r\nConnection: close\r\n\r\n"
+            connection.sendall(lines.encode() + body)
+            answer = b""
+            while piece := connection.recv(65536):
+                answer += piece
+            return int(answer.split(b" ", 2)[1]) if answer.startswith(b"HTTP/1.1 ") else 0, answer
+    except OSError:
+        return 0, b""
+
+
+class Attack:
+    """Connections that are kept open, each fed with `feed` at once and with `trickle` every `pause` seconds."""
+
+    def __init__(self, port, count, feed, trickle=b"", pause=1.0):
+        self.arguments = (port, count, feed, trickle, pause)
+
+    def __enter__(self):
+        self.ready = multiprocessing.Event()
+        self.process = multiprocessing.Process(target=self.run, daemon=True)
+        self.process.start()
+        self.ready.wait(30)
+        return self
+
+    def __exit__(self, *_):
+        self.process.kill()
+        self.process.join()
+
+    def run(self):
+        port, count, feed, trickle, pause = self.arguments
+        poll, connections, due = select.poll(), {}, time.monotonic() + pause
+        begun, opened = time.monotonic(), -count
+        while True:
+            while len(connections) < count and opened < (time.monotonic() - begun) * OPENED_PER_S_MAX:
+                opened += 1
+                connection = socket.socket()
+                try:
+                    connection.settimeout(1)
+                    connection.connect(("127.0.0.1", port))
+                    connection.setblocking(False)
+                    connection.send(feed)
+                except OSError:
+                    connection.close()
+                    break
+                connections[connection.fileno()] = connection
+                # Answers are not read; only the end of the connection is noticed.
+                poll.register(connection, select.POLLRDHUP)
+            self.ready.set()
+            for number, _ in poll.poll(10):
+                poll.unregister(number)
+                connections.pop(number).close()
+            if trickle and time.monotonic() >= due:
+                due += pause
+                for connection in connections.values():
+                    try:
+                        connection.send(trickle)
+                    except OSError:
+                        pass
+
+
+def stops(port, count):
+    """The times of so many stops in ms, and how many got no answer."""
+    times, lost = [], 0
+    for _ in range(count):
+        begun = time.perf_counter()
+        status, _ = ask(port, "POST /v1/cell/stop")
+        if status == 200:
+            times.append((time.perf_counter() - begun) * 1e3)
+        else:
+            lost += 1
+        time.sleep(0.005)
+    return sorted(times), lost
+
+
+def measure(name, port, count):
+    times, lost = stops(port, count)
+    if not times:
+        print(f"{name:<44}{'no stop got through':>32}")
+        return False
+    p99 = times[min(len(times) - 1, int(len(times) * 0.99))]
+    kept = lost == 0 and p99 <= STOP_P99_MS_MAX
+    print(
+        f"{name:<44}{len(times):>8}{lost:>8}{statistics.median(times):>10.1f}{p99:>10.1f}{times[-1]:>10.1f}"
+        f"{'' if kept else '   NOT KEPT'}",
+        flush=True,
+    )
+    return kept
+
+
+def others_upload(port):
+    """Whether uploads of another address are taken, and how long those of the attacker's address are refused, s."""
+    scan = b"".join(b"%d,%d,%d\n" % (x, y, 200 - y * y // 400) for x in range(20) for y in range(-50, 51, 5))
+    other, _ = ask(port, "POST /v1/scans", scan, "127.0.0.2")
+    begun = time.monotonic()
+    while time.monotonic() < begun + 130:
+        if ask(port, "POST /v1/scans", scan)[0] in (200, 201):
+            break
+        time.sleep(0.25)
+    return other in (200, 201), time.monotonic() - begun
+
+
+def main():
+    binary = pathlib.Path(sys.argv[1]).resolve()
+    count = int(sys.argv[2]) if len(sys.argv) > 2 else 1000
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as data:
+        service, port = start(binary, data)
+        kept = []
+        try:
+            body = b"".join(b"%d,%d,%d\n" % (x, y, 200) for x in range(1000) for y in range(-250, 251))
+            _, answer = ask(port, "POST /v1/scans", body, patience_s=60)
+            scan = re.search(rb"s-[0-9a-f]{64}", answer).group().decode()
+            large = f"GET /v1/scans/{scan}/content HTTP/1.1\r\nHost: localhost\r\n\r\n".encode() * 20
+            upload = f"POST /v1/scans HTTP/1.1\r\nHost: localhost\r\nContent-Length: {LENGTH}\r\n\r\n1,2,3\n".encode()
+            print(f"{'ms':<44}{'stops':>8}{'lost':>8}{'median':>10}{'99 %':>10}{'most':>10}")
+            kept.append(measure("no attack", port, count))
+            attacks = [
+                ("530 sockets that never read", Attack(port, 530, large)),
+                ("530 sockets that send nothing", Attack(port, 530, b"")),
+                ("530 sockets with half a head", Attack(port, 530, b"GET /v1/status HTTP/1.1\r\nHost: loc", b"a")),
+                ("512 trickling bodies", Attack(port, 512, upload, b"1", 1.0)),
+                ("64 slow uploads", Attack(port, 64, upload, b"1", 5.0)),
+            ]
+            for name, attack in attacks:
+                with attack:
+                    kept.append(measure(name, port, count))
+            with Attack(port, 200, upload, b"1", 5.0):
+                taken, refused_s = others_upload(port)
+            print(f"200 slow uploads: those of another address are {'taken' if taken else 'NOT TAKEN'}, those of the same")
+            print(f"address, while the attack goes on, after {refused_s:.0f} s")
+            kept.append(taken)
+        finally:
+            service.terminate()
+            kept.append(service.wait(timeout=20) == 0)
+    raise SystemExit(0 if all(kept) else "an attack kept a stop or another client out")
+
+
+if __name__ == "__main__":
+    main()
