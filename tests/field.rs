@@ -6,8 +6,12 @@
 
 mod measured;
 
-use coaxis::estimation::{Orientation, Settings};
-use coaxis::geometry::{Axis, Frame};
+use coaxis::estimation::{Orientation, Outcome, Progress, Settings, estimate};
+use coaxis::geometry::{Axis, AxisLine, Frame};
+use coaxis::scan::decode::{Limits, Unit};
+use coaxis::scan::slice::{SliceRequest, slice};
+use coaxis::scan::synthetic::{LaserPlane, Part, make};
+use coaxis::scan::{Cloud, Grouping, Labels, ProfileRule, Stripe};
 use measured::{Ask, apart, cloud, codes, measure, pose};
 use std::path::{Path, PathBuf};
 
@@ -176,4 +180,57 @@ fn profiles_without_travel_are_named() {
         coaxis::estimation::Outcome::Refused(refusal) => assert_eq!(refusal.code(), "travel_missing"),
         other => panic!("{other:?}"),
     }
+}
+
+/// The points of profiles in a tilted laser plane, whose profiles share errors, without anything that tells the profiles apart.
+fn tilted_cloud(seed: u64, axis: AxisLine, about_z_deg: f64) -> Cloud {
+    let part = Part {
+        axis,
+        radius_mm: 50.0,
+        length_mm: 200.0,
+        profiles_count: 60,
+        points_count: 80,
+        laser_plane: LaserPlane { about_y_deg: 0.0, about_z_deg },
+        noise_sigma_mm: 0.01,
+        jitter_sigma_mm: 0.03,
+        ..Part::smooth(seed)
+    };
+    let (scan, _) = make(&part).expect("a scan");
+    let own_x = scan.stations().iter().flat_map(|station| scan.own_x(station).expect("a tilted plane").to_vec());
+    let stripes = (1..).zip(own_x).map(|(end, x)| Stripe { label: 0.0, x, end }).collect();
+    let (columns, labels, unit) = (scan.columns().clone(), Labels::None, Unit::Millimetre);
+    Cloud { stripes, columns, labels, unit, blanks: Vec::new(), missing_count: 0 }
+}
+
+/// Root mean square of the errors of slabs in standard uncertainties: as they are cut, and where they pass for profiles of the sensor.
+fn slabs_off(about_z_deg: f64, seeds: u64) -> [f64; 2] {
+    let axis = AxisLine { p: 0.01, q: 0.02, y0: 3.0, z0: -7.0 };
+    let rule = Some(ProfileRule::XPitch(Some(3.0)));
+    let request = SliceRequest { rule, ..SliceRequest::default() };
+    let mut sums = [0.0; 2];
+    for seed in 0..seeds {
+        let scan = slice(tilted_cloud(seed, axis, about_z_deg), &request, &Limits::default()).expect("slabs");
+        assert_eq!(scan.grouping(), Grouping::Slabs);
+        for (sum, grouping) in sums.iter_mut().zip([Grouping::Slabs, Grouping::Given]) {
+            let estimate = estimate(&scan.clone().with_grouping(grouping), &Settings::default(), &Progress::default());
+            let Outcome::Accepted(pose) = &estimate.outcome else { panic!("{:?}", estimate.outcome) };
+            let on_rail = pose.on_rail().expect("near X");
+            let [y, z] = on_rail.axis.at(on_rail.x_ref);
+            let errors = [
+                on_rail.axis.deflection().radians() - axis.p.atan(),
+                on_rail.axis.pitch().radians() - axis.q.atan(),
+                y - (axis.y0 + axis.p * on_rail.x_ref),
+                z - (axis.z0 + axis.q * on_rail.x_ref),
+            ];
+            let covariance = on_rail.uncertainty.covariance;
+            *sum += (0..4).map(|i| errors[i] * errors[i] / covariance[i][i]).sum::<f64>() / (4 * seeds) as f64;
+        }
+    }
+    sums.map(f64::sqrt)
+}
+
+#[test]
+fn slabs_through_tilted_profiles_state_more_uncertainty_than_profiles_of_the_sensor() {
+    let [slabs, given] = slabs_off(5.0, 12);
+    assert!(slabs < 1.3 && given > 1.1 * slabs, "{slabs} {given}");
 }

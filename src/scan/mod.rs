@@ -62,6 +62,8 @@ pub enum Grouping {
     Given,
     /// From the x that points share, which may as well be the lattice of another sensor.
     SharedX,
+    /// Slabs along the rail that the caller asked for: nothing says that the sensor took the points of one together.
+    Slabs,
     /// The points came without profiles and were grouped so that there are some.
     Chosen,
 }

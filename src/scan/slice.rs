@@ -145,7 +145,12 @@ pub fn slice(cloud: Cloud, request: &SliceRequest, limits: &Limits) -> Result<Sc
         cloud = place::cut_to(&cloud, region)?;
     }
     let (key, rule) = choose::choose_key(&cloud, request.rule.as_ref(), limits)?;
-    let grouping = if request.rule.is_some() { Grouping::Given } else { choose::grouping(&cloud) };
+    let grouping = match (&request.rule, choose::grouping(&cloud)) {
+        (None, grouping) => grouping,
+        // Slabs of a file that is ordered in profiles hold whole ones.
+        (Some(ProfileRule::XPitch(_)), Grouping::SharedX | Grouping::Slabs | Grouping::Chosen) => Grouping::Slabs,
+        (Some(_), _) => Grouping::Given,
+    };
     Ok(group::group(cloud, key, rule, limits)?.with_grouping(grouping).with_lattice(lattice))
 }
 

@@ -74,7 +74,7 @@ pub(super) fn sandwich(normal: &Matrix5<f64>, profiles: &[Sums], hold: Hold) -> 
     covariance.iter().all(|v| v.is_finite()).then_some(Scatter { covariance, freedom })
 }
 
-/// The same where the profiles are sections that were cut from a cloud. What the sensor took together is not known then: its
+/// The same where the profiles are sections or slabs that were cut from a cloud. What the sensor took together is not known then: its
 /// profiles, whose points share errors, pass through several sections. So runs of 1, 2, 4, … neighbouring sections are the
 /// clusters in turn, as long as enough of them are left, and for each parameter the largest variance counts.
 pub(super) fn over_runs(normal: &Matrix5<f64>, sections: &[Sums], hold: Hold) -> Option<Scatter> {

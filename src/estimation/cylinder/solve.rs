@@ -100,7 +100,10 @@ pub(super) fn solve(problem: &Problem<'_>, start: &Settled) -> Option<Solution> 
         cylinder = cylinder.moved(&step)?;
         if left((normal * step).dot(&step).abs() / (sigma * sigma), sums.weight) < SETTLED {
             profiles.iter_mut().for_each(|profile| profile.gradient += profile.normal * step);
-            let clustered = if problem.scan.grouping() == Grouping::Chosen { over_runs } else { sandwich };
+            let clustered = match problem.scan.grouping() {
+                Grouping::Given | Grouping::SharedX => sandwich,
+                Grouping::Slabs | Grouping::Chosen => over_runs,
+            };
             let Scatter { covariance, freedom } = clustered(&normal, &profiles, problem.hold)?;
             return Some(Solution { cylinder, sigma, covariance, freedom, profiles, inner, passes_count, field: None });
         }

@@ -168,7 +168,11 @@ fn measure(scan: &Scan, pieces: &[Piece], progress: &Progress) -> Parts {
         estimate: match scan.part(piece.stations.clone()) {
             // Parts lie one behind the other along X, so that is where the axis of each is looked for.
             Some(part) => {
-                let part = part.with_blanks(piece.blanks.clone()).with_grouping(Grouping::Given);
+                let grouping = match scan.grouping() {
+                    Grouping::Given | Grouping::SharedX => Grouping::Given,
+                    Grouping::Slabs | Grouping::Chosen => Grouping::Slabs,
+                };
+                let part = part.with_blanks(piece.blanks.clone()).with_grouping(grouping);
                 let settings = Settings { orientation: Orientation::Rail, ..piece.settings };
                 estimate(&part, &settings, progress)
             }

@@ -225,3 +225,17 @@ fn a_frame_must_not_carry_the_points_beyond_the_limit_of_coordinates() {
     let error = slice(cloud(), &request(1e300), &Limits::default()).expect_err("beyond");
     assert_eq!(error.code(), "coordinate_out_of_range");
 }
+
+#[test]
+fn slabs_that_are_asked_for_are_no_profiles_of_the_sensor() {
+    let grouping = |cloud, rule| sliced(cloud, rule).expect("slices").grouping();
+    let unordered = || regular(Labels::None, 100, 0.5, 0.5);
+    assert_eq!(grouping(unordered(), None), Grouping::Chosen);
+    for rule in ["x_pitch_mm", "x_pitch_mm=5"] {
+        assert_eq!(grouping(unordered(), Some(rule)), Grouping::Slabs, "{rule}");
+        assert_eq!(grouping(regular(Labels::None, 5, 1.0, 0.0), Some(rule)), Grouping::Slabs, "{rule}");
+        assert_eq!(grouping(regular(column(), 5, 1.0, 0.0), Some(rule)), Grouping::Given, "{rule}");
+        assert_eq!(grouping(regular(Labels::Row, 5, 1.0, 0.0), Some(rule)), Grouping::Given, "{rule}");
+    }
+    assert_eq!(grouping(unordered(), Some("x_value")), Grouping::Given);
+}
