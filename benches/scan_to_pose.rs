@@ -45,7 +45,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         encode(scan, format, &mut bytes)?;
         let limits = Limits::default();
         report(name, bytes.len(), scan, ROUNDS_COUNT, || {
-            let request = Request { unit: None, profile_column: None, limits: &limits };
+            let request = Request::new(&limits);
             let cloud = decode(format, &mut bytes.as_slice(), &request).ok();
             cloud
                 .and_then(|cloud| slice(cloud, &SliceRequest::default(), &limits).ok())

@@ -109,7 +109,7 @@ fn settings() -> Settings {
 
 fn decoded(bytes: &[u8]) -> Option<usize> {
     let limits = Limits::default();
-    let request = Request { unit: None, profile_column: None, limits: &limits };
+    let request = Request::new(&limits);
     let cloud = decode(Format::Ply, &mut &*bytes, &request).ok()?;
     slice(cloud, &SliceRequest::default(), &limits).ok().map(|scan| scan.columns().len())
 }

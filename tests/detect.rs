@@ -18,7 +18,7 @@ fn cloud(path: &Path, unit: Unit) -> Vec<[f64; 3]> {
     let claims = FormatClaims { file_name: Some(&name), ..FormatClaims::default() };
     let format = find_format(&claims, bytes.get(..512).unwrap_or(&bytes)).expect("known");
     let limits = Limits::default();
-    let request = Request { unit: Some(unit), profile_column: None, limits: &limits };
+    let request = Request { unit: Some(unit), ..Request::new(&limits) };
     let cloud = decode(format, &mut bytes.as_slice(), &request).expect("reads");
     let mut points = Vec::new();
     for stripe in &cloud.stripes {

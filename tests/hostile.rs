@@ -142,7 +142,7 @@ fn take_in(bytes: &[u8], declared: Option<Format>) -> Result<usize, String> {
         let head = reader.fill_buf().map_err(|error| error.to_string())?;
         find_format(&claims, head.get(..512).unwrap_or(head)).map_err(|error| error.to_string())?
     };
-    let request = Request { unit: None, profile_column: None, limits: &limits };
+    let request = Request::new(&limits);
     let cloud = decode(format, &mut *reader, &request).map_err(|error| error.to_string())?;
     let scan = slice(cloud, &SliceRequest::default(), &limits).map_err(|error| error.to_string())?;
     Ok(scan.stations().len())

@@ -34,7 +34,7 @@ fn points_of(path: &Path) -> Vec<[f64; 3]> {
     let claims = FormatClaims { file_name: Some(&name), ..FormatClaims::default() };
     let format = find_format(&claims, bytes.get(..512).unwrap_or(&bytes)).expect("known");
     let limits = Limits::default();
-    let cloud = decode(format, &mut bytes.as_slice(), &Request { unit: None, profile_column: None, limits: &limits });
+    let cloud = decode(format, &mut bytes.as_slice(), &Request::new(&limits));
     points_in(&cloud.unwrap_or_else(|error| panic!("{name}: {error}")))
 }
 

@@ -29,7 +29,7 @@ fn cloud_at(path: &Path, unit: Option<Unit>) -> Cloud {
     let claims = FormatClaims { file_name: Some(&name), ..FormatClaims::default() };
     let format = find_format(&claims, bytes.get(..512).unwrap_or(&bytes)).expect("known");
     let limits = Limits::default();
-    decode(format, &mut bytes.as_slice(), &Request { unit, profile_column: None, limits: &limits }).expect("reads")
+    decode(format, &mut bytes.as_slice(), &Request { unit, ..Request::new(&limits) }).expect("reads")
 }
 
 fn scan_of(cloud: Cloud) -> Scan {
@@ -94,7 +94,7 @@ fn the_bolt_is_read_past_its_faces_and_its_unit_is_known() {
     let bytes = fs::read(&bolt).expect("the file is there");
     let limits = Limits::default();
     let format = find_format(&FormatClaims::default(), &bytes).expect("known");
-    let request = Request { unit: Some(Unit::Metre), profile_column: None, limits: &limits };
+    let request = Request { unit: Some(Unit::Metre), ..Request::new(&limits) };
     let error = decode(format, &mut bytes.as_slice(), &request).expect_err("the file says mm");
     assert_eq!(error.code(), "unit_conflict");
     assert!(scan_of(cloud).rule().ends_with("(chosen)"));
@@ -147,7 +147,7 @@ fn the_tank_is_read_without_its_point_names() {
     let bytes = fs::read(&path).expect("the file is there");
     let limits = Limits::default();
     let format = find_format(&FormatClaims::default(), &bytes[..512]).expect("known");
-    let request = Request { unit: Some(Unit::Metre), profile_column: None, limits: &limits };
+    let request = Request { unit: Some(Unit::Metre), ..Request::new(&limits) };
     let cloud = decode(format, &mut bytes.as_slice(), &request).expect("reads");
     assert_eq!((cloud.columns.len(), cloud.missing_count, cloud.labels), (1229, 0, Labels::None));
     // Each row against its cells.

@@ -1,12 +1,13 @@
 //! `coaxis measure`: scan files to poses, without a service. The same document as over HTTP, or a table for people.
 
 use super::config::Sources;
+use super::reading::ReadingArguments;
 use super::{FAILED, Outcome, OutputClosed, REFUSED, bar, complain, print, table};
 use crate::estimation::{EndFaceRule, Method, Orientation};
 use crate::http::{MeasurementDocument, profiles_csv};
 use crate::plot::{Picture, Subject, draw};
-use crate::scan::decode::{Format, Limits, Unit};
-use crate::service::{Offline, Origin, Recipe, Resolved, Verdict, View, measure_offline};
+use crate::scan::decode::Limits;
+use crate::service::{Offline, Origin, Recipe, Resolved, Verdict, View, in_words, measure_offline, without_mark};
 use std::collections::HashSet;
 use std::error::Error;
 use std::ffi::OsStr;
@@ -36,22 +37,14 @@ pub(super) struct Arguments {
     /// In which directions the axis is looked for: auto (along X if it lies there, else in any), rail (along X) or any
     #[arg(long, value_name = "WHERE", value_parser = orientation)]
     orientation: Option<Orientation>,
-    /// Value of x, y or z, in the unit of the file, that marks a point as missing; may be repeated. Such values are looked for
-    /// where none is given
-    #[arg(long = "missing", value_name = "VALUE", allow_hyphen_values = true)]
-    missing_values: Option<Vec<f64>>,
     /// Which end faces are measured: none, near, far or both
     #[arg(long, value_name = "WHICH", value_parser = end_face)]
     end_face: Option<EndFaceRule>,
     /// A point nearer than this to its section is an inner point
     #[arg(long, value_name = "MM", allow_hyphen_values = true)]
     epsilon_mm: Option<f64>,
-    /// Format of the files, where name and content do not say
-    #[arg(long, value_parser = format)]
-    format: Option<Format>,
-    /// Unit of the files' coordinates: mm, m, um or inch
-    #[arg(long, value_parser = unit)]
-    unit: Option<Unit>,
+    #[command(flatten)]
+    reading: ReadingArguments,
     /// Which points belong to one profile: column, column=NAME, row, x_value or x_pitch_mm=PITCH
     #[arg(long, value_name = "RULE")]
     profile_by: Option<String>,
@@ -95,19 +88,19 @@ impl Arguments {
             nominal_radius_mm: self.nominal_radius_mm,
             epsilon_mm: self.epsilon_mm,
             orientation: self.orientation,
-            missing_values: self.missing_values.clone(),
             end_face: self.end_face,
-            unit: self.unit,
             profile_by: self.profile_by.clone(),
-            ..Recipe::default()
+            ..self.reading.recipe()
         };
         let Some(path) = &self.recipe else { return Ok(flags) };
         let text = fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
+        let text = without_mark(&text);
         // A list would be taken for the fields in their order.
         if text.trim_ascii_start().first() != Some(&b'{') {
             return Err(format!("{}: a recipe is a JSON object", path.display()).into());
         }
-        let recipe: Recipe = serde_json::from_slice(&text).map_err(|error| format!("{}: {error}", path.display()))?;
+        let recipe: Recipe = serde_json::from_slice(text)
+            .map_err(|error| format!("{}: {}", path.display(), in_words(&error.to_string())))?;
         Ok(flags.over(&recipe))
     }
 
@@ -134,7 +127,7 @@ impl Arguments {
     ) -> Result<Verdict, Box<dyn Error>> {
         let (source, file_name) = open(path)?;
         let name = file_name.clone().unwrap_or_else(|| "standard input".to_owned());
-        let origin = Origin { parameter: self.format, media_type: None, file_name };
+        let origin = Origin { parameter: self.reading.format, media_type: None, file_name };
         let measured = bar::with_bar(&name, |progress| measure_offline(source, &origin, resolved, limits, progress));
         let Offline { measurement, profiles, scan } = measured.map_err(|error| format!("{name}: {error}"))?;
         if let Some(place) = &self.profiles {
@@ -219,14 +212,4 @@ fn orientation(name: &str) -> Result<Orientation, String> {
 fn end_face(name: &str) -> Result<EndFaceRule, String> {
     let names = || EndFaceRule::ALL.map(EndFaceRule::name).join(", ");
     EndFaceRule::from_name(name).ok_or_else(|| format!("there is {}", names()))
-}
-
-pub(super) fn format(name: &str) -> Result<Format, String> {
-    let names = || Format::ALL.map(Format::name).join(", ");
-    Format::from_name(name).ok_or_else(|| format!("there is {}", names()))
-}
-
-pub(super) fn unit(name: &str) -> Result<Unit, String> {
-    let names = || Unit::ALL.map(Unit::name).join(", ");
-    Unit::from_name(name).ok_or_else(|| format!("there is {}", names()))
 }

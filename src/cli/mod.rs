@@ -13,6 +13,7 @@ mod man;
 mod measure;
 mod openapi;
 mod propose;
+mod reading;
 mod scene;
 mod serve;
 mod simulate;

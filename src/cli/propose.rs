@@ -1,9 +1,9 @@
 //! `coaxis propose`: the cylinders of a scan file, and a recipe for each of them that `coaxis measure --recipe` takes.
 
 use super::config::Sources;
-use super::measure::{format, open, unit};
+use super::measure::open;
+use super::reading::ReadingArguments;
 use super::{Outcome, REFUSED, complain, print};
-use crate::scan::decode::{Format, Unit};
 use crate::service::{Origin, Proposal, Recipe, cylinder_decimals, propose, read_cloud};
 use std::error::Error;
 use std::io::IsTerminal;
@@ -20,12 +20,8 @@ pub(super) struct Arguments {
     /// Print the recipes alone, one JSON object a line, also on a terminal
     #[arg(long)]
     json: bool,
-    /// Format of the file, where name and content do not say
-    #[arg(long, value_parser = format)]
-    format: Option<Format>,
-    /// Unit of the file's coordinates: mm, m, um or inch
-    #[arg(long, value_parser = unit)]
-    unit: Option<Unit>,
+    #[command(flatten)]
+    reading: ReadingArguments,
     /// Radius that the drawing gives: only cylinders within 2 % of it are proposed
     #[arg(long, value_name = "MM", allow_hyphen_values = true)]
     nominal_radius_mm: Option<f64>,
@@ -36,11 +32,11 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Outcome {
     let config = Sources::of_file(arguments.config.clone()).config()?;
-    let asked = Recipe { unit: arguments.unit, nominal_radius_mm: arguments.nominal_radius_mm, ..Recipe::default() };
+    let asked = Recipe { nominal_radius_mm: arguments.nominal_radius_mm, ..arguments.reading.recipe() };
     let resolved = asked.resolve(&config.estimation)?;
     let (source, file_name) = open(&arguments.file)?;
     let name = file_name.clone().unwrap_or_else(|| "standard input".to_owned());
-    let origin = Origin { parameter: arguments.format, media_type: None, file_name };
+    let origin = Origin { parameter: arguments.reading.format, media_type: None, file_name };
     let cloud = read_cloud(source, &origin, &resolved, &config.scan).map_err(|error| format!("{name}: {error}"))?;
     // A default of the configuration holds for the measurement, too.
     let nominal_radius_mm = resolved.settings.nominal_radius_mm;

@@ -1,6 +1,6 @@
 //! `coaxis simulate`: made data with their truth beside them, to try a client or a method against; and made devices.
 
-use super::measure::format;
+use super::reading::format;
 use super::scene::SceneArguments;
 use super::simulate_export::ExportArguments;
 use super::simulate_plc::{self, PlcArguments};

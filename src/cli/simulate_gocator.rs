@@ -199,7 +199,7 @@ fn read(path: &Path) -> Result<Scan, Box<dyn Error>> {
     let file_name = path.file_name().and_then(|name| name.to_str());
     let claims = FormatClaims { file_name, ..FormatClaims::default() };
     let format = find_format(&claims, bytes.fill_buf()?)?;
-    let request = Request { unit: None, profile_column: None, limits: &limits };
+    let request = Request::new(&limits);
     let cloud = decode(format, &mut bytes, &request)?;
     Ok(slice(cloud, &SliceRequest::default(), &limits)?)
 }

@@ -3,6 +3,8 @@
 use super::app::App;
 use super::body::Pieces;
 use super::problem::{Code, Problem};
+use crate::service::in_words;
+pub(super) use crate::service::without_mark;
 use axum::body::Body;
 use axum::extract::{FromRequest, FromRequestParts, Request};
 use axum::http::request::Parts;
@@ -57,7 +59,7 @@ pub(super) fn query<T: DeserializeOwned>(parts: &Parts) -> Result<T, Problem> {
         Err(rejection) => {
             let text = rejection.body_text();
             let reason = text.strip_prefix("Failed to deserialize query string: ").unwrap_or(&text);
-            Err(Problem::new(Code::QueryInvalid, format!("the query cannot be read: {reason}")))
+            Err(Problem::new(Code::QueryInvalid, format!("the query cannot be read: {}", in_words(reason))))
         }
     }
 }
@@ -110,15 +112,18 @@ pub(super) async fn optional_json<T: DeserializeOwned + Default>(
 
 /// A value from the bytes of a JSON document that is an object.
 pub(super) fn json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
+    let bytes = without_mark(bytes);
     if let Err(error) = serde_json::from_slice::<IgnoredAny>(bytes) {
-        return Err(Problem::new(Code::JsonMalformed, format!("the body is not a JSON document: {error}")));
+        let reason = in_words(&error.to_string());
+        return Err(Problem::new(Code::JsonMalformed, format!("the body is not a JSON document: {reason}")));
     }
     // A list would be taken for the fields of an object in their order.
     if bytes.trim_ascii_start().first() != Some(&b'{') {
         return Err(Problem::new(Code::JsonInvalid, "the body is not a JSON object: send {\"name\": value, …}"));
     }
-    serde_json::from_slice(bytes)
-        .map_err(|error| Problem::new(Code::JsonInvalid, format!("the body has another shape: {error}")))
+    serde_json::from_slice(bytes).map_err(|error| {
+        Problem::new(Code::JsonInvalid, format!("the body has another shape: {}", in_words(&error.to_string())))
+    })
 }
 
 /// Whether the body is declared as JSON.

@@ -1,8 +1,10 @@
 //! The words that requests choose from, as closed sets: methods, formats, units. Each turns into the domain's own.
 
 use crate::estimation::{EndFaceRule, Method, Orientation, RadiusRule};
-use crate::scan::decode::{Format, Unit};
+use crate::scan::decode::{Decimal, Format, Unit};
+use serde::de::{Deserializer, Error};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use utoipa::ToSchema;
 
 /// A way to show a measurement or the cell.
@@ -16,7 +18,7 @@ pub(super) enum View {
 }
 
 /// How the pose is found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 #[schema(as = Method)]
 pub(super) enum MethodName {
@@ -31,7 +33,7 @@ pub(super) enum MethodName {
 }
 
 /// In which directions the axis is looked for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 #[schema(as = Orientation)]
 pub(super) enum OrientationName {
@@ -57,7 +59,7 @@ pub(super) enum RadiusName {
 }
 
 /// Which end faces of the part are measured.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 #[schema(as = EndFaceRule)]
 pub(super) enum EndFaceName {
@@ -72,11 +74,11 @@ pub(super) enum EndFaceName {
 }
 
 /// How a scan is written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 #[schema(as = Format)]
 pub(super) enum FormatName {
-    /// Text tables: CSV, TXT, XYZ, ASC.
+    /// Text tables; also under the names txt, xyz, asc, tsv, pts, ds.
     Csv,
     /// The sectioned text that Gocator sensors export.
     GocatorCsv,
@@ -93,7 +95,7 @@ pub(super) enum FormatName {
 }
 
 /// Unit of a file's coordinates.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 #[schema(as = Unit)]
 pub(super) enum UnitName {
@@ -105,6 +107,74 @@ pub(super) enum UnitName {
     Um,
     /// Inches.
     Inch,
+}
+
+/// Sign before the decimals of a text file's numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+#[schema(as = Decimal)]
+pub(super) enum DecimalName {
+    /// `1.5`; a comma separates thousands.
+    Point,
+    /// `1,5`; a point separates thousands.
+    Comma,
+}
+
+/// Reads a name as the offline command does: the same spellings, and the same words about another.
+macro_rules! read_by_name {
+    ($($name:ty, $domain:ty, $what:literal;)+) => {$(
+        impl<'de> Deserialize<'de> for $name {
+            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                let name = Cow::<'de, str>::deserialize(deserializer)?;
+                <$domain>::from_name(&name).map(Self::from).ok_or_else(|| {
+                    let names = <$domain>::ALL.map(<$domain>::name).join(", ");
+                    let shown: String = name.chars().take(40).collect();
+                    D::Error::custom(format!("there is no {} {shown:?}; there is {names}", $what))
+                })
+            }
+        }
+    )+};
+}
+
+read_by_name! {
+    MethodName, Method, "method";
+    OrientationName, Orientation, "orientation";
+    EndFaceName, EndFaceRule, "end face";
+    FormatName, Format, "format";
+    UnitName, Unit, "unit";
+    DecimalName, Decimal, "decimal sign";
+}
+
+impl From<DecimalName> for Decimal {
+    fn from(name: DecimalName) -> Self {
+        match name {
+            DecimalName::Point => Self::Point,
+            DecimalName::Comma => Self::Comma,
+        }
+    }
+}
+
+impl From<Decimal> for DecimalName {
+    fn from(sign: Decimal) -> Self {
+        match sign {
+            Decimal::Point => Self::Point,
+            Decimal::Comma => Self::Comma,
+        }
+    }
+}
+
+impl From<Format> for FormatName {
+    fn from(format: Format) -> Self {
+        match format {
+            Format::Csv => Self::Csv,
+            Format::GocatorCsv => Self::GocatorCsv,
+            Format::Ply => Self::Ply,
+            Format::Pcd => Self::Pcd,
+            Format::Npy => Self::Npy,
+            Format::Npz => Self::Npz,
+            Format::Json => Self::Json,
+        }
+    }
 }
 
 impl From<MethodName> for Method {

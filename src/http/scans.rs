@@ -3,12 +3,12 @@
 use super::app::App;
 use super::body::Pieces;
 use super::extract::{NoQuery, Path, Query, query};
-use super::names::FormatName;
+use super::names::{DecimalName, FormatName};
 use super::paging::{PageQuery, listed};
 use super::problem::Problem;
 use super::receive::{content_encoding, origin, receive};
 use crate::scan::decode::Format;
-use crate::service::{Content, Kept, Order};
+use crate::service::{Content, Kept, Order, Recipe};
 use crate::store::ScanRow;
 use axum::Json;
 use axum::body::{Body, Bytes};
@@ -59,6 +59,15 @@ pub(super) struct CreateQuery {
     /// Format of the scan; found by Content-Type and first bytes where nothing is said.
     #[param(inline)]
     format: Option<FormatName>,
+    /// Sign before the decimals of a text file's numbers, where its cells do not show it.
+    #[param(inline)]
+    decimal: Option<DecimalName>,
+    /// Distance between the profiles of a scan that is a matrix of heights.
+    #[param(exclusive_minimum = 0.0, maximum = 100000.0)]
+    x_pitch_mm: Option<f64>,
+    /// Distance between the points of a profile in such a matrix.
+    #[param(exclusive_minimum = 0.0, maximum = 100000.0)]
+    y_pitch_mm: Option<f64>,
 }
 
 /// Keep a scan
@@ -81,7 +90,13 @@ pub(super) async fn create_scan(State(app): State<App>, request: Request) -> Res
     let query: CreateQuery = query(&parts)?;
     let encoding = content_encoding(&parts.headers)?;
     let origin = origin(query.format, &parts.headers)?;
-    let accepted = app.service.accept(Order::default()).await?;
+    let overrides = Recipe {
+        decimal: query.decimal.map(Into::into),
+        x_pitch_mm: query.x_pitch_mm,
+        y_pitch_mm: query.y_pitch_mm,
+        ..Recipe::default()
+    };
+    let accepted = app.service.accept(Order { overrides, ..Order::default() }).await?;
     let arrived = receive(&app, &mut pieces, encoding, origin, accepted).await?;
     let (status, row) = match app.service.store_scan(arrived).await? {
         Kept::New(row) => (StatusCode::CREATED, row),

@@ -107,7 +107,7 @@ mod tests {
         let Decoded { format, mut cloud } = arriving.finish().expect("points");
         let mut bytes = Vec::new();
         encode_cloud(&cloud, &mut bytes).expect("memory takes it");
-        let read = decode(format, &mut &*bytes, &Request { unit: None, profile_column: None, limits: &limits });
+        let read = decode(format, &mut &*bytes, &Request::new(&limits));
         // A file has no place for points that are not there.
         assert_eq!(std::mem::take(&mut cloud.missing_count), 6);
         assert_eq!(read.expect("it reads"), cloud);

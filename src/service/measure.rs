@@ -66,7 +66,8 @@ pub fn read(
     limits: &Limits,
 ) -> Result<Decoded, DecodeError> {
     let format = find_format(claims, reader.fill_buf()?)?;
-    let request = Request { unit: resolved.unit, profile_column: resolved.profile_column(), limits };
+    let Resolved { unit, decimal, grid, .. } = *resolved;
+    let request = Request { unit, profile_column: resolved.profile_column(), decimal, grid, limits };
     Ok(Decoded { format, cloud: decode(format, reader, &request)? })
 }
 

@@ -6,7 +6,7 @@ use crate::estimation::{
     EndFaceRule, Method, Orientation, PartRule, PartsError, RadiusRule, SettingError, Settings, TypeB,
 };
 use crate::geometry::{Frame, FrameError};
-use crate::scan::decode::Unit;
+use crate::scan::decode::{Decimal, Grid, Unit};
 use crate::scan::slice::{Region, RegionError, SliceRequest};
 use crate::scan::{ProfileRule, RuleError};
 use serde::{Deserialize, Serialize};
@@ -81,6 +81,15 @@ pub struct Recipe {
     /// Unit of the file's coordinates; millimetres where nobody says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<Unit>,
+    /// Sign before the decimals of a text file's numbers; what the cells show where nobody says.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub decimal: Option<Decimal>,
+    /// Distance between the profiles of a file that is a matrix of heights.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub x_pitch_mm: Option<f64>,
+    /// Distance between the points of a profile of such a file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub y_pitch_mm: Option<f64>,
     /// Which points belong to one profile, e.g. `column=frame`, `row`, `x_pitch_mm=0.5`, `x_value`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub profile_by: Option<String>,
@@ -102,6 +111,10 @@ pub struct Resolved {
     pub settings: Settings,
     /// For the reader; `None` leaves it to the file, and to millimetres where that is silent.
     pub unit: Option<Unit>,
+    /// For the reader; `None` leaves it to the file.
+    pub decimal: Option<Decimal>,
+    /// For the reader of a matrix.
+    pub grid: Grid,
     /// Values that mark missing points, in the unit of the file; `None` looks for them.
     pub missing_values: Option<Vec<f64>>,
     /// For the cutting into profiles.
@@ -214,6 +227,9 @@ impl Recipe {
             end_face: self.end_face.or(under.end_face),
             missing_values: self.missing_values.or_else(|| under.missing_values.clone()),
             unit: self.unit.or(under.unit),
+            decimal: self.decimal.or(under.decimal),
+            x_pitch_mm: self.x_pitch_mm.or(under.x_pitch_mm),
+            y_pitch_mm: self.y_pitch_mm.or(under.y_pitch_mm),
             profile_by: self.profile_by.or_else(|| under.profile_by.clone()),
             frame: self.frame.or(under.frame),
             region: self.region.or(under.region),
@@ -247,9 +263,14 @@ impl Recipe {
             region.check()?;
         }
         let rule = self.profile_by.as_deref().map(ProfileRule::parse).transpose()?;
+        check_positive("x_pitch_mm", self.x_pitch_mm)?;
+        check_positive("y_pitch_mm", self.y_pitch_mm)?;
+        let columns_are_profiles = matches!(rule, Some(ProfileRule::Column(None)));
+        let grid = Grid { x_pitch_mm: self.x_pitch_mm, y_pitch_mm: self.y_pitch_mm, columns_are_profiles };
         let slicing = SliceRequest { rule, frame: self.frame, region: self.region };
         let missing_values = self.missing_values.clone();
-        Ok(Resolved { settings, unit: self.unit, missing_values, slicing, parts, recipe: self.filled(&settings) })
+        let (unit, decimal, recipe) = (self.unit, self.decimal, self.filled(&settings));
+        Ok(Resolved { settings, unit, decimal, grid, missing_values, slicing, parts, recipe })
     }
 
     fn settings(&self, default: &Settings) -> Result<Settings, RecipeError> {
@@ -382,6 +403,7 @@ mod tests {
         let refused = |recipe: Recipe| recipe.check().expect_err("refused").to_string();
         assert!(refused(Recipe { iterations_max: Some(0), ..Recipe::default() }).starts_with("iterations_max"));
         assert!(refused(Recipe { noise_sigma_mm: Some(-1.0), ..Recipe::default() }).starts_with("noise_sigma_mm"));
+        assert!(refused(Recipe { y_pitch_mm: Some(0.0), ..Recipe::default() }).starts_with("y_pitch_mm"));
         assert!(refused(Recipe { profile_by: Some("gap".into()), ..Recipe::default() }).starts_with("profile_by"));
         let region = Some(Region { y_mm: Some([1.0, 0.0]), ..Region::default() });
         assert!(refused(Recipe { region, ..Recipe::default() }).contains("y_mm"));

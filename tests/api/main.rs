@@ -8,6 +8,7 @@ mod cell;
 mod command;
 mod crowded;
 mod documents;
+mod field;
 mod harness;
 mod life;
 mod limits;

@@ -26,8 +26,7 @@ pub(crate) fn cloud(path: &Path, unit: Option<Unit>) -> Cloud {
     let name = path.display().to_string();
     let claims = FormatClaims { parameter: None, media_type: None, file_name: Some(&name) };
     let format = find_format(&claims, &bytes).expect("a known format");
-    let request = Request { unit, profile_column: None, limits: &Limits::default() };
-    decode(format, &mut &*bytes, &request).expect("reads")
+    decode(format, &mut &*bytes, &Request { unit, ..Request::new(&Limits::default()) }).expect("reads")
 }
 
 /// The scan of some points, and how many values stood for missing ones and profiles were repeated.

@@ -4,8 +4,8 @@
 use super::super::app::App;
 use super::super::body::Pieces;
 use super::super::command::made;
-use super::super::extract::{is_json, json, query};
-use super::super::names::{FormatName, MethodName, UnitName, View};
+use super::super::extract::{is_json, json, query, without_mark};
+use super::super::names::{DecimalName, FormatName, MethodName, UnitName, View};
 use super::super::problem::{Code, Problem};
 use super::super::receive::{content_encoding, origin, receive, request_id};
 use super::plc::PlcDocument;
@@ -17,7 +17,7 @@ use axum::extract::{Request, State};
 use axum::http::HeaderMap;
 use axum::response::Response;
 use serde::Deserialize;
-use serde::de::{Deserializer as _, IgnoredAny, MapAccess, Visitor};
+use serde::de::{Deserializer, Error as _, IgnoredAny, MapAccess, Visitor};
 use std::fmt;
 use utoipa::{IntoParams, ToSchema};
 
@@ -36,6 +36,20 @@ pub(in super::super) struct CreateQuery {
     /// the first that fits where nothing is said.
     #[param(example = "x_value")]
     profile_by: Option<String>,
+    /// Sign before the decimals of a text file's numbers, where its cells do not show it.
+    #[param(inline)]
+    decimal: Option<DecimalName>,
+    /// Distance between the profiles of a scan that is a matrix of heights; its first column is y where `y_pitch_mm` is left out.
+    #[param(exclusive_minimum = 0.0, maximum = 100000.0)]
+    x_pitch_mm: Option<f64>,
+    /// Distance between the points of a profile in such a matrix; its first column is x where `x_pitch_mm` is left out. With both, a
+    /// profile is a row, or with `profile_by=column` a column.
+    #[param(exclusive_minimum = 0.0, maximum = 100000.0)]
+    y_pitch_mm: Option<f64>,
+    /// Values of x, y or z, in the unit of the file, that mark points as missing, separated by commas: `-9999,0`. They are looked for
+    /// where none are given; an empty list says that there are none.
+    #[param(value_type = Option<String>, example = "-9999")]
+    missing: Option<MissingList>,
     /// How the pose is found.
     #[param(inline)]
     method: Option<MethodName>,
@@ -53,6 +67,22 @@ pub(in super::super) struct CreateQuery {
     /// `plc` answers integers in one flat object below 1024 bytes, of several parts the first.
     #[param(inline)]
     view: Option<View>,
+}
+
+/// Numbers separated by commas.
+#[derive(Debug)]
+struct MissingList(Vec<f64>);
+
+impl<'de> Deserialize<'de> for MissingList {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let text = String::deserialize(deserializer)?;
+        let cells = text.split(',').map(str::trim).filter(|cell| !cell.is_empty());
+        let values = cells.map(|cell| {
+            let shown: String = cell.chars().take(40).collect();
+            cell.parse().map_err(|_| D::Error::custom(format!("{shown:?} is not a number; write e.g. missing=-9999,0")))
+        });
+        values.collect::<Result<_, _>>().map(Self)
+    }
 }
 
 /// A measurement of a kept scan.
@@ -76,6 +106,17 @@ pub(in super::super) struct OrderDocument {
     unit: Option<UnitName>,
     /// Which points belong to one profile.
     profile_by: Option<String>,
+    /// Sign before the decimals of a text file's numbers.
+    decimal: Option<DecimalName>,
+    /// Distance between the profiles of a scan that is a matrix of heights.
+    #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
+    x_pitch_mm: Option<f64>,
+    /// Distance between the points of a profile in such a matrix.
+    #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
+    y_pitch_mm: Option<f64>,
+    /// Values that mark points as missing, in the unit of the file.
+    #[schema(max_items = 16)]
+    missing_values: Option<Vec<f64>>,
     /// A repeated request of the same id gets the first answer again.
     #[schema(pattern = "^[A-Za-z0-9._:-]{1,128}$")]
     request_id: Option<String>,
@@ -193,6 +234,10 @@ async fn measure_kept(
         format: query.format,
         unit: body.unit.or(query.unit),
         profile_by: body.profile_by.or(query.profile_by),
+        decimal: body.decimal.or(query.decimal),
+        x_pitch_mm: body.x_pitch_mm.or(query.x_pitch_mm),
+        y_pitch_mm: body.y_pitch_mm.or(query.y_pitch_mm),
+        missing: body.missing_values.map(MissingList).or(query.missing),
         method: body.method.or(query.method),
         recipe: body.recipe.or(query.recipe),
         nominal_radius_mm: body.nominal_radius_mm.or(query.nominal_radius_mm),
@@ -229,8 +274,15 @@ pub(super) fn recipe_name(name: String) -> Result<RecipeName, Problem> {
 impl CreateQuery {
     /// An order for the sensor with what the query says and the order does not.
     fn under(self, mut order: SensorOrderDocument) -> Result<SensorOrderDocument, Problem> {
-        if self.unit.is_some() || self.profile_by.is_some() {
-            let detail = "unit and profile_by are about files; a scan by the sensor is in mm and has its profiles";
+        let about_files = self.unit.is_some()
+            || self.profile_by.is_some()
+            || self.decimal.is_some()
+            || self.x_pitch_mm.is_some()
+            || self.y_pitch_mm.is_some()
+            || self.missing.is_some();
+        if about_files {
+            let detail = "unit, profile_by, decimal, x_pitch_mm, y_pitch_mm and missing are about files; a scan by the sensor is in mm, \
+                          has its profiles and marks what is missing";
             return Err(Problem::new(Code::QueryInvalid, detail));
         }
         order.recipe = order.recipe.or(self.recipe);
@@ -248,6 +300,10 @@ impl CreateQuery {
             nominal_radius_mm: self.nominal_radius_mm,
             unit: self.unit.map(Into::into),
             profile_by: self.profile_by,
+            decimal: self.decimal.map(Into::into),
+            x_pitch_mm: self.x_pitch_mm,
+            y_pitch_mm: self.y_pitch_mm,
+            missing_values: self.missing.map(|MissingList(values)| values),
             ..Recipe::default()
         };
         Ok(Order { recipe: recipe.transpose()?, overrides, request_id: request_id(self.request_id, headers)? })
@@ -261,7 +317,7 @@ async fn read_order(pieces: &mut Pieces, app: &App) -> Result<Option<JsonOrder>,
     if Encoding::sniff(&head).is_some() {
         return Ok(None);
     }
-    let keys = top_level_keys(&head);
+    let keys = top_level_keys(without_mark(&head));
     let has = |name: &str| keys.iter().any(|key| key == name);
     match (has("profiles"), has("scan_id") || has("source"), whole) {
         (true, false, _) | (false, false, false) => Ok(None),

@@ -35,8 +35,8 @@ const fn code_of(error: &DecodeError) -> Code {
         E::HeaderLine { .. } | E::HeaderMissing { .. } => Code::HeaderInvalidInFile,
         E::HeaderTooLong { .. } => Code::HeaderTooLong,
         E::SizeMismatch { .. } => Code::SizeMismatch,
-        E::DamagedPoints { .. } | E::DamagedArchive => Code::FileDamaged,
-        E::Unsupported { .. } => Code::FormatUnsupported,
+        E::DamagedPoints { .. } | E::DamagedArchive { .. } | E::DamagedFile => Code::FileDamaged,
+        E::Unsupported { .. } | E::ZippedFile { .. } => Code::FormatUnsupported,
         E::ArrayShape { .. } => Code::ArrayShape,
         E::ArraysMissing { .. } => Code::ArraysMissing,
         E::TooManyEntries { .. } => Code::TooManyEntries,
@@ -49,6 +49,11 @@ const fn code_of(error: &DecodeError) -> Code {
         E::HeaderNeeded { .. } => Code::HeaderNeeded,
         E::RaggedRow { .. } => Code::RowRagged,
         E::BadNumber { .. } => Code::NumberInvalid,
+        E::AmbiguousNumber { .. } => Code::NumberAmbiguous,
+        E::PitchNeeded { .. } => Code::PitchNeeded,
+        E::PitchUnused { .. } => Code::PitchUnused,
+        E::PositionMissing { .. } => Code::PositionMissing,
+        E::LinesStripped => Code::LineEndsMissing,
         E::UnitConflict { .. } => Code::UnitConflict,
         E::SectionMissing | E::SectionIncomplete { .. } => Code::SectionMissing,
         E::TravelMissing { .. } => Code::TravelMissing,
@@ -68,7 +73,14 @@ const fn code_of(error: &DecodeError) -> Code {
 fn with_numbers(problem: Problem, error: DecodeError) -> Problem {
     use DecodeError as E;
     match error {
-        E::Empty | E::UnknownFormat | E::DamagedArchive | E::SectionMissing | E::BadCompression | E::Io(_) => problem,
+        E::Empty
+        | E::UnknownFormat
+        | E::DamagedArchive { what: _ }
+        | E::DamagedFile
+        | E::LinesStripped
+        | E::SectionMissing
+        | E::BadCompression
+        | E::Io(_) => problem,
         E::FormatConflict { declared, found } => problem.with("declared", declared.name()).with("found", found.name()),
         E::NotThisFormat { format }
         | E::EndsEarly { format }
@@ -89,9 +101,10 @@ fn with_numbers(problem: Problem, error: DecodeError) -> Problem {
             problem.with("format", format.name()).with("field", field).with("stated", stated).with("expected", expected)
         }
         E::ArrayShape { shape } => problem.with("shape", shape),
-        E::ArraysMissing { found } => problem.with("found", found),
+        E::ArraysMissing { found } | E::ZippedFile { found } => problem.with("found", found),
         E::TooManyEntries { found, limit } => problem.with("found_count", count(found)).with("limit", count(limit)),
-        E::NotText { line } | E::NotATable { line } | E::TravelMissing { line } => problem.with("line", line),
+        E::NotText { line } | E::TravelMissing { line } => problem.with("line", line),
+        E::NotATable { line, text } => problem.with("line", line).with("text", text),
         E::LineTooLong { line, limit } => problem.with("line", line).with("limit", count(limit)),
         E::TooManyColumns { limit } => problem.with("limit", count(limit)),
         E::UnknownColumn { wanted, found } => problem.with("wanted", wanted).with("found", found),
@@ -99,14 +112,30 @@ fn with_numbers(problem: Problem, error: DecodeError) -> Problem {
             problem.with("wanted", wanted).with("first", first).with("second", second)
         }
         E::HeaderNeeded { columns } => problem.with("columns_count", count(columns)),
-        E::RaggedRow { line, expected, found } => {
-            problem.with("line", line).with("expected_count", count(expected)).with("found_count", count(found))
+        E::RaggedRow { line, expected, found, text } => problem
+            .with("line", line)
+            .with("expected_count", count(expected))
+            .with("found_count", count(found))
+            .with("text", text),
+        E::BadNumber { line, column, text, hint: _ } => {
+            problem.with("line", line).with("column", count(column)).with("text", text)
         }
-        E::BadNumber { line, column } => problem.with("line", line).with("column", count(column)),
+        E::AmbiguousNumber { line, column, text, as_point, as_comma } => problem
+            .with("line", line)
+            .with("column", count(column))
+            .with("text", text)
+            .with("with_decimal_point", as_point)
+            .with("with_decimal_comma", as_comma),
+        E::PitchNeeded { format, columns, wanted } => problem
+            .with("format", format.name())
+            .with("columns_count", count(columns))
+            .with("parameters", wanted.names().to_vec()),
+        E::PitchUnused { format } => problem.with("format", format.name()),
+        E::PositionMissing { row, axis } => problem.with("row", count(row)).with("axis", axis),
         E::UnitConflict { declared, found } => problem.with("declared", declared.name()).with("found", found.name()),
         E::SectionIncomplete { line, field } => problem.with("line", line).with("field", field),
-        E::JsonSyntax { line, column } | E::JsonShape { line, column } => {
-            problem.with("line", count(line)).with("column", count(column))
+        E::JsonSyntax { line, column, found } | E::JsonShape { line, column, found } => {
+            problem.with("line", count(line)).with("column", count(column)).with("text", found)
         }
         E::NoPoints { missing_count } => problem.with("missing_count", missing_count),
         E::TooManyPoints { limit } => problem.with("points_max", count(limit)),
@@ -152,7 +181,9 @@ impl From<SliceError> for Problem {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scan::decode::Format;
+    use crate::http::problem::code::Retry;
+    use crate::scan::decode::{Format, NumberHint, Pitches};
+    use std::io;
 
     /// The offline command prints the reader's own name of a reason, the service the problem's: they are the same.
     #[test]
@@ -163,12 +194,19 @@ mod tests {
             DecodeError::NotThisFormat { format },
             DecodeError::EndsEarly { format },
             DecodeError::HeaderMissing { format, field: "vertex" },
-            DecodeError::DamagedArchive,
+            DecodeError::DamagedArchive { what: "" },
+            DecodeError::DamagedFile,
+            DecodeError::LinesStripped,
+            DecodeError::PitchUnused { format },
+            DecodeError::PitchNeeded { format, columns: 9, wanted: Pitches::Both },
+            DecodeError::PositionMissing { row: 1, axis: "y" },
+            DecodeError::ZippedFile { found: Vec::new() },
+            DecodeError::AmbiguousNumber { line: 1, column: 1, text: String::new(), as_point: 1.0, as_comma: 2.0 },
             DecodeError::DoubleColumn { wanted: "x", first: String::new(), second: String::new() },
-            DecodeError::RaggedRow { line: 1, expected: 2, found: 3 },
-            DecodeError::BadNumber { line: 1, column: 1 },
+            DecodeError::RaggedRow { line: 1, expected: 2, found: 3, text: String::new() },
+            DecodeError::BadNumber { line: 1, column: 1, text: String::new(), hint: NumberHint::Other },
             DecodeError::SectionMissing,
-            DecodeError::JsonSyntax { line: 1, column: 1 },
+            DecodeError::JsonSyntax { line: 1, column: 1, found: String::new() },
             DecodeError::TooManyPoints { limit: 1 },
             DecodeError::BadCompression,
         ] {
@@ -178,6 +216,19 @@ mod tests {
             [SliceError::NoRows, SliceError::RegionEmpty { points: 1 }, SliceError::TooManyProfiles { limit: 1 }]
         {
             assert_eq!(error.code(), Problem::from(error).code().name());
+        }
+    }
+
+    /// How a file of the store fails is the store's matter; what decompressors say of the bytes in it is the client's.
+    #[test]
+    fn no_error_of_the_bytes_is_worth_trying_again() {
+        use io::ErrorKind as K;
+        for kind in [K::InvalidData, K::InvalidInput, K::UnexpectedEof, K::Unsupported] {
+            let code = code_of(&DecodeError::from(io::Error::new(kind, "of the bytes")));
+            assert_eq!((code.status(), code.retry()), (422, Retry::No), "{kind}");
+        }
+        for kind in [K::NotFound, K::PermissionDenied, K::TimedOut] {
+            assert_eq!(code_of(&DecodeError::from(io::Error::new(kind, "of the file"))), Code::StoreUnavailable);
         }
     }
 }

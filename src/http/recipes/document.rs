@@ -1,6 +1,6 @@
 //! A recipe as clients write and read it. Every field may be left out. Must not know what a field does.
 
-use super::super::names::{EndFaceName, MethodName, OrientationName, RadiusName, UnitName};
+use super::super::names::{DecimalName, EndFaceName, MethodName, OrientationName, RadiusName, UnitName};
 use super::parts::PartsDocument;
 use super::type_b::TypeBDocument;
 use crate::geometry::Frame;
@@ -99,6 +99,18 @@ pub struct RecipeDocument {
     /// Unit of the file's coordinates.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(in super::super) unit: Option<UnitName>,
+    /// Sign before the decimals of a text file's numbers, where its cells do not show it: `point` or `comma`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(in super::super) decimal: Option<DecimalName>,
+    /// Distance between the profiles of a file that is a matrix of heights; its first column is y where `y_pitch_mm` is left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
+    pub x_pitch_mm: Option<f64>,
+    /// Distance between the points of a profile in such a file; its first column is x where `x_pitch_mm` is left out. With both, a
+    /// profile is a row, or with `profile_by` `column` a column.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
+    pub y_pitch_mm: Option<f64>,
     /// Which points belong to one profile: `column`, `column=NAME`, `row`, `x_pitch_mm`, `x_pitch_mm=NUMBER`, `x_value`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(example = "x_value")]
@@ -168,6 +180,9 @@ impl From<RecipeDocument> for Recipe {
             missing_values: document.missing_values,
             end_face: document.end_face.map(Into::into),
             unit: document.unit.map(Into::into),
+            decimal: document.decimal.map(Into::into),
+            x_pitch_mm: document.x_pitch_mm,
+            y_pitch_mm: document.y_pitch_mm,
             profile_by: document.profile_by,
             frame: document.frame.map(|frame| Frame {
                 origin_mm: frame.origin_mm,
@@ -205,6 +220,9 @@ impl From<Recipe> for RecipeDocument {
             missing_values: recipe.missing_values,
             end_face: recipe.end_face.map(Into::into),
             unit: recipe.unit.map(Into::into),
+            decimal: recipe.decimal.map(Into::into),
+            x_pitch_mm: recipe.x_pitch_mm,
+            y_pitch_mm: recipe.y_pitch_mm,
             profile_by: recipe.profile_by,
             frame: recipe.frame.map(|frame| FrameDocument {
                 origin_mm: frame.origin_mm,

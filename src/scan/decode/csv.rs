@@ -1,63 +1,75 @@
-//! Tables of points in text: CSV, TXT, XYZ, ASC, TSV, PTS, DS. From lines to a cloud; must not know about sections or frames.
+//! Tables in text: CSV, TXT, XYZ, ASC, TSV, PTS, DS; rows of points, or a matrix of heights with declared pitches. From lines to a
+//! cloud; must not know about sections or frames.
 //!
 //! | taken as it comes | how |
 //! |---|---|
 //! | separator | `;`, tab, `,` or blanks, from the first row of numbers |
-//! | decimals | point, or comma where the comma does not separate |
-//! | header | names with x, y, z; lines before it are passed over; also in the last comment before the rows |
+//! | decimals | point, or comma where the comma does not separate; thousands separators as in [`number`](super::number) |
+//! | header | names with x, y, z; up to 1000 lines before it are passed over; also in the last comment before the rows |
+//! | units | in the names, in a row below them, or in a comment (`unit: mm`) |
 //! | no header | three columns are x y z; four are profile x y z where the first counts runs that share the second |
-//! | names of points | without a header, in the first of four columns or more; passed over, as are columns behind x y z |
+//! | names of points | without a header, in the first of four columns or more: words, or numbers that count up; passed over, as are columns behind x y z |
 //! | number of points | a whole number alone in the first line; then columns behind x y z (intensity, r, g, b) are passed over |
-//! | comments | lines that begin with `#` or `//`; `unit: mm` in one declares the unit |
+//! | comments | lines that begin with `#` or `//` |
 //! | line ends | LF, CR LF, or CR alone |
 //! | no point | a coordinate that is empty, `nan`, `-`, `null`, `n/a` |
+//! | behind the rows | a line that states their number, `END`, and NUL |
+//! | the header again | passed over |
 
 use super::fields::Separator;
 use super::gather::Gather;
-use super::lines::Lines;
-use super::named::NamedRows;
-use super::names::{self, ColumnMap};
-use super::number::parse_number;
-use super::{DecodeError, Format, Limits, Precision, Request, Unit, settle_unit};
+use super::hints::{NumberHint, shorten};
+use super::lines::{Lines, is_fill};
+use super::matrix::Matrix;
+use super::names;
+use super::number::Numbers;
+use super::table::{Line, Sample, Table, check_columns, is_comment, lone_count};
+use super::{DecodeError, Format, Precision, Request, settle_unit};
 use crate::scan::{Cloud, Labels};
-
-/// Lines that are looked at before it is decided how the table is built.
-const SAMPLE_LINES: usize = 64;
 
 /// Reads a table.
 pub(super) fn decode(reader: &mut dyn std::io::BufRead, request: &Request<'_>) -> Result<Cloud, DecodeError> {
     let mut lines = Lines::of_text(reader, request.limits)?;
-    let mut sample = Sample::read(&mut lines)?;
-    let mut announced = sample.take_announcement();
+    let mut sample = Sample::read(&mut lines, request.limits)?;
+    if request.grid.is_declared() {
+        return read_matrix(&sample, &mut lines, request);
+    }
+    let announced = sample.take_announcement();
     let table = sample.understand(request)?;
     let unit = settle_unit(request.unit, names::settle_stated(table.map.unit, sample.unit)?)?;
-    let mut gather = Gather::new(unit, Precision::Double, request.limits);
-    for line in sample.lines.get(table.first_row..).unwrap_or_default() {
-        table.read(&line.bytes, line.number, &mut gather, &mut announced)?;
+    let mut rows = Rows {
+        gather: Gather::new(unit, Precision::Double, request.limits),
+        numbers: Numbers::new(request.decimal),
+        header: table.header.and_then(|at| sample.lines.get(at)).map(|line| line.bytes.clone()),
+        table,
+        announced,
+        end: None,
+    };
+    for line in sample.lines.get(rows.table.first_row..).unwrap_or_default() {
+        rows.take(&line.bytes, line.number)?;
     }
-    loop {
-        let number = lines.number() + 1;
-        let Some(line) = lines.next_line()? else { break };
-        if !is_comment(line) && !line.trim_ascii().is_empty() {
-            table.read(line, number, &mut gather, &mut announced)?;
-        }
-    }
-    check_announced(announced, gather.seen() as u64)?;
-    gather.finish(match table.map.label {
+    each_line(&mut lines, |line, number| rows.take(line, number))?;
+    check_announced(rows.announced, rows.gather.seen() as u64)?;
+    rows.numbers.finish()?;
+    rows.gather.finish(match rows.table.map.label {
         Some((_, name)) => Labels::Column(name),
         None => Labels::None,
     })
 }
 
-fn is_comment(line: &[u8]) -> bool {
-    let line = line.trim_ascii_start();
-    line.starts_with(b"#") || line.starts_with(b"//")
-}
-
-/// The number of a line that holds a whole number and nothing else.
-fn lone_count(line: &[u8]) -> Option<u64> {
-    let digits = line.trim_ascii();
-    digits.iter().all(u8::is_ascii_digit).then(|| str::from_utf8(digits).ok()?.parse().ok()).flatten()
+/// Hands out the lines that are left and that are neither blank nor comments.
+fn each_line(
+    lines: &mut Lines<'_>,
+    mut take: impl FnMut(&[u8], u64) -> Result<(), DecodeError>,
+) -> Result<(), DecodeError> {
+    while !lines.is_padding()? {
+        let number = lines.number() + 1;
+        let Some(line) = lines.next_line()? else { break };
+        if !is_comment(line) && !line.trim_ascii().is_empty() {
+            take(line, number)?;
+        }
+    }
+    Ok(())
 }
 
 /// Compares the number of points that the file announces with its rows, missing points included.
@@ -74,274 +86,160 @@ fn check_announced(announced: Option<u64>, found: u64) -> Result<(), DecodeError
     }
 }
 
-/// What a comment says behind its sign.
-fn comment_text(line: &[u8]) -> &[u8] {
-    let start = line.iter().position(|byte| !matches!(byte, b'#' | b'/' | b' ')).unwrap_or(line.len());
-    line.get(start..).unwrap_or_default().trim_ascii()
+/// Reads the rows of a table one after the other.
+struct Rows<'a> {
+    table: Table,
+    /// The line of the header.
+    header: Option<Vec<u8>>,
+    numbers: Numbers,
+    gather: Gather<'a>,
+    announced: Option<u64>,
+    /// The line that says that the rows are over.
+    end: Option<Line>,
 }
 
-struct Line {
-    number: u64,
-    bytes: Vec<u8>,
-}
-
-/// The first lines of a file, comments set apart.
-struct Sample {
-    lines: Vec<Line>,
-    /// The text of the last comment before them.
-    comment: Option<Vec<u8>>,
-    unit: Option<Unit>,
-    /// Whether a number of points stood before the rows.
-    counted: bool,
-}
-
-impl Sample {
-    fn read(source: &mut Lines<'_>) -> Result<Self, DecodeError> {
-        let mut sample = Self { lines: Vec::new(), comment: None, unit: None, counted: false };
-        while sample.lines.len() < SAMPLE_LINES {
-            let number = source.number() + 1;
-            let Some(line) = source.next_line()? else { break };
-            if line.contains(&0) || line.starts_with(b"\xff\xfe") || line.starts_with(b"\xfe\xff") {
-                return Err(DecodeError::NotText { line: number });
-            }
-            if is_comment(line) {
-                let text = comment_text(line);
-                sample.unit = sample.unit.or(names::unit_of_comment(text));
-                if sample.lines.is_empty() {
-                    sample.comment = Some(text.to_vec());
-                }
-            } else if !line.trim_ascii().is_empty() {
-                sample.lines.push(Line { number, bytes: line.to_vec() });
-            }
+impl Rows<'_> {
+    fn take(&mut self, line: &[u8], number: u64) -> Result<(), DecodeError> {
+        if let Some(end) = &self.end
+            && !ends_table(line, self.gather.seen() as u64)
+        {
+            // It was none, as it seems.
+            return Err(no_number(&end.bytes, end.number));
         }
-        Ok(sample)
-    }
-
-    /// Takes the first line away where it is the number of points: a whole number alone, before a row of three or more.
-    fn take_announcement(&mut self) -> Option<u64> {
-        let [first, second, ..] = self.lines.as_slice() else { return None };
-        let count = lone_count(&first.bytes)?;
-        let separator = Separator::of_row(&second.bytes);
-        if !is_row(&second.bytes, separator) || count_columns(&second.bytes, separator) < 3 {
-            return None;
-        }
-        self.lines.remove(0);
-        self.counted = true;
-        Some(count)
-    }
-
-    /// Finds the header, or does without where the columns speak for themselves.
-    fn understand(&self, request: &Request<'_>) -> Result<Table, DecodeError> {
-        let Some(first) = self.lines.first() else { return Err(DecodeError::NoPoints { missing_count: 0 }) };
-        let begins_a_row = |line: &&Line| {
-            let first = line.bytes.trim_ascii_start().first();
-            first.is_some_and(|byte| byte.is_ascii_digit() || b"+-.,;\"".contains(byte))
-        };
-        let separator = Separator::of_row(&self.lines.iter().find(begins_a_row).unwrap_or(first).bytes);
-        let header = self.lines.iter().position(|line| has_axes(&split_names(&line.bytes, separator)));
-        let first_row = self.lines.iter().position(|line| is_row(&line.bytes, separator));
-        if header.is_none() && first_row != Some(0) {
-            let rows: Vec<&[u8]> = self.lines.iter().map(|line| line.bytes.as_slice()).collect();
-            if let Some(rows) = NamedRows::find(&rows) {
-                return self.understand_named_rows(&rows, request);
-            }
-        }
-        match (header, first_row) {
-            (Some(header), row) if row.is_none_or(|row| header < row) => {
-                let names = self.lines.get(header).map(|line| split_names(&line.bytes, separator)).unwrap_or_default();
-                Table::with_header(separator, &names, header + 1, request)
-            }
-            (_, Some(0)) => self.understand_rows(separator, request),
-            (_, Some(row)) => {
-                let names = self.lines.get(row - 1).map(|line| split_names(&line.bytes, separator)).unwrap_or_default();
-                Table::with_header(separator, &names, row, request)
-            }
-            (_, None) => Err(DecodeError::NotATable { line: first.number }),
-        }
-    }
-
-    /// A table that begins with a row: with the names of the comment above it, or by position.
-    fn understand_rows(&self, separator: Separator, request: &Request<'_>) -> Result<Table, DecodeError> {
-        let rows = || self.lines.iter().map(|line| line.bytes.as_slice());
-        let columns = rows().next().map_or(0, |row| count_columns(row, separator));
-        if let Some(names) = self.names_in_comment(separator, columns) {
-            return Table::with_header(separator, &names, 0, request);
-        }
-        let labelled = columns == 4 && first_counts_runs(rows(), separator);
-        // Files that begin with the number of points have x y z first in every convention known.
-        if request.profile_column.is_some() || !(columns == 3 || labelled || self.counted) {
-            return Err(DecodeError::HeaderNeeded { columns });
-        }
-        check_columns(columns, request.limits)?;
-        let shift = usize::from(labelled);
-        let label = labelled.then(|| (0, "profile".to_owned()));
-        let map = ColumnMap { point: [shift, shift + 1, shift + 2], label, unit: None };
-        Ok(Table { separator, columns, map, first_row: 0 })
-    }
-
-    /// A table that begins with a named point. The comment above it may leave out the name's column.
-    fn understand_named_rows(&self, rows: &NamedRows, request: &Request<'_>) -> Result<Table, DecodeError> {
-        let &NamedRows { separator, columns } = rows;
-        let names = self.names_in_comment(separator, columns).or_else(|| {
-            let names = self.names_in_comment(separator, columns - 1)?;
-            Some([vec![String::new()], names].concat())
-        });
-        if let Some(names) = names {
-            return Table::with_header(separator, &names, 0, request);
-        }
-        if request.profile_column.is_some() {
-            return Err(DecodeError::HeaderNeeded { columns });
-        }
-        check_columns(columns, request.limits)?;
-        let map = ColumnMap { point: [1, 2, 3], label: None, unit: None };
-        Ok(Table { separator, columns, map, first_row: 0 })
-    }
-
-    /// The names of the columns in the last comment before the rows, where it names so many and x, y, z are among them.
-    fn names_in_comment(&self, separator: Separator, columns: usize) -> Option<Vec<String>> {
-        let comment = self.comment.as_ref()?;
-        let separators = [separator, Separator::Byte(b','), Separator::Byte(b';'), Separator::Blanks];
-        let names = separators.iter().map(|separator| split_names(comment, *separator));
-        names.into_iter().find(|names| names.len() == columns && has_axes(names))
-    }
-}
-
-/// How the rows of a file are built.
-struct Table {
-    separator: Separator,
-    columns: usize,
-    map: ColumnMap,
-    /// Position in the sample.
-    first_row: usize,
-}
-
-impl Table {
-    fn with_header(
-        separator: Separator,
-        names: &[String],
-        first_row: usize,
-        request: &Request<'_>,
-    ) -> Result<Self, DecodeError> {
-        check_columns(names.len(), request.limits)?;
-        Ok(Self { separator, columns: names.len(), map: names::map_columns(names, request)?, first_row })
-    }
-
-    /// Reads a row, or the number of points of another block: scans are exported one behind the other.
-    fn read(
-        &self,
-        line: &[u8],
-        number: u64,
-        gather: &mut Gather<'_>,
-        announced: &mut Option<u64>,
-    ) -> Result<(), DecodeError> {
-        if let Some(points) = announced
-            && *points == gather.seen() as u64
+        // Scans are exported one behind the other, each with its number of points.
+        if let Some(points) = &mut self.announced
+            && *points == self.gather.seen() as u64
             && let Some(more) = lone_count(line)
         {
             *points = points.saturating_add(more);
             return Ok(());
         }
-        self.read_row(line, number, gather)
+        match self.read_row(strip_fill(line), number) {
+            Err(DecodeError::BadNumber { .. } | DecodeError::RaggedRow { .. })
+                if self.header.as_deref() == Some(line) =>
+            {
+                Ok(())
+            }
+            Err(DecodeError::BadNumber { .. } | DecodeError::RaggedRow { .. })
+                if ends_table(line, self.gather.seen() as u64) =>
+            {
+                self.end.get_or_insert_with(|| Line { number, bytes: line.to_vec() });
+                Ok(())
+            }
+            outcome => outcome,
+        }
     }
 
-    fn read_row(&self, line: &[u8], number: u64, gather: &mut Gather<'_>) -> Result<(), DecodeError> {
-        let [x, y, z] = self.map.point;
-        let label_at = self.map.label.as_ref().map(|(position, _)| *position);
+    fn read_row(&mut self, line: &[u8], number: u64) -> Result<(), DecodeError> {
+        let Table { separator, columns, .. } = self.table;
+        let [x, y, z] = self.table.map.point;
+        let label_at = self.table.map.label.as_ref().map(|(position, _)| *position);
         let (mut point, mut label) = ([0.0; 3], 0.0);
         let mut found = 0;
-        for (column, field) in self.separator.split(line).enumerate() {
-            let number_of =
-                |field| parse_number(field).ok_or(DecodeError::BadNumber { line: number, column: column + 1 });
+        for (column, field) in separator.split(line).enumerate() {
             let [point_x, point_y, point_z] = &mut point;
             // A column may be a coordinate and the label at once.
             if label_at == Some(column) {
-                label = number_of(field)?;
+                label = self.numbers.read(field, number, column)?;
             }
             if column == x {
-                *point_x = number_of(field)?;
+                *point_x = self.numbers.read(field, number, column)?;
             } else if column == y {
-                *point_y = number_of(field)?;
+                *point_y = self.numbers.read(field, number, column)?;
             } else if column == z {
-                *point_z = number_of(field)?;
+                *point_z = self.numbers.read(field, number, column)?;
             }
             // Empty cells behind the last column are what a spreadsheet leaves.
-            if column < self.columns || !field.is_empty() {
+            if column < columns || !field.is_empty() {
                 found = column + 1;
             }
         }
-        if found != self.columns {
-            return Err(DecodeError::RaggedRow { line: number, expected: self.columns, found });
+        if found != columns {
+            return Err(DecodeError::RaggedRow { line: number, expected: columns, found, text: shorten(line) });
         }
-        gather.push(label, point)
+        self.gather.push(label, point)
     }
 }
 
-fn check_columns(columns: usize, limits: &Limits) -> Result<(), DecodeError> {
-    let limit = limits.columns_max;
-    if columns > limit { Err(DecodeError::TooManyColumns { limit }) } else { Ok(()) }
+/// A line without the NULs at its end, which may be the last one of a file that was filled up.
+fn strip_fill(line: &[u8]) -> &[u8] {
+    let kept = line.iter().rposition(|byte| !is_fill(*byte)).map_or(0, |last| last + 1);
+    line.get(..kept).unwrap_or_default()
 }
 
-/// The names of a header line, without the empty ones at its end. A unit in brackets belongs to the word before it.
-fn split_names(line: &[u8], separator: Separator) -> Vec<String> {
-    let mut names: Vec<String> = Vec::new();
-    for field in separator.split(line) {
-        let field = names::text_of(field);
-        match names.last_mut() {
-            Some(last) if separator == Separator::Blanks && field.starts_with(['[', '(']) => last.push_str(&field),
-            _ => names.push(field),
+/// Whether a line says, in words, how many rows stand above it, or that there is the end.
+fn ends_table(line: &[u8], rows_count: u64) -> bool {
+    const COUNT_WORDS: [&str; 14] = [
+        "total", "count", "point", "punkt", "anzahl", "row", "line", "zeile", "summe", "sample", "record", "number",
+        "nombre", "end",
+    ];
+    const END_WORDS: [&str; 6] = ["end", "eof", "end of file", "end of data", "ende", "fin"];
+    let text = names::text_of(strip_fill(line)).to_lowercase();
+    let text = text.trim_matches(|c: char| !c.is_alphanumeric());
+    if END_WORDS.contains(&text) {
+        return true;
+    }
+    let mut counts = text.split(|c: char| !c.is_ascii_digit()).filter(|digits| !digits.is_empty());
+    let is_count = counts.next().and_then(|digits| digits.parse().ok()) == Some(rows_count) && counts.next().is_none();
+    is_count && COUNT_WORDS.iter().any(|word| text.contains(word))
+}
+
+fn no_number(line: &[u8], number: u64) -> DecodeError {
+    let text = shorten(line);
+    DecodeError::BadNumber { line: number, column: 1, hint: NumberHint::of(&text), text }
+}
+
+/// Reads a matrix of heights.
+fn read_matrix(sample: &Sample, lines: &mut Lines<'_>, request: &Request<'_>) -> Result<Cloud, DecodeError> {
+    let Some((first, separator, columns)) = sample.find_matrix() else {
+        return Err(DecodeError::PitchUnused { format: Format::Csv });
+    };
+    check_columns(columns, request.grid.columns_max(request))?;
+    let mut numbers = Numbers::new(request.decimal);
+    let mut cells = Vec::new();
+    let mut take = |line: &[u8], number: u64| {
+        read_cells(strip_fill(line), number, (separator, columns), &mut numbers, &mut cells)?;
+        let limit = request.limits.points_max;
+        if cells.len() > limit { Err(DecodeError::TooManyPoints { limit }) } else { Ok(()) }
+    };
+    for line in sample.lines.get(first..).unwrap_or_default() {
+        take(&line.bytes, line.number)?;
+    }
+    each_line(lines, take)?;
+    numbers.finish()?;
+    Matrix { format: Format::Csv, columns, cells, unit: sample.unit }.into_cloud(request)
+}
+
+fn read_cells(
+    line: &[u8],
+    number: u64,
+    (separator, columns): (Separator, usize),
+    numbers: &mut Numbers,
+    cells: &mut Vec<f64>,
+) -> Result<(), DecodeError> {
+    let mut found = 0;
+    for (column, field) in separator.split(line).enumerate() {
+        if column < columns {
+            cells.push(numbers.read(field, number, column)?);
+        }
+        if column < columns || !field.is_empty() {
+            found = column + 1;
         }
     }
-    while names.last().is_some_and(String::is_empty) {
-        names.pop();
+    if found != columns {
+        return Err(DecodeError::RaggedRow { line: number, expected: columns, found, text: shorten(line) });
     }
-    names
-}
-
-/// Whether three columns bear names of coordinates.
-fn has_axes(names: &[String]) -> bool {
-    names.iter().filter(|name| names::is_axis(name)).count() >= 3
-}
-
-/// Whether a line is two numbers or more, and not all of them missing.
-fn is_row(line: &[u8], separator: Separator) -> bool {
-    let numbers: Option<Vec<f64>> = separator.split(line).map(parse_number).collect();
-    numbers.is_some_and(|numbers| numbers.len() >= 2 && numbers.iter().any(|number| number.is_finite()))
-}
-
-fn count_columns(row: &[u8], separator: Separator) -> usize {
-    let end = separator.split(row).enumerate().filter(|(_, field)| !field.is_empty()).last();
-    end.map_or(0, |(column, _)| column + 1)
-}
-
-/// Whether the first of four columns counts profiles: whole numbers that never fall, the second column one value for
-/// each, and some value more than once. x y z with an intensity behind them fails it, for y varies along a profile.
-fn first_counts_runs<'a>(rows: impl Iterator<Item = &'a [u8]>, separator: Separator) -> bool {
-    let mut last: Option<(f64, f64)> = None;
-    let mut repeated = false;
-    for row in rows {
-        let mut numbers = separator.split(row).map(parse_number);
-        let (Some(Some(label)), Some(Some(x))) = (numbers.next(), numbers.next()) else { return false };
-        if let Some((last_label, last_x)) = last {
-            if label < last_label || (label == last_label && x != last_x) {
-                return false;
-            }
-            repeated |= label == last_label;
-        }
-        if label.fract() != 0.0 || label < 0.0 {
-            return false;
-        }
-        last = Some((label, x));
-    }
-    repeated
+    Ok(())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scan::decode::{Decimal, Grid, Limits, Unit};
     use crate::scan::{Columns, Stripe};
 
     fn read_in(text: &str, unit: Option<Unit>) -> Result<Cloud, DecodeError> {
-        decode(&mut text.as_bytes(), &Request { unit, profile_column: None, limits: &Limits::default() })
+        decode(&mut text.as_bytes(), &Request { unit, ..Request::new(&Limits::default()) })
     }
 
     fn read(text: &str) -> Result<Cloud, DecodeError> {
@@ -415,13 +313,14 @@ mod tests {
     #[test]
     fn a_damaged_row_among_named_points_is_refused_with_its_line() {
         let rows = "a,1,2,3\nb,1,2,4\nc,1,2,5\n";
-        assert!(matches!(read(&format!("{rows}d,1,x,6\n")), Err(DecodeError::BadNumber { line: 4, column: 3 })));
+        assert!(matches!(read(&format!("{rows}d,1,x,6\n")), Err(DecodeError::BadNumber { line: 4, column: 3, .. })));
         let error = read(&format!("{rows}d,1,2\n")).expect_err("too short");
-        assert!(matches!(error, DecodeError::RaggedRow { line: 4, expected: 4, found: 3 }), "{error}");
-        let request = Request { unit: None, profile_column: Some("frame"), limits: &Limits::default() };
+        assert!(matches!(error, DecodeError::RaggedRow { line: 4, expected: 4, found: 3, .. }), "{error}");
+        let limits = Limits::default();
+        let request = Request { profile_column: Some("frame"), ..Request::new(&limits) };
         assert_eq!(decode(&mut rows.as_bytes(), &request).expect_err("no names").code(), "header_needed");
         let limits = Limits { columns_max: 3, ..Limits::default() };
-        let request = Request { unit: None, profile_column: None, limits: &limits };
+        let request = Request::new(&limits);
         assert_eq!(decode(&mut rows.as_bytes(), &request).expect_err("too many").code(), "too_many_columns");
         // A header of positions is none of names.
         assert_eq!(read("y,0,5,10\n-38,1,2,3\n-37,1,2,3\n").expect_err("a matrix").code(), "column_unknown");
@@ -493,6 +392,169 @@ mod tests {
         ] {
             assert_eq!(read(text).expect_err("wrong").code(), code, "{text}");
         }
-        assert!(matches!(read("x,y,z\n1,2,3\n1,b,3\n"), Err(DecodeError::BadNumber { line: 3, column: 2 })));
+        assert!(matches!(read("x,y,z\n1,2,3\n1,b,3\n"), Err(DecodeError::BadNumber { line: 3, column: 2, .. })));
+    }
+
+    fn points(text: &str) -> Vec<[f64; 3]> {
+        read(text).unwrap_or_else(|error| panic!("{text:.60}: {error}")).points().collect()
+    }
+
+    const TWO: [[f64; 3]; 2] = [[1.0, 2.0, 3.0], [1.0, 4.0, 5.0]];
+
+    #[test]
+    fn a_header_is_found_behind_a_long_preamble_and_behind_numbers_in_it() {
+        let long: String = (0..300).map(|i| format!("Key{i};value {i}\n")).collect();
+        for preamble in [long.as_str(), "Resolution,0.1,0.2\n1280,0.05\n", "0.1 0.2\n", "10;20;30;40\nRange;7\n"] {
+            for rows in ["x_mm,y_mm,z_mm\n1,2,3\n1,4,5\n", "x;y;z\n1,0;2,0;3,0\n1;4;5\n"] {
+                assert_eq!(points(&format!("{preamble}{rows}")), TWO, "{preamble:.20} {rows}");
+            }
+        }
+        // As many numbers as the header has names could be points.
+        assert_eq!(read("9,9,9\nx,y,z\n1,2,3\n").expect_err("points above").code(), "number_invalid");
+    }
+
+    #[test]
+    fn a_row_of_units_below_the_header_states_the_unit() {
+        for units in ["um,um,um", "[um],[\u{b5}m],(micron)", "\"um\",\"um\",\"um\""] {
+            let cloud = read(&format!("x,y,z\n{units}\n1000,2000,3000\n")).expect("a table");
+            assert_eq!((cloud.unit, cloud.points().collect::<Vec<_>>()), (Unit::Micrometre, vec![[1.0, 2.0, 3.0]]));
+        }
+        let cloud = read("t,x,i,y,z\ns,m,counts,m,m\n0,1,7,2,3\n").expect("a table");
+        assert_eq!(cloud.unit, Unit::Metre);
+        assert_eq!(read("x,y,z\nmm,mm,m\n1,2,3\n").expect_err("two units").code(), "unit_conflict");
+        assert_eq!(read("x_mm,y_mm,z_mm\num,um,um\n1,2,3\n").expect_err("two units").code(), "unit_conflict");
+    }
+
+    #[test]
+    fn inches_are_read_in_every_spelling_of_a_header() {
+        for header in
+            ["x [\"],y [\"],z [\"]", "\"x [\"\"]\",\"y [\"\"]\",\"z [\"\"]\"", "Länge X [in],Breite Y [in],Höhe Z [in]"]
+        {
+            assert_eq!(read(&format!("{header}\n1,2,3\n")).expect(header).unit, Unit::Inch, "{header}");
+        }
+    }
+
+    #[test]
+    fn numbers_of_points_in_the_first_column_are_passed_over() {
+        let rows = |first: usize, more: &str| -> String {
+            (0..10).map(|i| format!("{},1.5,{}.25,3.5{more}\n", first + i, i)).collect()
+        };
+        for text in [rows(1, ""), rows(0, ""), rows(17, ",120")] {
+            let points = points(&text);
+            assert_eq!((points.len(), points[3]), (10, [1.5, 3.25, 3.5]), "{text:.40}");
+        }
+        // A coordinate that rises by one has decimals as the others have, and a table of whole numbers tells nothing.
+        let steps: String = (0..10).map(|i| format!("{i}.0,1.5,{i}.25,3.5\n")).collect();
+        let whole: String = (0..10).map(|i| format!("{i},1,2,3\n")).collect();
+        for text in [steps, whole] {
+            assert_eq!(read(&text).expect_err("no name").code(), "header_needed", "{text:.40}");
+        }
+    }
+
+    #[test]
+    fn lines_behind_the_rows_are_passed_over_where_they_are_certain() {
+        for tail in [
+            "Total points: 2\n",
+            "# 2\n",
+            "END\n",
+            "2 points\nEOF\n",
+            "\0\0\0\n\0\0",
+            "\u{1a}",
+            "x,y,z\n",
+            "\n\nTotal;2\n",
+        ] {
+            assert_eq!(points(&format!("x,y,z\n1,2,3\n1,4,5\n{tail}")), TWO, "{tail:?}");
+        }
+        assert_eq!(points("x,y,z\n1,2,3\nx,y,z\n1,4,5\n"), TWO);
+        assert_eq!(points("x,y,z\n1,2,3\n1,4,5\0\0\0"), TWO);
+        for (tail, code) in [
+            ("Total points: 3\n", "number_invalid"),
+            ("Mean,3,4\n", "number_invalid"),
+            ("END\n1,6,7\n", "number_invalid"),
+            ("\0\0\n1,6,7\n", "not_text"),
+        ] {
+            assert_eq!(read(&format!("x,y,z\n1,2,3\n1,4,5\n{tail}")).expect_err("uncertain").code(), code, "{tail:?}");
+        }
+    }
+
+    #[test]
+    fn a_message_about_a_cell_shows_its_place_its_text_and_what_to_do() {
+        for (cell, hint) in [
+            ("\u{2212}5.2", "plain -"),
+            ("1'950", "thousands"),
+            ("1,2.5", "thousands"),
+            ("12 mm", "unit"),
+            ("12\"", "unit"),
+            ("no echo", "no point"),
+            ("?", "empty"),
+        ] {
+            let error = read(&format!("x;y;z\n1;2;3\n1;{cell};3\n")).expect_err("no number").to_string();
+            assert!(error.starts_with("line 3, column 2: \"") && error.contains(hint), "{error}");
+            assert!(error.contains(cell.trim_end_matches('"')), "{error}");
+        }
+        let ragged = read("x,y,z\n1,2,3\n1,2\n").expect_err("ragged").to_string();
+        assert!(ragged.contains("line 3") && ragged.contains("\"1,2\""), "{ragged}");
+    }
+
+    #[test]
+    fn a_table_whose_line_ends_were_removed_is_recognised() {
+        for text in
+            ["x,y,z0.0,-40.2,18.00.0,-38.8,20.2", "0.0 -40.2 18.00.0 -38.8 20.20.0 -37.3 22.5", "# a1,2,34,5,67,8,9"]
+        {
+            let error = read(text).expect_err("one line");
+            assert_eq!(error.code(), "line_ends_missing", "{text}");
+            assert!(error.to_string().contains("--data-binary"), "{error}");
+        }
+        let limits = Limits { line_bytes_max: 50, ..Limits::default() };
+        let error = decode(&mut "x,y,z".repeat(20).as_bytes(), &Request::new(&limits)).expect_err("a long line");
+        assert_eq!(error.code(), "line_ends_missing");
+        assert_eq!(points("1,2,3"), [[1.0, 2.0, 3.0]]);
+    }
+
+    #[test]
+    fn thousands_separators_are_refused_or_settled() {
+        let text = "x;y;z\n950;-343,43;192,99\n1.950;353,22;266,55\n";
+        let error = read(text).expect_err("two readings");
+        assert_eq!(error.code(), "number_ambiguous");
+        assert!(
+            error.to_string().contains("line 3, column 1") && error.to_string().contains("decimal=comma"),
+            "{error}"
+        );
+        let limits = Limits::default();
+        let request = Request { decimal: Some(Decimal::Comma), ..Request::new(&limits) };
+        let cloud = decode(&mut text.as_bytes(), &request).expect("settled");
+        assert_eq!(cloud.points().map(|[x, ..]| x).collect::<Vec<_>>(), [950.0, 1950.0]);
+    }
+
+    fn matrix(text: &str, x_pitch_mm: Option<f64>, y_pitch_mm: Option<f64>) -> Result<Cloud, DecodeError> {
+        let limits = Limits::default();
+        let grid = Grid { x_pitch_mm, y_pitch_mm, columns_are_profiles: false };
+        decode(&mut text.as_bytes(), &Request { grid, ..Request::new(&limits) })
+    }
+
+    #[test]
+    fn a_matrix_is_read_with_its_pitches_and_otherwise_asks_for_them() {
+        let rows: String = (0..5).map(|i| format!("{}.5{}\n", i, ",7.25".repeat(9))).collect();
+        let with_title = format!("Sensor,A7\nP0,P1,P2\n{rows}");
+        for text in [rows.as_str(), with_title.as_str()] {
+            let error = read(text).expect_err("no pitch");
+            assert!(matches!(error, DecodeError::PitchNeeded { columns: 10, .. }), "{error}");
+            assert!(error.to_string().contains("x_pitch_mm") && !error.to_string().contains("y_pitch_mm"), "{error}");
+            let cloud = matrix(text, Some(5.0), None).expect("a first column of y");
+            assert_eq!(cloud.points().nth(6), Some([5.0, 1.5, 7.25]));
+            let cloud = matrix(text, Some(5.0), Some(0.5)).expect("both pitches");
+            assert_eq!(cloud.points().nth(11), Some([5.0, 0.5, 7.25]));
+        }
+        let shuffled: String = [3, 1, 2].iter().map(|i| format!("{}.5{}\n", i * i, ",7.25".repeat(9))).collect();
+        assert!(read(&shuffled).expect_err("no pitch").to_string().contains("y_pitch_mm"));
+        for (text, code) in [
+            ("x,y,z\n1,2,3\n", "pitch_unused"),
+            ("1,2,3\n1,2,4\n", "pitch_unused"),
+            ("1,2,3,4\n1,2,3\n", "row_ragged"),
+            ("1,2,3,4\n1,b,3,4\n", "number_invalid"),
+            ("1,2,3,4\n,2,3,4\n", "position_missing"),
+        ] {
+            assert_eq!(matrix(text, Some(1.0), None).expect_err("wrong").code(), code, "{text}");
+        }
     }
 }

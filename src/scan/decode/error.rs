@@ -1,8 +1,9 @@
 //! Why a file cannot be read: each variant a reason with its numbers, each text what happened and what to do.
 //! Must not know about HTTP.
 
+use super::hints::{NumberHint, Pitches, json_hint};
 use super::{Format, Unit};
-use std::io;
+use std::io::{self, ErrorKind};
 
 /// Why a file does not become a cloud.
 #[derive(Debug, thiserror::Error)]
@@ -106,7 +107,10 @@ pub enum DecodeError {
         what: &'static str,
     },
     /// A numpy array of a shape that is not points.
-    #[error("the array has the shape {shape:?}; (N, 3) or (P, M, 3) is read, the last axis being x, y, z")]
+    #[error(
+        "the array has the shape {shape:?}; (N, 3) or (P, M, 3) is read, the last axis being x, y, z, or x, y and z of one shape (x of \
+         P and y of M numbers beside z of (P, M))"
+    )]
     ArrayShape {
         /// Its shape.
         shape: Vec<u64>,
@@ -118,8 +122,14 @@ pub enum DecodeError {
         found: Vec<String>,
     },
     /// Not a readable zip archive.
-    #[error("the archive is damaged; send the file again")]
-    DamagedArchive,
+    #[error("the archive is damaged: {what}; send the file again")]
+    DamagedArchive {
+        /// Which check it fails.
+        what: &'static str,
+    },
+    /// Bytes that contradict themselves where nothing more is known.
+    #[error("the file is damaged or ends early; send it again")]
+    DamagedFile,
     /// More entries than are looked at.
     #[error("the archive has {found} entries, at most {limit} are allowed; leave out what is not the scan")]
     TooManyEntries {
@@ -129,14 +139,16 @@ pub enum DecodeError {
         limit: usize,
     },
     /// A byte order mark or NUL bytes: not ASCII-compatible text.
-    #[error("line {line} is not UTF-8 text (UTF-16 or binary); save the table as UTF-8")]
+    #[error("line {line} is not text (binary, or UTF-16 without a byte order mark); save the table as UTF-8")]
     NotText {
         /// Number of the line, from 1.
         line: u64,
     },
     /// Text without a row of numbers.
-    #[error("line {line} begins text that is not a table of points; send rows of x, y, z")]
+    #[error("line {line} begins text that is not a table of points: {text:?}; send rows of x, y, z")]
     NotATable {
+        /// How it begins.
+        text: String,
         /// Number of the first line that is neither blank nor comment, from 1.
         line: u64,
     },
@@ -180,14 +192,19 @@ pub enum DecodeError {
         second: String,
     },
     /// No header, and a number of columns that has more than one reading.
-    #[error("a table of {columns} columns needs a header that names x, y and z, e.g. profile,x_mm,y_mm,z_mm")]
+    #[error(
+        "a table of {columns} columns needs a header that names x, y and z, e.g. profile,x_mm,y_mm,z_mm; a matrix of heights \
+         needs x_pitch_mm and y_pitch_mm"
+    )]
     HeaderNeeded {
         /// Columns found.
         columns: usize,
     },
     /// A row of another length than the rest.
-    #[error("line {line} has {found} columns where {expected} are expected; mend or remove the line")]
+    #[error("line {line} has {found} columns where {expected} are expected: {text:?}; correct or remove the line")]
     RaggedRow {
+        /// What stands there, shortened.
+        text: String,
         /// Its number, from 1.
         line: u64,
         /// Columns of the table.
@@ -196,15 +213,72 @@ pub enum DecodeError {
         found: usize,
     },
     /// Something that is not a number where one should be.
-    #[error(
-        "line {line}, column {column} is not a number; leave the cell empty where there is no point, and write a \
-         minus as the plain - of the keyboard (not as \u{2212} or a dash)"
-    )]
+    #[error("line {line}, column {column}: {text:?} is not a number; {hint}")]
     BadNumber {
         /// Number of the line, from 1.
         line: u64,
         /// Number of the column, from 1.
         column: usize,
+        /// What stands there, shortened.
+        text: String,
+        /// What to do about it.
+        hint: NumberHint,
+    },
+    /// A number with two readings.
+    #[error(
+        "line {line}, column {column}: {text:?} is {as_point} with a decimal point and {as_comma} with a decimal comma; declare \
+         which: decimal=point or decimal=comma"
+    )]
+    AmbiguousNumber {
+        /// Number of the line, from 1.
+        line: u64,
+        /// Number of the column, from 1.
+        column: usize,
+        /// What stands there.
+        text: String,
+        /// Its value with a decimal point.
+        as_point: f64,
+        /// Its value with a decimal comma.
+        as_comma: f64,
+    },
+    /// A matrix of heights whose cells have no place.
+    #[error("the {format} file holds a matrix of {columns} columns, not x, y, z of points; declare {}", wanted.text())]
+    PitchNeeded {
+        /// The format it is read as.
+        format: Format,
+        /// Its columns.
+        columns: usize,
+        /// What has to be declared.
+        wanted: Pitches,
+    },
+    /// Pitches for a file that states where its points lie.
+    #[error(
+        "x_pitch_mm and y_pitch_mm place the cells of a matrix, and the {format} file holds points with their own places; leave \
+         them out (slabs along x are profile_by=x_pitch_mm=...)"
+    )]
+    PitchUnused {
+        /// The format it is read as.
+        format: Format,
+    },
+    /// The positions of a matrix are no positions.
+    #[error(
+        "row {row} of the matrix has no number in its first column, which is taken as {axis}; complete it, or declare both x_pitch_mm \
+         and y_pitch_mm where the column holds no {axis}"
+    )]
+    PositionMissing {
+        /// Number of the row, from 1.
+        row: usize,
+        /// The coordinate that the column should hold.
+        axis: &'static str,
+    },
+    /// A text whose line ends are gone.
+    #[error("the file has lost its line ends, as curl -d @file removes them; send it with --data-binary @file")]
+    LinesStripped,
+    /// A zip archive of something else than numpy arrays.
+    #[error("the file is a zip archive of {}, not of numpy arrays (NPZ); unpack it and send the file itself, packed by gzip if need be", found.join(", "))]
+    ZippedFile {
+        /// Names of the entries.
+        found: Vec<String>,
     },
     /// The file states another unit than the caller, or two units.
     #[error("the unit is declared as {declared} but the file says {found}; declare {found} or none")]
@@ -234,23 +308,27 @@ pub enum DecodeError {
         line: u64,
     },
     /// JSON that cannot be parsed.
-    #[error("line {line}, column {column} is not valid JSON; send a JSON document")]
+    #[error("line {line}, column {column}: {found:?} is not valid JSON there; {}", json_hint(found))]
     JsonSyntax {
         /// Number of the line, from 1.
         line: usize,
         /// Number of the byte in the line, from 1.
         column: usize,
+        /// What stands there, shortened.
+        found: String,
     },
     /// JSON of another shape.
     #[error(
-        "line {line}, column {column} departs from {{\"profiles\": [{{\"x_mm\": 0.0, \"points\": [[y, z], ...]}}]}}; \
-         leave out other fields"
+        "line {line}, column {column}: {found:?} departs from {{\"profiles\": [{{\"x_mm\": 0.0, \"points\": [[y, z], ...]}}]}}; \
+         leave out other fields, and write numbers without quotes"
     )]
     JsonShape {
         /// Number of the line, from 1.
         line: usize,
         /// Number of the byte in the line, from 1.
         column: usize,
+        /// What stands there, shortened.
+        found: String,
     },
     /// No point, or only missing ones.
     #[error("the file holds no valid point ({missing_count} are marked as missing); check range and exposure")]
@@ -298,8 +376,17 @@ pub enum DecodeError {
 
 impl From<io::Error> for DecodeError {
     /// Takes out again what a reader below had to wrap to pass it through `std::io`.
+    ///
+    /// Of these kinds is what the bytes say, never how the file of a store fails.
     fn from(error: io::Error) -> Self {
-        error.downcast::<Self>().unwrap_or_else(Self::Io)
+        use ErrorKind as K;
+        match error.downcast::<Self>() {
+            Ok(error) => error,
+            Err(error) => match error.kind() {
+                K::InvalidData | K::InvalidInput | K::UnexpectedEof | K::Unsupported => Self::DamagedFile,
+                _ => Self::Io(error),
+            },
+        }
     }
 }
 
@@ -322,8 +409,8 @@ impl DecodeError {
             Self::HeaderLine { .. } | Self::HeaderMissing { .. } => "header_invalid",
             Self::HeaderTooLong { .. } => "header_too_long",
             Self::SizeMismatch { .. } => "size_mismatch",
-            Self::DamagedPoints { .. } | Self::DamagedArchive => "file_damaged",
-            Self::Unsupported { .. } => "format_unsupported",
+            Self::DamagedPoints { .. } | Self::DamagedArchive { .. } | Self::DamagedFile => "file_damaged",
+            Self::Unsupported { .. } | Self::ZippedFile { .. } => "format_unsupported",
             Self::ArrayShape { .. } => "array_shape",
             Self::ArraysMissing { .. } => "arrays_missing",
             Self::TooManyEntries { .. } => "too_many_entries",
@@ -336,6 +423,11 @@ impl DecodeError {
             Self::HeaderNeeded { .. } => "header_needed",
             Self::RaggedRow { .. } => "row_ragged",
             Self::BadNumber { .. } => "number_invalid",
+            Self::AmbiguousNumber { .. } => "number_ambiguous",
+            Self::PitchNeeded { .. } => "pitch_needed",
+            Self::PitchUnused { .. } => "pitch_unused",
+            Self::PositionMissing { .. } => "position_missing",
+            Self::LinesStripped => "line_ends_missing",
             Self::UnitConflict { .. } => "unit_conflict",
             Self::SectionMissing | Self::SectionIncomplete { .. } => "section_missing",
             Self::TravelMissing { .. } => "travel_missing",

@@ -91,6 +91,8 @@ impl Format {
 
     /// The format of first bytes that no other format begins with.
     fn from_magic(head: &[u8]) -> Option<Self> {
+        let utf16 = super::utf16::has_mark(head).then(|| super::utf16::ascii_of(head));
+        let head = utf16.as_deref().unwrap_or(head);
         let text = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head).trim_ascii_start();
         let starts = |magic: &[u8]| head.starts_with(magic);
         if starts(b"ply\n") || starts(b"ply\r") {
@@ -106,7 +108,8 @@ impl Format {
         } else if text.starts_with(b"Info") && contains(text, b"CSV Version") {
             Some(Self::GocatorCsv)
         } else {
-            None
+            // Of the formats here only tables are written in UTF-16 besides.
+            utf16.is_some().then_some(Self::Csv)
         }
     }
 
@@ -122,12 +125,28 @@ impl fmt::Display for Format {
     }
 }
 
+/// Bytes of a text file's head among which a line ends.
+const LINE_BYTES: usize = 256;
+
+/// Whether the line ends of a file were removed, as `curl -d @file` does (and with them all NULs), before anything could be read.
+fn has_lost_line_ends(head: &[u8]) -> bool {
+    let has_line_end = head.iter().any(|byte| matches!(byte, b'\r' | b'\n'));
+    let is_text_header = |start: &[u8]| head.starts_with(start) && head.len() >= LINE_BYTES && !has_line_end;
+    head.starts_with(b"plyformat ")
+        || is_text_header(b"# .PCD")
+        || is_text_header(b"VERSION")
+        || (head.starts_with(b"\x93NUMPY") && head.get(7).is_some_and(|minor| *minor != 0))
+}
+
 fn contains(bytes: &[u8], part: &[u8]) -> bool {
     bytes.windows(part.len()).any(|window| window == part)
 }
 
 /// Whether bytes could be text of an ASCII-compatible encoding.
 fn is_text(head: &[u8]) -> bool {
+    // Behind the text some programs fill the file up.
+    let end = head.iter().rposition(|byte| !super::lines::is_fill(*byte)).map_or(0, |last| last + 1);
+    let head = head.get(..end).unwrap_or_default();
     !head.is_empty() && head.iter().all(|&byte| byte >= 0x20 || matches!(byte, b'\t' | b'\n' | b'\r' | 0x0c))
 }
 
@@ -152,6 +171,9 @@ pub struct FormatClaims<'a> {
 pub fn find_format(claims: &FormatClaims<'_>, head: &[u8]) -> Result<Format, DecodeError> {
     if head.is_empty() {
         return Err(DecodeError::Empty);
+    }
+    if has_lost_line_ends(head) {
+        return Err(DecodeError::LinesStripped);
     }
     let sent_as = claims.media_type.and_then(Format::from_media_type);
     let declared = match (claims.parameter, sent_as) {
@@ -218,5 +240,37 @@ mod tests {
         }
         let unknown = find_format(&named("a.stl"), b"\x00\x01").expect_err("unknown").to_string();
         assert!(Format::ALL.iter().all(|format| unknown.contains(format.name())), "{unknown}");
+    }
+
+    #[test]
+    fn files_whose_line_ends_were_removed_are_recognised() {
+        let claims = sent_as("application/x-www-form-urlencoded");
+        let pcd = format!("# .PCD v0.7VERSION 0.7FIELDS x y z{}", " 1 2 3".repeat(60));
+        for head in [&b"plyformat ascii 1.0element vertex 3"[..], pcd.as_bytes(), b"\x93NUMPY\x01v{'descr': '<f8'"] {
+            assert_eq!(find_format(&claims, head).expect_err("stripped").code(), "line_ends_missing");
+        }
+        assert_eq!(find_format(&claims, b"\x93NUMPY\x01\x00v\x00{'descr'").ok(), Some(Format::Npy));
+    }
+
+    #[test]
+    fn a_text_that_is_filled_up_with_nul_is_a_text() {
+        assert_eq!(Format::sniff(b"1,2,3\n\0\0\0"), Some(Format::Csv));
+        assert_eq!(Format::sniff(b"1,2\0,3\n"), None);
+        assert_eq!(Format::sniff(b"\0\0"), None);
+    }
+
+    #[test]
+    fn utf_16_is_told_by_its_mark() {
+        let utf16 = |text: &str| {
+            [&b"\xff\xfe"[..], &text.encode_utf16().flat_map(u16::to_le_bytes).collect::<Vec<_>>()].concat()
+        };
+        let none = FormatClaims::default();
+        for (text, format) in [
+            ("x,y,z\n1,2,3\n", Format::Csv),
+            ("{\"profiles\"", Format::Json),
+            ("Info\nCSV Version\n2", Format::GocatorCsv),
+        ] {
+            assert_eq!(find_format(&none, &utf16(text)).ok(), Some(format), "{text}");
+        }
     }
 }

@@ -13,8 +13,9 @@
 
 use super::fields::{Fields, Separator};
 use super::gather::Gather;
+use super::hints::shorten;
 use super::lines::Lines;
-use super::number::parse_number;
+use super::number::{Numbers, parse_number};
 use super::{DecodeError, Format, Precision, Request, Unit, settle_unit};
 use crate::scan::{Cloud, Labels};
 use std::io::BufRead;
@@ -28,6 +29,7 @@ pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<
     let mut lines = Lines::new(reader, request.limits);
     let mut begun = false;
     let mut version_at = None;
+    let mut numbers = Numbers::new(request.decimal);
     loop {
         let number = lines.number() + 1;
         let Some(line) = lines.next_line()? else { break };
@@ -42,12 +44,15 @@ pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<
         }
         check_version(line, &mut version_at)?;
         let labels = match first {
-            b"Profile" | b"Ranges" | b"RawProfile" if alone => read_frames(&mut lines, number, &mut gather)?,
-            b"Part" | b"Surface" if alone => read_grid(&mut lines, number, &mut gather)?,
-            b"SurfacePointCloud" if alone => read_triples(&mut lines, number, &mut gather)?,
+            b"Profile" | b"Ranges" | b"RawProfile" if alone => {
+                read_frames(&mut lines, number, &mut numbers, &mut gather)?
+            }
+            b"Part" | b"Surface" if alone => read_grid(&mut lines, number, &mut numbers, &mut gather)?,
+            b"SurfacePointCloud" if alone => read_triples(&mut lines, number, &mut numbers, &mut gather)?,
             _ => continue,
         };
         if gather.seen() > 0 {
+            numbers.finish()?;
             return gather.finish(labels);
         }
     }
@@ -150,15 +155,26 @@ fn first_cell(line: &[u8]) -> &[u8] {
 }
 
 /// Appends the numbers of the cells that are left; NaN where there is none.
-fn read_cells(cells: Fields<'_>, before: usize, line: u64, numbers: &mut Vec<f64>) -> Result<(), DecodeError> {
+fn read_cells(
+    cells: Fields<'_>,
+    before: usize,
+    line: u64,
+    numbers: &mut Numbers,
+    values: &mut Vec<f64>,
+) -> Result<(), DecodeError> {
     for (position, cell) in cells.enumerate().skip(before) {
-        numbers.push(parse_number(cell).ok_or(DecodeError::BadNumber { line, column: position + 1 })?);
+        values.push(numbers.read(cell, line, position)?);
     }
     Ok(())
 }
 
 /// The frames of Profile, Ranges and RawProfile.
-fn read_frames(lines: &mut Lines<'_>, start: u64, gather: &mut Gather<'_>) -> Result<Labels, DecodeError> {
+fn read_frames(
+    lines: &mut Lines<'_>,
+    start: u64,
+    numbers: &mut Numbers,
+    gather: &mut Gather<'_>,
+) -> Result<Labels, DecodeError> {
     let mut section = Section::new(lines, start, Announced::below(b"Frame Count"));
     let mut across = Vec::new();
     let (travel_at, axis_at) = loop {
@@ -169,7 +185,7 @@ fn read_frames(lines: &mut Lines<'_>, start: u64, gather: &mut Gather<'_>) -> Re
         let position = |name: &[u8]| COMMA.split(line).position(|cell| cell == name);
         if let (b"Frame", Some(axis)) = (first_cell(line), position(b"Axis")) {
             let travel = position(b"Y").filter(|travel| *travel < axis);
-            read_cells(COMMA.split(line), axis + 1, number, &mut across)?;
+            read_cells(COMMA.split(line), axis + 1, number, numbers, &mut across)?;
             break (travel, axis);
         }
     };
@@ -181,17 +197,18 @@ fn read_frames(lines: &mut Lines<'_>, start: u64, gather: &mut Gather<'_>) -> Re
         match cell(axis_at) {
             b"X" => {
                 across.clear();
-                read_cells(COMMA.split(line), axis_at + 1, number, &mut across)?;
+                read_cells(COMMA.split(line), axis_at + 1, number, numbers, &mut across)?;
                 frame_of_x = Some(frame);
             }
             b"Z" => {
                 if frame_of_x.is_some_and(|of_x| of_x != frame) {
                     return Err(section.incomplete("the X row of a frame"));
                 }
-                let travel = travel_at.and_then(|at| parse_number(cell(at))).filter(|travel| travel.is_finite());
+                let travel = travel_at.and_then(|at| numbers.read(cell(at), number, at).ok());
+                let travel = travel.filter(|travel| travel.is_finite());
                 let travel = travel.ok_or(DecodeError::TravelMissing { line: number })?;
                 heights.clear();
-                read_cells(COMMA.split(line), axis_at + 1, number, &mut heights)?;
+                read_cells(COMMA.split(line), axis_at + 1, number, numbers, &mut heights)?;
                 push_row(gather, row, travel, &across, &heights)?;
                 row += 1.0;
                 // Several sensors give several rows of one frame.
@@ -209,7 +226,12 @@ fn read_frames(lines: &mut Lines<'_>, start: u64, gather: &mut Gather<'_>) -> Re
 }
 
 /// The grid of Part and Surface.
-fn read_grid(lines: &mut Lines<'_>, start: u64, gather: &mut Gather<'_>) -> Result<Labels, DecodeError> {
+fn read_grid(
+    lines: &mut Lines<'_>,
+    start: u64,
+    numbers: &mut Numbers,
+    gather: &mut Gather<'_>,
+) -> Result<Labels, DecodeError> {
     let mut section = Section::new(lines, start, Announced::below(b"Row Count"));
     let (mut across, mut heights, mut row, mut rows_count) = (Vec::new(), Vec::new(), 0.0, 0);
     loop {
@@ -218,17 +240,17 @@ fn read_grid(lines: &mut Lines<'_>, start: u64, gather: &mut Gather<'_>) -> Resu
         let line = line.as_slice();
         section.announced.look(line);
         if matches!(first_cell(line), b"Y\\X" | b"Y/X") {
-            read_cells(COMMA.split(line), 1, number, &mut across)?;
+            read_cells(COMMA.split(line), 1, number, numbers, &mut across)?;
             break;
         }
     }
     while let Some((number, line)) = section.next_line()? {
-        let travel = parse_number(first_cell(line)).ok_or(DecodeError::BadNumber { line: number, column: 1 })?;
+        let travel = numbers.read(first_cell(line), number, 0)?;
         if !travel.is_finite() {
             return Err(DecodeError::TravelMissing { line: number });
         }
         heights.clear();
-        read_cells(COMMA.split(line), 1, number, &mut heights)?;
+        read_cells(COMMA.split(line), 1, number, numbers, &mut heights)?;
         push_row(gather, row, travel, &across, &heights)?;
         row += 1.0;
         rows_count += 1;
@@ -238,7 +260,12 @@ fn read_grid(lines: &mut Lines<'_>, start: u64, gather: &mut Gather<'_>) -> Resu
 }
 
 /// The rows of SurfacePointCloud.
-fn read_triples(lines: &mut Lines<'_>, start: u64, gather: &mut Gather<'_>) -> Result<Labels, DecodeError> {
+fn read_triples(
+    lines: &mut Lines<'_>,
+    start: u64,
+    numbers: &mut Numbers,
+    gather: &mut Gather<'_>,
+) -> Result<Labels, DecodeError> {
     let mut section = Section::new(lines, start, Announced::below(b"Point Count"));
     loop {
         let Some((_, line)) = section.next_line()? else { return Err(section.incomplete("the header X,Y,Z")) };
@@ -251,10 +278,9 @@ fn read_triples(lines: &mut Lines<'_>, start: u64, gather: &mut Gather<'_>) -> R
     }
     let mut points_count = 0;
     while let Some((number, line)) = section.next_line()? {
-        let mut cells = COMMA.split(line).enumerate().map(|(position, cell)| {
-            parse_number(cell).ok_or(DecodeError::BadNumber { line: number, column: position + 1 })
-        });
-        let mut next = || cells.next().unwrap_or(Err(DecodeError::RaggedRow { line: number, expected: 3, found: 2 }));
+        let mut cells = COMMA.split(line).enumerate().map(|(position, cell)| numbers.read(cell, number, position));
+        let ragged = || DecodeError::RaggedRow { line: number, expected: 3, found: 2, text: shorten(line) };
+        let mut next = || cells.next().unwrap_or_else(|| Err(ragged()));
         let (across, travel, height) = (next()?, next()?, next()?);
         gather.push(0.0, [travel, across, height])?;
         points_count += 1;
@@ -285,7 +311,7 @@ mod tests {
     fn read(body: &str) -> Result<Cloud, DecodeError> {
         let text = format!("{INFO}{body}");
         let limits = Limits::default();
-        decode(&mut text.as_bytes(), &Request { unit: None, profile_column: None, limits: &limits })
+        decode(&mut text.as_bytes(), &Request::new(&limits))
     }
 
     #[test]
@@ -350,7 +376,7 @@ mod tests {
             assert_eq!(read(body).expect_err("wrong").code(), code, "{body}");
         }
         let limits = Limits::default();
-        let mut request = Request { unit: Some(Unit::Metre), profile_column: None, limits: &limits };
+        let mut request = Request { unit: Some(Unit::Metre), ..Request::new(&limits) };
         assert_eq!(decode(&mut &b"Info\n"[..], &request).expect_err("unit").code(), "unit_conflict");
         request.unit = None;
         let old = decode(&mut &b"Info\nCSV Version,1\nEnd\n"[..], &request);

@@ -205,7 +205,7 @@ mod tests {
     #[test]
     fn a_reader_that_meets_a_bomb_gives_its_reason() {
         let limits = Limits::default();
-        let request = crate::scan::decode::Request { unit: None, profile_column: None, limits: &limits };
+        let request = crate::scan::decode::Request::new(&limits);
         let packed = gzip(&b"0 1 2\n".repeat(1 << 20));
         for (format, code) in [(Format::Csv, "inflate_ratio"), (Format::Npz, "inflate_ratio")] {
             let mut reader = inflate(Encoding::Gzip, packed.as_slice(), &limits).expect("begins");

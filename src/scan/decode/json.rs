@@ -4,35 +4,101 @@
 //! is missing. Other fields are refused, so nothing nests deeper than this shape does; one profile is held at a time.
 
 use super::gather::Gather;
+use super::hints::shorten;
 use super::{DecodeError, Precision, Request, Unit, settle_unit};
 use crate::scan::{Cloud, Labels};
 use serde::Deserialize;
 use serde::de::{DeserializeSeed, Deserializer, Error, MapAccess, SeqAccess, Visitor};
 use serde_json::error::Category;
 use std::fmt;
-use std::io::BufRead;
+use std::io::{BufRead, Read};
 
 /// Reads profiles. Their order in the file is their row.
 pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<Cloud, DecodeError> {
     let unit = settle_unit(request.unit, Some(Unit::Millimetre))?;
     let gather = Gather::new(unit, Precision::Double, request.limits);
     let mut sink = Sink { gather, row: 0.0, refusal: None };
-    let mut source = serde_json::Deserializer::from_reader(reader);
+    let mut recent = Recent::new(reader)?;
+    let mut source = serde_json::Deserializer::from_reader(&mut recent);
     let outcome = source.deserialize_map(Document(&mut sink)).and_then(|()| source.end());
     match (sink.refusal, outcome) {
         (Some(refusal), _) => Err(refusal),
         (None, Ok(())) => sink.gather.finish(Labels::Row),
-        (None, Err(error)) => Err(refuse(error)),
+        (None, Err(error)) => Err(refuse(error, recent)),
     }
 }
 
 /// Where the document stops making sense, and how.
-fn refuse(error: serde_json::Error) -> DecodeError {
+fn refuse(error: serde_json::Error, recent: Recent<'_>) -> DecodeError {
     let (line, column) = (error.line(), error.column());
     match error.classify() {
         Category::Io => std::io::Error::from(error).into(),
-        Category::Data => DecodeError::JsonShape { line, column },
-        Category::Syntax | Category::Eof => DecodeError::JsonSyntax { line, column },
+        Category::Data => DecodeError::JsonShape { line, column, found: recent.word(line, column) },
+        Category::Syntax | Category::Eof => DecodeError::JsonSyntax { line, column, found: recent.word(line, column) },
+    }
+}
+
+/// Bytes of which the last are remembered.
+const RECENT_BYTES: usize = 64;
+
+/// A reader that remembers its last bytes, for a message about them.
+struct Recent<'a> {
+    inner: &'a mut dyn BufRead,
+    last: [u8; RECENT_BYTES],
+    count: usize,
+    line: usize,
+    /// Bytes before the line that is read, and before the one above it.
+    line_starts: [usize; 2],
+}
+
+impl<'a> Recent<'a> {
+    /// Behind the byte order mark, where there is one.
+    fn new(inner: &'a mut dyn BufRead) -> std::io::Result<Self> {
+        if inner.fill_buf()?.starts_with(b"\xef\xbb\xbf") {
+            inner.consume(3);
+        }
+        Ok(Self { inner, last: [0; RECENT_BYTES], count: 0, line: 1, line_starts: [0; 2] })
+    }
+
+    /// The word or text at a place, which may lie a few bytes back; empty where it lies farther back or at the end.
+    fn word(self, line: usize, column: usize) -> String {
+        let [current, above] = self.line_starts;
+        let start = if line == self.line { current } else { above };
+        let at = start.saturating_add(column).saturating_sub(1);
+        let first = self.count.saturating_sub(RECENT_BYTES);
+        let recent: Vec<u8> = (first..self.count).filter_map(|at| self.last.get(at % RECENT_BYTES).copied()).collect();
+        let behind = self.inner.fill_buf().unwrap_or_default();
+        let bytes: Vec<u8> = recent.iter().chain(behind.iter().take(RECENT_BYTES)).copied().collect();
+        let Some(at) = at.checked_sub(first).filter(|at| *at < bytes.len()) else { return String::new() };
+        let (before, from) = bytes.split_at(at);
+        let is_part = |byte: &u8| !byte.is_ascii_whitespace() && !b",:[]{}\"".contains(byte);
+        let is_text = from.first() == Some(&b'"');
+        let start = before.iter().rposition(|byte| if is_text { *byte == b'"' } else { !is_part(byte) });
+        let start = start.map_or(0, |start| start + 1);
+        // A text ends before its quote; a sign that is no part of a word is shown itself.
+        let length = match from.first() {
+            Some(first) if is_part(first) => from.iter().position(|byte| !is_part(byte)).unwrap_or(from.len()),
+            Some(b'"') if start < at => 0,
+            _ => 1,
+        };
+        shorten(bytes.get(start..at + length).unwrap_or_default())
+    }
+}
+
+impl Read for Recent<'_> {
+    fn read(&mut self, into: &mut [u8]) -> std::io::Result<usize> {
+        let count = self.inner.read(into)?;
+        for byte in into.get(..count).unwrap_or_default() {
+            if let Some(place) = self.last.get_mut(self.count % RECENT_BYTES) {
+                *place = *byte;
+            }
+            self.count += 1;
+            if *byte == b'\n' {
+                let [current, _] = self.line_starts;
+                (self.line, self.line_starts) = (self.line + 1, [self.count, current]);
+            }
+        }
+        Ok(count)
     }
 }
 
@@ -221,7 +287,7 @@ mod tests {
     use crate::scan::{Columns, Stripe};
 
     fn read_in(text: &str, unit: Option<Unit>) -> Result<Cloud, DecodeError> {
-        decode(&mut text.as_bytes(), &Request { unit, profile_column: None, limits: &Limits::default() })
+        decode(&mut text.as_bytes(), &Request { unit, ..Request::new(&Limits::default()) })
     }
 
     #[test]
@@ -258,5 +324,24 @@ mod tests {
         }
         let error = read_in(r#"{"profiles":[]}"#, Some(Unit::Metre)).expect_err("fixed unit");
         assert_eq!(error.code(), "unit_conflict");
+    }
+
+    #[test]
+    fn a_byte_order_mark_is_passed_over() {
+        let text = "\u{feff}{\"profiles\":[{\"x_mm\":1,\"points\":[[2,3]]}]}";
+        assert_eq!(read_in(text, None).expect("reads").points().collect::<Vec<_>>(), [[1.0, 2.0, 3.0]]);
+    }
+
+    #[test]
+    fn a_wrong_document_is_shown_where_it_is_wrong() {
+        for (value, hint) in
+            [("NaN", "write null"), ("-Infinity", "write null"), ("nan", "write null"), ("1.5.2", "JSON")]
+        {
+            let text = format!("{{\"profiles\":[{{\"x_mm\":0,\"points\":[[1,{value}], [2,3]]}}]}}");
+            let error = read_in(&text, None).expect_err("no JSON").to_string();
+            assert!(error.contains(&format!("{value:?}")) && error.contains(hint), "{error}");
+        }
+        let error = read_in(r#"{"profiles":[{"x_mm":"0,5","points":[[1,2]]}]}"#, None).expect_err("a text").to_string();
+        assert!(error.contains("column 26") && error.contains("0,5"), "{error}");
     }
 }

@@ -25,6 +25,36 @@ impl<'a> Lines<'a> {
         Ok(Self { end, ..Self::new(reader, limits) })
     }
 
+    /// The same for a file with a header in text, whatever follows it: where the first line ends with CR alone.
+    pub(super) fn of_header(reader: &'a mut dyn BufRead, limits: &Limits) -> Result<Self, DecodeError> {
+        let head = reader.fill_buf()?;
+        let first_end = head.iter().position(|byte| matches!(byte, b'\r' | b'\n')).and_then(|at| head.get(at..at + 2));
+        let is_cr = matches!(first_end, Some([b'\r', behind]) if *behind != b'\n');
+        Ok(Self { end: if is_cr { b'\r' } else { b'\n' }, ..Self::new(reader, limits) })
+    }
+
+    /// Whether nothing follows but NUL, Ctrl-Z and blanks, with which some programs fill a file up; all of it is passed over then.
+    /// Looks only where NUL or Ctrl-Z is next.
+    ///
+    /// # Errors
+    /// [`DecodeError::NotText`] where something else follows behind NUL.
+    pub(super) fn is_padding(&mut self) -> Result<bool, DecodeError> {
+        if !self.reader.fill_buf()?.first().is_some_and(|byte| is_fill(*byte)) {
+            return Ok(false);
+        }
+        loop {
+            let bytes = self.reader.fill_buf()?;
+            if bytes.is_empty() {
+                return Ok(true);
+            }
+            let used = bytes.iter().take_while(|byte| is_fill(**byte) || byte.is_ascii_whitespace()).count();
+            if used < bytes.len() {
+                return Err(DecodeError::NotText { line: self.number + 1 });
+            }
+            self.reader.consume(used);
+        }
+    }
+
     /// The number of the last line given out, from 1.
     pub(super) fn number(&self) -> u64 {
         self.number
@@ -56,10 +86,20 @@ impl<'a> Lines<'a> {
         line
     }
 
+    /// Whether the last line given out had an end.
+    pub(super) fn has_end(&self) -> bool {
+        self.buffer.last() == Some(&self.end)
+    }
+
     /// The reader behind, at the start of the next line.
     pub(super) fn into_reader(self) -> &'a mut dyn BufRead {
         self.reader
     }
+}
+
+/// What stands for no text at the end of a file.
+pub(super) fn is_fill(byte: u8) -> bool {
+    matches!(byte, 0 | 0x1a)
 }
 
 /// CR where it ends the first line of a text and no LF follows anywhere near, else LF.
@@ -106,6 +146,29 @@ mod tests {
             }
             assert_eq!(found, expected, "{text:?}");
         }
+    }
+
+    #[test]
+    fn a_header_may_end_its_lines_with_cr_alone_before_any_bytes() {
+        let limits = Limits::default();
+        for (text, first, rest) in [("ply\rend\r\n\n", "ply", "\n\n"), ("ply\r\nend\r\n\n", "ply", "\n")] {
+            let mut bytes = text.as_bytes();
+            let mut lines = Lines::of_header(&mut bytes, &limits).expect("reads");
+            assert_eq!(lines.next_line().expect("reads"), Some(first.as_bytes()));
+            assert_eq!(lines.next_line().expect("reads"), Some(&b"end"[..]));
+            assert_eq!(lines.into_reader().fill_buf().expect("reads"), rest.as_bytes(), "{text:?}");
+        }
+    }
+
+    #[test]
+    fn padding_is_passed_over_at_the_end_only() {
+        let limits = Limits::default();
+        for (text, is_padding) in [("\0\0\n\0 ", true), (" \0", false), ("\u{1a}", true), ("", false)] {
+            let mut bytes = text.as_bytes();
+            assert_eq!(Lines::new(&mut bytes, &limits).is_padding().expect("reads"), is_padding, "{text:?}");
+        }
+        let error = Lines::new(&mut &b"\0\0\n1"[..], &limits).is_padding().expect_err("text behind NUL");
+        assert_eq!(error.code(), "not_text");
     }
 
     #[test]

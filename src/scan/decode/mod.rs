@@ -20,14 +20,17 @@ mod fields;
 mod format;
 mod gather;
 mod gocator_csv;
+mod hints;
 mod inflate;
 mod json;
 mod limits;
 mod lines;
 mod lzf;
+mod matrix;
 mod named;
 mod names;
 mod npy;
+mod npy_header;
 mod npz;
 mod number;
 mod packed;
@@ -37,12 +40,17 @@ mod ply;
 mod ply_header;
 mod records;
 mod scalar;
+mod table;
 mod unit;
+mod utf16;
 
 pub use error::DecodeError;
 pub use format::{Format, FormatClaims, find_format};
+pub use hints::{NumberHint, Pitches};
 pub use inflate::{Encoding, inflate};
 pub use limits::Limits;
+pub use matrix::Grid;
+pub use number::Decimal;
 pub use unit::Unit;
 
 use super::Cloud;
@@ -56,8 +64,20 @@ pub struct Request<'a> {
     pub unit: Option<Unit>,
     /// The column that tells profiles apart; `None` takes one with a usual name (profile, frame, line, scan, row, …).
     pub profile_column: Option<&'a str>,
+    /// The sign before decimals in text; `None` takes what the cells show.
+    pub decimal: Option<Decimal>,
+    /// Where the cells of a matrix lie; a file of points has none.
+    pub grid: Grid,
     /// What the file may cost.
     pub limits: &'a Limits,
+}
+
+impl<'a> Request<'a> {
+    /// Nothing but the limits.
+    #[must_use]
+    pub fn new(limits: &'a Limits) -> Self {
+        Self { unit: None, profile_column: None, decimal: None, grid: Grid::default(), limits }
+    }
 }
 
 /// Reads a file of a known format, up to the last point that matters.
@@ -68,13 +88,24 @@ pub fn decode(format: Format, reader: &mut dyn BufRead, request: &Request<'_>) -
     if reader.fill_buf()?.is_empty() {
         return Err(DecodeError::Empty);
     }
+    let is_text = matches!(format, Format::Csv | Format::GocatorCsv | Format::Json);
+    if is_text && utf16::has_mark(reader.fill_buf()?) {
+        return decode_bytes(format, &mut utf16::Utf8::new(reader)?, request);
+    }
+    decode_bytes(format, reader, request)
+}
+
+fn decode_bytes(format: Format, reader: &mut dyn BufRead, request: &Request<'_>) -> Result<Cloud, DecodeError> {
+    if !matches!(format, Format::Csv | Format::Npy | Format::Npz) {
+        request.grid.check_unused(format)?;
+    }
     match format {
         Format::Csv => csv::decode(reader, request),
+        Format::Npy => npy::decode(reader, request),
+        Format::Npz => npz::decode(reader, request),
         Format::GocatorCsv => gocator_csv::decode(reader, request),
         Format::Ply => ply::decode(reader, request),
         Format::Pcd => pcd::decode(reader, request),
-        Format::Npy => npy::decode(reader, request),
-        Format::Npz => npz::decode(reader, request),
         Format::Json => json::decode(reader, request),
     }
 }

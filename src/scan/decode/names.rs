@@ -33,7 +33,48 @@ const PROFILE_NAMES: [&str; 25] = [
 ];
 
 /// Words that a coordinate's name may bear besides its axis and its unit.
-const POSITION_WORDS: [&str; 7] = ["pos", "position", "coord", "coordinate", "koord", "koordinate", "wert"];
+const POSITION_WORDS: [&str; 40] = [
+    "pos",
+    "position",
+    "coord",
+    "coordinate",
+    "koord",
+    "koordinate",
+    "wert",
+    "value",
+    "val",
+    "axis",
+    "achse",
+    "axe",
+    "eje",
+    "asse",
+    "länge",
+    "laenge",
+    "length",
+    "longueur",
+    "lunghezza",
+    "breite",
+    "width",
+    "largeur",
+    "höhe",
+    "hoehe",
+    "height",
+    "hauteur",
+    "altezza",
+    "altura",
+    "tiefe",
+    "depth",
+    "profondeur",
+    "weg",
+    "travel",
+    "abstand",
+    "distance",
+    "istwert",
+    "messwert",
+    "actual",
+    "punkt",
+    "point",
+];
 
 /// Where the columns that matter stand, by position.
 #[derive(Debug, Clone, PartialEq)]
@@ -91,6 +132,11 @@ pub(super) fn map_columns(names: &[String], request: &Request<'_>) -> Result<Col
 /// Whether a name is one of a coordinate.
 pub(super) fn is_axis(name: &str) -> bool {
     read_axis(name).is_some()
+}
+
+/// The unit of a cell that holds one and nothing else: `mm`, `[mm]`, `(inch)`.
+pub(super) fn unit_of_cell(cell: &[u8]) -> Option<Unit> {
+    Unit::from_name(text_of(cell).trim().trim_matches(['[', ']', '(', ')', '<', '>', '{', '}']))
 }
 
 /// The unit that a comment such as `unit: mm` or `Units = metres` states.
@@ -177,7 +223,7 @@ fn read_axis(name: &str) -> Option<(Axis, Option<Unit>)> {
 fn read_long_axis(name: &str) -> Option<(Axis, Option<Unit>)> {
     let name = name.to_lowercase();
     let (mut axis, mut unit) = (None, None);
-    let words = name.split(['_', '-', '[', ']', '(', ')', ' ', '/', '.']);
+    let words = name.split(['_', '-', '[', ']', '(', ')', '<', '>', '{', '}', ' ', '\u{a0}', '/', '.', ':', ',', '=']);
     for word in words.filter(|word| !word.is_empty() && !POSITION_WORDS.contains(word)) {
         if let Some(found) = Axis::of_word(word) {
             axis.replace(found).is_none().then_some(())?;
@@ -202,8 +248,8 @@ fn read_plain_axis(name: &str) -> Option<(Axis, Option<Unit>)> {
     if rest.is_empty() {
         return Some((axis, None));
     }
-    let unit = rest.strip_prefix(|c: char| matches!(c, '_' | '[' | '(' | ' ' | '/' | '.'))?;
-    let unit = unit.trim_matches(|c: char| matches!(c, '[' | ']' | '(' | ')' | ' ' | '_'));
+    let unit = rest.strip_prefix(['_', '[', '(', '<', '{', ' ', '\u{a0}', '/', '.', ',', ':'])?;
+    let unit = unit.trim_matches(['[', ']', '(', ')', '<', '>', '{', '}', ' ', '\u{a0}', '_', '/']);
     Unit::from_name(unit).map(|unit| (axis, Some(unit)))
 }
 
@@ -214,7 +260,7 @@ mod tests {
 
     fn map(names: &[&str], profile_column: Option<&str>) -> Result<ColumnMap, DecodeError> {
         let names: Vec<String> = names.iter().map(ToString::to_string).collect();
-        map_columns(&names, &Request { unit: None, profile_column, limits: &Limits::default() })
+        map_columns(&names, &Request { profile_column, ..Request::new(&Limits::default()) })
     }
 
     #[test]
@@ -230,6 +276,10 @@ mod tests {
             (["XPos", "YPos", "ZPos"], None),
             (["pos x (mm)", "pos y (mm)", "pos z (mm)"], Some(Unit::Millimetre)),
             (["X-Koordinate [m]", "Y-Koordinate [m]", "Z-Koordinate [m]"], Some(Unit::Metre)),
+            (["Länge X [mm]", "Breite Y [mm]", "Höhe Z [mm]"], Some(Unit::Millimetre)),
+            (["x [\"]", "y [\"]", "z (in)"], Some(Unit::Inch)),
+            (["x\u{a0}[mm]", "y, mm", "z <mm>"], Some(Unit::Millimetre)),
+            (["X axis value", "Y axis value", "height Z"], None),
         ] {
             let found = map(&names, None).expect("axes");
             assert_eq!((found.point, found.unit), ([0, 1, 2], unit), "{names:?}");

@@ -1,127 +1,161 @@
-//! NPY, one numpy array: (N, 3) points or (P, M, 3) profiles. From bytes to a cloud.
-//!
-//! The header is a Python literal with three keys in a fixed spelling, and is read here: the crate for this format
-//! recurses into nested brackets and multiplies sizes unchecked, either of which a hostile header turns into an abort.
+//! NPY, one numpy array: (N, 3) points, (P, M, 3) profiles, records with fields x, y, z, or a matrix (P, M) of heights with declared
+//! pitches; in either order of the axes. From bytes to a cloud.
 
 use super::gather::Gather;
+use super::matrix::Matrix;
+use super::names;
+use super::npy_header::{ArrayHeader, Element, Field, read_header};
 use super::records::{Layout, Place, read_records};
-use super::scalar::{Endian, Kind, Scalar};
-use super::{DecodeError, Format, Request, ends_early, settle_unit};
+use super::scalar::{Kind, Scalar};
+use super::{DecodeError, Format, Precision, Request, settle_unit};
 use crate::scan::{Cloud, Labels};
-use std::io::BufRead;
+use std::io::{BufRead, Read};
 
 const FORMAT: Format = Format::Npy;
-const MAGIC: &[u8; 6] = b"\x93NUMPY";
-/// Bytes of a header; numpy itself asks for confirmation beyond this.
-const HEADER_MAX: usize = 10_000;
-/// Axes of an array; points have two or three.
-const AXES_MAX: usize = 32;
-
-/// What the header of an array says.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct ArrayHeader {
-    pub(super) scalar: Scalar,
-    pub(super) shape: Vec<u64>,
-}
 
 /// Reads an array of points.
 pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<Cloud, DecodeError> {
-    let ArrayHeader { scalar, shape } = read_header(reader)?;
-    let (count, row_length) = match *shape.as_slice() {
+    let header = read_header(&mut *reader)?;
+    match &header.element {
+        Element::Record(fields, stride) => decode_records(reader, &header, fields, *stride, request),
+        Element::Plain(scalar) => decode_numbers(reader, &header, *scalar, request),
+    }
+}
+
+fn decode_numbers(
+    reader: &mut dyn BufRead,
+    header: &ArrayHeader,
+    scalar: Scalar,
+    request: &Request<'_>,
+) -> Result<Cloud, DecodeError> {
+    let (count, row_length) = match *header.shape.as_slice() {
+        [_, columns] if request.grid.is_declared() || columns > 3 => return decode_matrix(reader, header, request),
         [points, 3] => (Some(points), None),
         [profiles, points, 3] => (profiles.checked_mul(points), Some(points)),
-        _ => return Err(DecodeError::ArrayShape { shape }),
+        _ => return Err(DecodeError::ArrayShape { shape: header.shape.clone() }),
     };
+    request.grid.check_unused(FORMAT)?;
     let limit = request.limits.points_max;
     let within = |count: u64| usize::try_from(count).ok().filter(|count| *count <= limit);
     let count = count.and_then(within).ok_or(DecodeError::TooManyPoints { limit })?;
     // A row that is longer than all points would be one of no rows.
     let row_length = row_length.map(|length| within(length).unwrap_or(limit));
-
+    let labels = if row_length.is_some() { Labels::Row } else { Labels::None };
+    let unit = settle_unit(request.unit, None)?;
     let size = scalar.kind.size();
     let place = |position| Place { scalar, start: position * size, step: 3 * size };
     let layout = Layout { point: [place(0), place(1), place(2)], label: None, row_length };
-    let unit = settle_unit(request.unit, None)?;
     let mut gather = Gather::new(unit, layout.precision(), request.limits);
-    read_records(reader, &layout, 3 * size, count, &mut gather)?;
-    gather.finish(if row_length.is_some() { Labels::Row } else { Labels::None })
+    if header.is_fortran {
+        let array = Array::read(reader, header, limit.saturating_mul(3))?;
+        for index in 0..count {
+            let row = row_length.map_or(0, |length| index / length.max(1));
+            let point = [0, 1, 2].map(|axis| match row_length {
+                None => array.at(&[index, axis]),
+                Some(length) => array.at(&[row, index % length.max(1), axis]),
+            });
+            let [Some(x), Some(y), Some(z)] = point else { break };
+            gather.push(row as f64, [x, y, z])?;
+        }
+    } else {
+        read_records(reader, &layout, 3 * size, count, &mut gather)?;
+    }
+    gather.finish(labels)
 }
 
-/// Reads up to the first number of the array.
-pub(super) fn read_header(reader: &mut dyn BufRead) -> Result<ArrayHeader, DecodeError> {
-    let mut start = [0; 8];
-    reader.read_exact(&mut start).map_err(|error| ends_early(error, FORMAT))?;
-    let [.., major, _minor] = start;
-    if !start.starts_with(MAGIC) {
-        return Err(DecodeError::NotThisFormat { format: FORMAT });
-    }
-    let mut size = [0; 4];
-    let size_bytes = size.get_mut(..if major == 1 { 2 } else { 4 }).unwrap_or_default();
-    reader.read_exact(size_bytes).map_err(|error| ends_early(error, FORMAT))?;
-    let size = usize::try_from(u32::from_le_bytes(size)).unwrap_or(usize::MAX);
-    if size > HEADER_MAX {
-        return Err(DecodeError::LineTooLong { line: 1, limit: HEADER_MAX });
-    }
-    let mut header = vec![0; size];
-    reader.read_exact(&mut header).map_err(|error| ends_early(error, FORMAT))?;
-    let header = String::from_utf8_lossy(&header);
-    if value_of(&header, "fortran_order").is_some_and(|value| value.starts_with("True")) {
-        let what = "arrays in Fortran order are not read; write numpy.ascontiguousarray(array)";
-        return Err(DecodeError::Unsupported { format: FORMAT, what });
-    }
-    let bad = |field| DecodeError::HeaderLine { format: FORMAT, line: 1, field };
-    let scalar = value_of(&header, "descr").and_then(scalar_of).ok_or(bad("descr (a plain integer or float type)"))?;
-    let shape = value_of(&header, "shape").and_then(shape_of).ok_or(bad("shape"))?;
-    Ok(ArrayHeader { scalar, shape })
-}
-
-/// The text that follows a key of the header.
-fn value_of<'a>(header: &'a str, key: &str) -> Option<&'a str> {
-    let (_, behind) = header.split_once(key)?;
-    let behind = behind.strip_prefix(['\'', '"'])?;
-    Some(behind.trim_start().strip_prefix(':')?.trim_start())
-}
-
-/// Reads `'<f4'` and the like.
-fn scalar_of(value: &str) -> Option<Scalar> {
-    let value = value.strip_prefix(['\'', '"'])?;
-    let (value, _) = value.split_once(['\'', '"'])?;
-    let endian = if value.starts_with('>') { Endian::Big } else { Endian::Little };
-    let kind = match value.strip_prefix(['<', '>', '|', '='])? {
-        "f4" => Kind::F32,
-        "f8" => Kind::F64,
-        "i1" => Kind::I8,
-        "i2" => Kind::I16,
-        "i4" => Kind::I32,
-        "i8" => Kind::I64,
-        "u1" => Kind::U8,
-        "u2" => Kind::U16,
-        "u4" => Kind::U32,
-        "u8" => Kind::U64,
-        _ => return None,
+/// Reads an array of records whose fields are named as the columns of a table would be.
+fn decode_records(
+    reader: &mut dyn BufRead,
+    header: &ArrayHeader,
+    fields: &[Field],
+    stride: usize,
+    request: &Request<'_>,
+) -> Result<Cloud, DecodeError> {
+    request.grid.check_unused(FORMAT)?;
+    let row_length = match *header.shape.as_slice() {
+        [_] => None,
+        [_, points] if !header.is_fortran => Some(usize::try_from(points).unwrap_or(request.limits.points_max)),
+        _ => return Err(DecodeError::ArrayShape { shape: header.shape.clone() }),
     };
-    Some(Scalar { kind, endian })
+    let count = header.count(request.limits.points_max)?;
+    let names: Vec<String> = fields.iter().map(|field| field.name.clone()).collect();
+    let map = names::map_columns(&names, request)?;
+    let place = |position: usize| {
+        let field = fields.get(position).and_then(|field| Some((field.scalar?, field.start)));
+        let (scalar, start) =
+            field.ok_or(DecodeError::HeaderMissing { format: FORMAT, field: "a number type of x, y, z" })?;
+        Ok::<_, DecodeError>(Place { scalar, start, step: stride })
+    };
+    let [x, y, z] = map.point;
+    let label = map.label.as_ref().map(|(position, _)| place(*position)).transpose()?;
+    let layout = Layout { point: [place(x)?, place(y)?, place(z)?], label, row_length };
+    let unit = settle_unit(request.unit, map.unit)?;
+    let mut gather = Gather::new(unit, layout.precision(), request.limits);
+    read_records(reader, &layout, stride, count, &mut gather)?;
+    gather.finish(match (map.label, row_length) {
+        (Some((_, name)), _) => Labels::Column(name),
+        (None, Some(_)) => Labels::Row,
+        (None, None) => Labels::None,
+    })
 }
 
-/// Reads `(200, 400, 3)`, `(5,)`, `()`.
-fn shape_of(value: &str) -> Option<Vec<u64>> {
-    let (inside, _) = value.strip_prefix('(')?.split_once(')')?;
-    let inside = inside.trim();
-    let inside = inside.strip_suffix(',').unwrap_or(inside);
-    if inside.is_empty() {
-        return Some(Vec::new());
+fn decode_matrix(reader: &mut dyn BufRead, header: &ArrayHeader, request: &Request<'_>) -> Result<Cloud, DecodeError> {
+    let array = Array::read(reader, header, request.limits.points_max)?;
+    let [rows, columns] = *array.shape.as_slice() else {
+        return Err(DecodeError::ArrayShape { shape: header.shape.clone() });
+    };
+    let cell = |index: usize| array.at(&[index / columns.max(1), index % columns.max(1)]);
+    let cells = (0..rows.saturating_mul(columns)).map_while(cell).collect();
+    Matrix { format: FORMAT, columns, cells, unit: None }.into_cloud(request)
+}
+
+/// A whole array of numbers.
+pub(super) struct Array {
+    pub(super) scalar: Scalar,
+    pub(super) shape: Vec<usize>,
+    is_fortran: bool,
+    bytes: Vec<u8>,
+}
+
+impl Array {
+    /// Reads what the header announces, at most `count_max` numbers.
+    pub(super) fn read(reader: &mut dyn Read, header: &ArrayHeader, count_max: usize) -> Result<Self, DecodeError> {
+        let scalar = header.scalar()?;
+        let (count, size) = (header.count(count_max)? as u64, scalar.kind.size() as u64);
+        let mut bytes = Vec::new();
+        reader.take(count.saturating_mul(size)).read_to_end(&mut bytes)?;
+        let found = bytes.len() as u64 / size;
+        if found < count {
+            return Err(DecodeError::Truncated { expected: count, found });
+        }
+        let shape = header.shape.iter().map(|axis| usize::try_from(*axis).unwrap_or(usize::MAX)).collect();
+        Ok(Self { scalar, shape, is_fortran: header.is_fortran, bytes })
     }
-    // Python 2 wrote long integers with an L.
-    let axes = inside.split(',').map(|axis| axis.trim().trim_end_matches('L').parse().ok());
-    let shape: Vec<u64> = axes.take(AXES_MAX + 1).collect::<Option<_>>()?;
-    (shape.len() <= AXES_MAX).then_some(shape)
+
+    /// The number at a position, one index an axis.
+    pub(super) fn at(&self, position: &[usize]) -> Option<f64> {
+        let step = |index: usize, (axis, length): (&usize, &usize)| {
+            index.checked_mul(*length)?.checked_add(*axis).filter(|_| axis < length)
+        };
+        let mut axes = position.iter().zip(&self.shape);
+        // The axis that varies fastest comes last.
+        let index = if self.is_fortran { axes.rev().try_fold(0, step)? } else { axes.try_fold(0, step)? };
+        self.scalar.read(&self.bytes, index.checked_mul(self.scalar.kind.size())?)
+    }
+}
+
+/// How precise arrays of these kinds are together.
+pub(super) fn precision_of(arrays: &[&Array]) -> Precision {
+    let is_single = arrays.iter().all(|array| array.scalar.kind == Kind::F32);
+    if is_single { Precision::Single } else { Precision::Double }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::scan::Columns;
-    use crate::scan::decode::Limits;
+    use crate::scan::decode::npy_header::MAGIC;
+    use crate::scan::decode::{Grid, Limits};
 
     fn array(header: &str, numbers: &[u8]) -> Vec<u8> {
         let mut bytes = [&MAGIC[..], &[1, 0]].concat();
@@ -133,7 +167,7 @@ mod tests {
 
     fn read(header: &str, numbers: &[u8]) -> Result<Cloud, DecodeError> {
         let limits = Limits::default();
-        decode(&mut array(header, numbers).as_slice(), &Request { unit: None, profile_column: None, limits: &limits })
+        decode(&mut array(header, numbers).as_slice(), &Request::new(&limits))
     }
 
     #[test]
@@ -150,9 +184,48 @@ mod tests {
     }
 
     #[test]
+    fn the_order_of_the_axes_does_not_matter() {
+        let (c, f) = ([1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12], [1, 7, 4, 10, 2, 8, 5, 11, 3, 9, 6, 12]);
+        let [c, f] = [("False", c), ("True", f)].map(|(order, numbers)| {
+            read(&format!("{{'descr': '|i1', 'fortran_order': {order}, 'shape': (2, 2, 3), }}"), &numbers)
+                .expect("reads")
+        });
+        assert_eq!((c.labels.clone(), c.stripes.len()), (Labels::Row, 4));
+        assert_eq!(c, f);
+        let flat =
+            read("{'descr': '|i1', 'fortran_order': True, 'shape': (2, 3), }", &[1, 4, 2, 5, 3, 6]).expect("reads");
+        assert_eq!(flat.points().collect::<Vec<_>>(), [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+    }
+
+    #[test]
+    fn records_are_read_by_the_names_of_their_fields() {
+        let header = "{'descr': [('z', '<i2'), ('profile', '|u1'), ('y', '|i1'), ('x', '|i1')], 'shape': (2,), }";
+        let cloud = read(header, &[3, 0, 7, 2, 1, 6, 0, 8, 5, 4]).expect("reads");
+        assert_eq!(cloud.points().collect::<Vec<_>>(), [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+        assert_eq!(cloud.labels, Labels::Column("profile".to_owned()));
+    }
+
+    #[test]
+    fn a_matrix_is_read_with_its_pitches_and_points_with_pitches_are_refused() {
+        let limits = Limits::default();
+        let grid = Grid { x_pitch_mm: Some(5.0), y_pitch_mm: Some(0.5), columns_are_profiles: false };
+        let request = Request { grid, ..Request::new(&limits) };
+        let bytes = array("{'descr': '|i1', 'fortran_order': True, 'shape': (2, 4), }", &[1, 5, 2, 6, 3, 7, 4, 8]);
+        let cloud = decode(&mut bytes.as_slice(), &request).expect("reads");
+        assert_eq!((cloud.labels.clone(), cloud.stripes.len()), (Labels::Row, 2));
+        assert_eq!(cloud.points().last(), Some([5.0, 1.5, 8.0]));
+        let points = array("{'descr': '|i1', 'fortran_order': False, 'shape': (1, 1, 3), }", &[1, 2, 3]);
+        assert_eq!(decode(&mut points.as_slice(), &request).expect_err("points").code(), "pitch_unused");
+    }
+
+    #[test]
     fn each_wrong_array_has_its_own_reason() {
         for (header, code) in [
-            ("{'descr': '<f4', 'fortran_order': True, 'shape': (1, 3), }", "format_unsupported"),
+            ("{'descr': '<f4', 'fortran_order': True, 'shape': (2, 3), }", "file_truncated"),
+            ("{'descr': [('x', '<f4'), ('y', '<f4')], 'shape': (1,), }", "column_unknown"),
+            ("{'descr': [('x', '<f4'), ('y', '<f4'), ('z', '|S4')], 'shape': (1,), }", "header_invalid"),
+            ("{'descr': [('x', '<f4'), ('y', '<f4'), ('z', '<f4')], 'shape': (2,), }", "file_truncated"),
+            ("{'descr': '<i1', 'fortran_order': False, 'shape': (2, 6), }", "pitch_needed"),
             ("{'descr': '<f4', 'fortran_order': False, 'shape': (1, 2), }", "array_shape"),
             ("{'descr': '<f4', 'fortran_order': False, 'shape': (3,), }", "array_shape"),
             ("{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3), }", "file_truncated"),
@@ -165,7 +238,7 @@ mod tests {
         }
         let mut other: &[u8] = b"%PDF-1.7 and more";
         let limits = Limits::default();
-        let error = decode(&mut other, &Request { unit: None, profile_column: None, limits: &limits });
+        let error = decode(&mut other, &Request::new(&limits));
         assert_eq!(error.expect_err("not numpy").code(), "format_mismatch");
     }
 }

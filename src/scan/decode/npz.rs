@@ -1,15 +1,24 @@
-//! NPZ, numpy arrays in a zip archive: x, y and z of equal shape, or one array as in NPY. From bytes to a cloud.
+//! NPZ, numpy arrays in a zip archive: x, y and z of equal shape or x along the rows and y along the columns of z, or one array as in
+//! NPY. From bytes to a cloud.
 //!
-//! What the archive's directory says about sizes is not believed; bytes are counted as they inflate.
+//! What the archive's directory says about sizes is not believed; bytes are counted as they inflate. Every entry that is read is read
+//! to its end, where its checksum is compared.
 
 use super::gather::Gather;
+use super::hints::shorten;
 use super::inflate::Capped;
-use super::npy::{self, ArrayHeader};
-use super::scalar::{Kind, Scalar};
-use super::{DecodeError, Limits, Precision, Request, settle_unit};
+use super::npy::{self, Array};
+use super::npy_header::read_header;
+use super::{DecodeError, Format, Limits, Request, settle_unit};
 use crate::scan::{Cloud, Labels};
-use std::io::{BufRead, BufReader, Cursor, Read};
+use std::io::{self, BufRead, BufReader, Cursor, Read};
+use zip::CompressionMethod;
 use zip::ZipArchive;
+use zip::result::ZipError;
+
+const FORMAT: Format = Format::Npz;
+/// Names that a message lists.
+const NAMES_SHOWN_MAX: usize = 16;
 
 /// An archive and its size.
 struct Archive {
@@ -19,91 +28,178 @@ struct Archive {
 
 /// Reads an archive.
 pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<Cloud, DecodeError> {
-    let limits = request.limits;
+    let mut archive = open(reader, request.limits)?;
+    let names = archive.zip.file_names().map(|name| name.map(|name| name.into_owned()));
+    let names = names.collect::<Result<Vec<String>, _>>().map_err(|error| refuse(&error))?;
+    check_places(&mut archive)?;
+    let has = |axis: &str| names.iter().any(|name| name == axis);
+    if ["x.npy", "y.npy", "z.npy"].into_iter().all(has) {
+        return read_axes(&mut archive, request);
+    }
+    let is_array = |name: &String| name.to_ascii_lowercase().ends_with(".npy");
+    match names.as_slice() {
+        [only] if is_array(only) => {
+            read_entry(&mut archive, only, request.limits, |reader| npy::decode(reader, request))
+        }
+        _ => {
+            let found = names.iter().take(NAMES_SHOWN_MAX).map(|name| shorten(name.as_bytes())).collect();
+            Err(match names.iter().any(is_array) {
+                true => DecodeError::ArraysMissing { found },
+                false => DecodeError::ZippedFile { found },
+            })
+        }
+    }
+}
+
+fn open(reader: &mut dyn BufRead, limits: &Limits) -> Result<Archive, DecodeError> {
     let mut bytes = Vec::new();
     reader.take(limits.inflated_bytes_max.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > limits.inflated_bytes_max {
         return Err(DecodeError::InflatedTooLarge { limit: limits.inflated_bytes_max });
     }
     let size = bytes.len() as u64;
-    let zip = ZipArchive::new(Cursor::new(bytes)).map_err(|_| DecodeError::DamagedArchive)?;
+    let zip = ZipArchive::new(Cursor::new(bytes)).map_err(|error| refuse(&error))?;
     if zip.len() > limits.npz_entries_max {
         return Err(DecodeError::TooManyEntries { found: zip.len(), limit: limits.npz_entries_max });
     }
-    let mut archive = Archive { zip, bytes: size };
-    let names =
-        archive.zip.file_names().map(|name| name.map(|name| name.into_owned())).collect::<Result<Vec<String>, _>>();
-    let names = names.map_err(|_| DecodeError::DamagedArchive)?;
-    let has = |axis: &str| names.iter().any(|name| name == axis);
-    if ["x.npy", "y.npy", "z.npy"].into_iter().all(has) {
-        return read_axes(&mut archive, request);
-    }
-    match names.as_slice() {
-        [only] => npy::decode(&mut open(&mut archive, only, limits)?, request),
-        _ => {
-            let found = names.iter().map(|name| name.chars().filter(|c| !c.is_control()).take(40).collect()).collect();
-            Err(DecodeError::ArraysMissing { found })
+    Ok(Archive { zip, bytes: size })
+}
+
+/// What the reader of archives says, in our words: none of it is the store's matter, for the archive is in memory.
+fn refuse(error: &ZipError) -> DecodeError {
+    let unsupported = |what| DecodeError::Unsupported { format: FORMAT, what };
+    match error {
+        ZipError::UnsupportedArchive(what) if *what == ZipError::PASSWORD_REQUIRED => unsupported(ENCRYPTED),
+        ZipError::InvalidPassword => unsupported(ENCRYPTED),
+        ZipError::CompressionMethodNotSupported(_) => unsupported(NOT_DEFLATED),
+        ZipError::UnsupportedArchive(_) => {
+            unsupported("the archive uses a part of zip that is not read; write it with numpy.savez_compressed")
         }
+        _ => DecodeError::DamagedArchive { what: "its directory or an entry's header is not whole" },
     }
 }
 
-/// One entry as it inflates, within the limits.
-fn open<'a>(archive: &'a mut Archive, name: &str, limits: &Limits) -> Result<impl BufRead + 'a, DecodeError> {
+const ENCRYPTED: &str = "encrypted entries are not read; write the archive without a password";
+const NOT_DEFLATED: &str = "entries packed by LZMA, bzip2, Zstandard or the like are not read; pack them by deflate (numpy.savez_compressed) or not at all";
+
+/// Refuses entries that are packed in another way than is read, that reach beyond the archive, or that share bytes: every file is
+/// written once, and one behind the other.
+fn check_places(archive: &mut Archive) -> Result<(), DecodeError> {
+    let end_of_entries = archive.zip.central_directory_start();
+    let mut places = Vec::new();
+    for index in 0..archive.zip.len() {
+        let entry = archive.zip.by_index_raw(index).map_err(|error| refuse(&error))?;
+        let unsupported = |what| Err(DecodeError::Unsupported { format: FORMAT, what });
+        if entry.encrypted() {
+            return unsupported(ENCRYPTED);
+        }
+        if !matches!(entry.compression(), CompressionMethod::Stored | CompressionMethod::Deflated) {
+            return unsupported(NOT_DEFLATED);
+        }
+        let start = entry.data_start().unwrap_or(u64::MAX);
+        places.push((start, start.saturating_add(entry.compressed_size())));
+    }
+    places.sort_unstable();
+    let ends_early = places.iter().any(|(_, end)| *end > end_of_entries);
+    let overlap = places.windows(2).any(|pair| matches!(pair, [(_, end), (next, _)] if end > next));
+    match (ends_early, overlap) {
+        (true, _) => Err(DecodeError::DamagedArchive { what: "an entry is longer than the room it has" }),
+        (_, true) => Err(DecodeError::DamagedArchive { what: "two entries share bytes" }),
+        (false, false) => Ok(()),
+    }
+}
+
+/// What `read` makes of an entry, once the entry has proved whole.
+fn read_entry<T>(
+    archive: &mut Archive,
+    name: &str,
+    limits: &Limits,
+    read: impl FnOnce(&mut dyn BufRead) -> Result<T, DecodeError>,
+) -> Result<T, DecodeError> {
     // The ratio is judged against the whole archive: x that repeats along a profile shrinks to almost nothing.
     let packed = archive.bytes;
-    let entry = archive.zip.by_name(name).map_err(|_| DecodeError::DamagedArchive)?;
-    Ok(BufReader::with_capacity(1 << 16, Capped::new(entry, limits, move |_: &_| packed)))
-}
-
-/// One axis of all points.
-struct AxisArray {
-    scalar: Scalar,
-    shape: Vec<u64>,
-    bytes: Vec<u8>,
-}
-
-fn read_axis(archive: &mut Archive, name: &str, limits: &Limits) -> Result<AxisArray, DecodeError> {
-    let mut reader = open(archive, name, limits)?;
-    let ArrayHeader { scalar, shape } = npy::read_header(&mut reader)?;
-    let limit = limits.points_max;
-    let count =
-        shape.iter().try_fold(1u64, |count, axis| count.checked_mul(*axis)).filter(|count| *count <= limit as u64);
-    let count = count.ok_or(DecodeError::TooManyPoints { limit })?;
-    let size = scalar.kind.size() as u64;
-    let mut bytes = Vec::new();
-    reader.take(count * size).read_to_end(&mut bytes)?;
-    if (bytes.len() as u64) < count * size {
-        return Err(DecodeError::Truncated { expected: count, found: bytes.len() as u64 / size });
+    let entry = archive.zip.by_name(name).map_err(|error| refuse(&error))?;
+    let mut reader = BufReader::with_capacity(1 << 16, Capped::new(entry, limits, move |_: &_| packed));
+    let outcome = read(&mut reader).map_err(name_damage);
+    let rest = io::copy(&mut reader, &mut io::sink()).map_err(|error| name_damage(error.into()));
+    match (outcome, rest) {
+        (Ok(value), Ok(_)) => Ok(value),
+        // Damage explains whatever else is wrong.
+        (_, Err(error @ DecodeError::DamagedArchive { .. })) | (Err(error), _) | (Ok(_), Err(error)) => Err(error),
     }
-    Ok(AxisArray { scalar, shape, bytes })
 }
 
-/// Reads x, y and z: (N) points or (P, M) profiles.
+fn name_damage(error: DecodeError) -> DecodeError {
+    match error {
+        DecodeError::BadCompression | DecodeError::DamagedFile | DecodeError::Io(_) => {
+            DecodeError::DamagedArchive { what: "an entry does not unpack to its CRC-32" }
+        }
+        error => error,
+    }
+}
+
+fn read_axis(archive: &mut Archive, name: &str, limits: &Limits) -> Result<Array, DecodeError> {
+    read_entry(archive, name, limits, |mut reader| {
+        let header = read_header(&mut reader)?;
+        Array::read(&mut reader, &header, limits.points_max)
+    })
+}
+
+/// Where along rows and columns an axis has its numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Along {
+    /// One each point.
+    Both,
+    /// One each row.
+    Rows,
+    /// One each column.
+    Columns,
+}
+
+/// Reads x, y and z: (N) points or (P, M) profiles; of the latter x may be one each profile, and y one each column.
 fn read_axes(archive: &mut Archive, request: &Request<'_>) -> Result<Cloud, DecodeError> {
+    request.grid.check_unused(FORMAT)?;
     let x = read_axis(archive, "x.npy", request.limits)?;
     let y = read_axis(archive, "y.npy", request.limits)?;
     let z = read_axis(archive, "z.npy", request.limits)?;
-    for other in [&y, &z] {
-        if other.shape != x.shape {
-            return Err(DecodeError::ArrayShape { shape: other.shape.clone() });
+    let (rows, columns, labels) = match *z.shape.as_slice() {
+        [points] => (1, points, Labels::None),
+        [profiles, points] => (profiles, points, Labels::Row),
+        _ => return Err(shape_of(&z)),
+    };
+    let along = |array: &Array, one_dimensional: Along| match *array.shape.as_slice() {
+        _ if array.shape == z.shape => Ok(Along::Both),
+        [count] | [count, 1] if labels == Labels::Row && count == rows && one_dimensional == Along::Rows => {
+            Ok(Along::Rows)
+        }
+        [count] | [1, count] if labels == Labels::Row && count == columns && one_dimensional == Along::Columns => {
+            Ok(Along::Columns)
+        }
+        _ => Err(shape_of(array)),
+    };
+    let (along_x, along_y) = (along(&x, Along::Rows)?, along(&y, Along::Columns)?);
+    let at = |array: &Array, along: Along, row: usize, column: usize| match (along, array.shape.len()) {
+        (Along::Both, 1) => array.at(&[column]),
+        (Along::Both, _) => array.at(&[row, column]),
+        (Along::Rows, 1) => array.at(&[row]),
+        (Along::Rows, _) => array.at(&[row, 0]),
+        (Along::Columns, 1) => array.at(&[column]),
+        (Along::Columns, _) => array.at(&[0, column]),
+    };
+    let precision = npy::precision_of(&[&x, &y, &z]);
+    let mut gather = Gather::new(settle_unit(request.unit, None)?, precision, request.limits);
+    for row in 0..rows {
+        for column in 0..columns {
+            let point = [at(&x, along_x, row, column), at(&y, along_y, row, column), at(&z, Along::Both, row, column)];
+            let [x, y, z] = point.map(|value| value.unwrap_or(f64::NAN));
+            gather.push(row as f64, [x, y, z])?;
         }
     }
-    let row_length = match *x.shape.as_slice() {
-        [_] => None,
-        [_, points] => Some(points.max(1)),
-        _ => return Err(DecodeError::ArrayShape { shape: x.shape }),
-    };
-    let single = [&x, &y, &z].iter().all(|axis| axis.scalar.kind == Kind::F32);
-    let precision = if single { Precision::Single } else { Precision::Double };
-    let mut gather = Gather::new(settle_unit(request.unit, None)?, precision, request.limits);
-    let at = |axis: &AxisArray, index: usize| axis.scalar.read(&axis.bytes, index * axis.scalar.kind.size());
-    let mut index = 0;
-    while let (Some(x), Some(y), Some(z)) = (at(&x, index), at(&y, index), at(&z, index)) {
-        let label = row_length.map_or(0.0, |length| (index as u64 / length) as f64);
-        gather.push(label, [x, y, z])?;
-        index += 1;
-    }
-    gather.finish(if row_length.is_some() { Labels::Row } else { Labels::None })
+    gather.finish(labels)
+}
+
+fn shape_of(array: &Array) -> DecodeError {
+    DecodeError::ArrayShape { shape: array.shape.iter().map(|axis| *axis as u64).collect() }
 }
 
 #[cfg(test)]
@@ -130,7 +226,7 @@ mod tests {
 
     fn read(entries: &[(&str, Vec<u8>)]) -> Result<Cloud, DecodeError> {
         let limits = Limits::default();
-        let request = Request { unit: None, profile_column: None, limits: &limits };
+        let request = Request::new(&limits);
         decode(&mut archive(entries).as_slice(), &request)
     }
 
@@ -168,11 +264,90 @@ mod tests {
             (vec![("a.npy", vec![0; 16 << 20])], "format_mismatch"),
             (vec![("a.npy", array("(1000000, 3)", &vec![0; 12_000_000]))], "inflate_ratio"),
             (many, "too_many_entries"),
+            (vec![("scan.csv", b"x,y,z\n1,2,3\n".to_vec())], "format_unsupported"),
         ] {
             assert_eq!(read(&entries).expect_err("wrong").code(), code);
         }
         let limits = Limits::default();
-        let request = Request { unit: None, profile_column: None, limits: &limits };
+        let request = Request::new(&limits);
         assert_eq!(decode(&mut &b"PK\x03\x04"[..], &request).expect_err("damaged").code(), "file_damaged");
+    }
+
+    #[test]
+    fn x_of_the_profiles_and_y_of_the_columns_are_spread_over_z() {
+        let z = || ("z.npy", array("(2, 2)", &floats(&[5.0, 6.0, 7.0, 8.0])));
+        let whole = [
+            ("x.npy", array("(2, 2)", &floats(&[1.0, 1.0, 2.0, 2.0]))),
+            ("y.npy", array("(2, 2)", &floats(&[3.0, 4.0, 3.0, 4.0]))),
+            z(),
+        ];
+        let expected = read(&whole).expect("whole");
+        for (x, y) in [("(2,)", "(2,)"), ("(2, 1)", "(1, 2)")] {
+            let spread = [("x.npy", array(x, &floats(&[1.0, 2.0]))), ("y.npy", array(y, &floats(&[3.0, 4.0]))), z()];
+            assert_eq!(read(&spread).expect("spread"), expected);
+        }
+        let three = [("x.npy", array("(3,)", &floats(&[1.0; 3]))), ("y.npy", array("(2,)", &floats(&[1.0; 2]))), z()];
+        assert_eq!(read(&three).expect_err("three of two").code(), "array_shape");
+    }
+
+    /// An archive of one stored array, and where its bytes begin.
+    fn stored() -> (Vec<u8>, usize) {
+        let content = array("(2, 3)", &floats(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]));
+        let mut zip = zip::ZipWriter::new(Cursor::new(Vec::new()));
+        let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
+        zip.start_file("a.npy", options).expect("starts");
+        zip.write_all(&content).expect("writes");
+        let bytes = zip.finish().expect("ends").into_inner();
+        let start = bytes.windows(6).position(|window| window == b"\x93NUMPY").expect("an array");
+        (bytes, start)
+    }
+
+    #[test]
+    fn an_entry_whose_bytes_do_not_give_its_checksum_is_damaged() {
+        let limits = Limits::default();
+        let (mut bytes, start) = stored();
+        assert!(decode(&mut bytes.as_slice(), &Request::new(&limits)).is_ok());
+        let last = start + array("(2, 3)", &floats(&[0.0; 6])).len() - 1;
+        bytes[last] ^= 1;
+        assert_eq!(decode(&mut bytes.as_slice(), &Request::new(&limits)).expect_err("damaged").code(), "file_damaged");
+    }
+
+    #[test]
+    fn entries_that_overlap_or_are_cut_short_are_damage() {
+        let limits = Limits::default();
+        let code = |bytes: &[u8]| decode(&mut &*bytes, &Request::new(&limits)).map(|_| ()).expect_err("damaged").code();
+        let (bytes, _) = stored();
+        assert_eq!(code(&bytes[..bytes.len() - 30]), "file_damaged");
+        // The size of the packed bytes in directory and header, beyond the directory.
+        let directory = bytes.windows(4).position(|window| window == b"PK\x01\x02").expect("a directory");
+        let mut long = bytes;
+        long[directory + 21] = 1;
+        long[18 + 1] = 1;
+        assert_eq!(code(&long), "file_damaged");
+        // The same entry under two names.
+        let mut twice = archive(&[("x.npy", vec![1; 40]), ("y.npy", vec![2; 40])]);
+        let second = twice.windows(4).enumerate().filter(|(_, window)| *window == b"PK\x01\x02").nth(1).expect("two").0;
+        twice[second + 42..second + 46].copy_from_slice(&[0; 4]);
+        assert_eq!(code(&twice), "file_damaged");
+    }
+
+    #[test]
+    fn every_other_way_to_pack_or_encrypt_is_unsupported_and_says_what_is_read() {
+        let (bytes, _) = stored();
+        let limits = Limits::default();
+        let directory = bytes.windows(4).position(|window| window == b"PK\x01\x02").expect("a directory");
+        // Deflate64, bzip2, LZMA, Zstandard, xz, PPMd, AES.
+        for method in [9, 12, 14, 93, 95, 98, 99] {
+            let mut other = bytes.clone();
+            (other[8], other[directory + 10]) = (method, method);
+            let error = decode(&mut other.as_slice(), &Request::new(&limits)).expect_err("another method");
+            assert_eq!(error.code(), "format_unsupported", "{method}: {error}");
+        }
+        let mut encrypted = bytes;
+        encrypted[6] |= 1;
+        encrypted[directory + 8] |= 1;
+        let error = decode(&mut encrypted.as_slice(), &Request::new(&limits)).expect_err("encrypted");
+        assert_eq!(error.code(), "format_unsupported", "{error}");
+        assert!(error.to_string().contains("password"), "{error}");
     }
 }

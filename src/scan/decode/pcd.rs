@@ -5,10 +5,11 @@
 //! no caller can catch.
 
 use super::gather::Gather;
+use super::hints::shorten;
 use super::lines::{Lines, words};
 use super::lzf;
 use super::names::{self, ColumnMap};
-use super::number::parse_number;
+use super::number::Numbers;
 use super::pcd_header::{Body, Field, Header, read_header};
 use super::records::{Layout, Place, read_records, take_points};
 use super::scalar::{Endian, Scalar};
@@ -20,7 +21,7 @@ const FORMAT: Format = Format::Pcd;
 
 /// Reads a PCD file.
 pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<Cloud, DecodeError> {
-    let mut lines = Lines::new(reader, request.limits);
+    let mut lines = Lines::of_header(reader, request.limits)?;
     let header = read_header(&mut lines, request.limits)?;
     let names: Vec<String> = header.fields.iter().map(|field| field.name.clone()).collect();
     let map = names::map_columns(&names, request)?;
@@ -28,7 +29,11 @@ pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<
     let layout = lay_out(&header, &map)?;
     let mut gather = Gather::new(unit, layout.precision(), request.limits);
     match header.body {
-        Body::Ascii => read_lines(&mut lines, &header, &map, &layout, &mut gather)?,
+        Body::Ascii => {
+            let mut numbers = Numbers::new(request.decimal);
+            read_lines(&mut lines, &header, &map, &layout, &mut numbers, &mut gather)?;
+            numbers.finish()?;
+        }
         Body::Binary => {
             read_records(lines.into_reader(), &layout, header.stride(), header.points(), &mut gather)?;
         }
@@ -67,6 +72,7 @@ fn read_lines(
     header: &Header,
     map: &ColumnMap,
     layout: &Layout,
+    numbers: &mut Numbers,
     gather: &mut Gather<'_>,
 ) -> Result<(), DecodeError> {
     // A field of several numbers takes as many words.
@@ -82,13 +88,12 @@ fn read_lines(
         if line.trim_ascii().is_empty() {
             continue;
         }
-        let cell = |column: usize| {
-            let word = words(line).nth(column);
-            let word =
-                word.ok_or_else(|| DecodeError::RaggedRow { line: number, expected, found: words(line).count() })?;
-            parse_number(word).ok_or(DecodeError::BadNumber { line: number, column: column + 1 })
+        let mut cell = |column: usize| {
+            let found = || words(line).count();
+            let ragged = || DecodeError::RaggedRow { line: number, expected, found: found(), text: shorten(line) };
+            numbers.read(words(line).nth(column).ok_or_else(ragged)?, number, column)
         };
-        let label = label_at.map_or(Ok(layout.row_of(gather.seen())), cell)?;
+        let label = label_at.map_or(Ok(layout.row_of(gather.seen())), &mut cell)?;
         gather.push(label, [cell(x)?, cell(y)?, cell(z)?])?;
     }
     Ok(())
@@ -126,7 +131,7 @@ mod tests {
 
     fn read(bytes: &[u8]) -> Result<Cloud, DecodeError> {
         let limits = Limits { points_max: 1000, ..Limits::default() };
-        decode(&mut &*bytes, &Request { unit: None, profile_column: None, limits: &limits })
+        decode(&mut &*bytes, &Request::new(&limits))
     }
 
     /// Three by two points of x, a normal of two numbers, z and y.
@@ -197,5 +202,15 @@ mod tests {
         assert_eq!(read(&file("binary_compressed", &body)).expect_err("damaged").code(), "file_damaged");
         let short = read(&file("binary", &[0; 40]));
         assert!(matches!(short, Err(DecodeError::Truncated { expected: 6, found: 2 })));
+    }
+
+    #[test]
+    fn a_file_before_version_0_7_states_its_points_alone() {
+        let text = "# .PCD v.5 - Point Cloud Data file format\rVERSION .5\rFIELDS x y z\rSIZE 4 4 4\rTYPE F F F\rPOINTS 2\r\
+                    DATA ascii\r1 2 3\r4 5 6\r";
+        for text in [text.to_owned(), text.replace('\r', "\n"), text.replace('\r', "\r\n")] {
+            let cloud = read(text.as_bytes()).unwrap_or_else(|error| panic!("{error}"));
+            assert_eq!(cloud.points().collect::<Vec<_>>(), [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+        }
     }
 }

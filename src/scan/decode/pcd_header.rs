@@ -127,8 +127,10 @@ impl Statements {
     /// Holds the lines against each other.
     fn check(self, body: Body, limits: &Limits) -> Result<Header, DecodeError> {
         let missing = |field| DecodeError::HeaderMissing { format: FORMAT, field };
-        let width = self.width.ok_or(missing("WIDTH"))?;
-        let height = self.height.ok_or(missing("HEIGHT"))?;
+        // Before version 0.7 a header states neither.
+        let unorganised = self.points.filter(|_| self.width.is_none() && self.height.is_none());
+        let width = self.width.or(unorganised).ok_or(missing("WIDTH"))?;
+        let height = self.height.or(unorganised.map(|_| 1)).ok_or(missing("HEIGHT"))?;
         // The product may be beyond u64 where the header lies.
         let expected = width.saturating_mul(height);
         if let Some(stated) = self.points.filter(|stated| *stated != expected) {

@@ -5,9 +5,10 @@
 //! which takes far longer than the few sweeps over memory that a scan of millions of points may cost.
 
 use super::gather::Gather;
-use super::lines::{Lines, words};
+use super::hints::shorten;
+use super::lines::{Lines, text, words};
 use super::names::{self, ColumnMap};
-use super::number::parse_number;
+use super::number::Numbers;
 use super::ply_header::{Body, Element, PropertyType, read_header};
 use super::records::{Layout, Place, read_records};
 use super::scalar::{Endian, Scalar};
@@ -19,7 +20,7 @@ const FORMAT: Format = Format::Ply;
 
 /// Reads the vertices of a PLY file.
 pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<Cloud, DecodeError> {
-    let mut lines = Lines::new(reader, request.limits);
+    let mut lines = Lines::of_header(reader, request.limits)?;
     let header = read_header(&mut lines, request.limits)?;
     let at = header.elements.iter().position(|element| element.name == "vertex");
     let at = at.ok_or(DecodeError::HeaderMissing { format: FORMAT, field: "element vertex" })?;
@@ -35,16 +36,23 @@ pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<
     let unit = settle_unit(request.unit, stated)?;
     let layout = lay_out(vertex, &map, Endian::Little)?;
     let mut gather = Gather::new(unit, layout.precision(), request.limits);
+    let has_lists = vertex.stride().is_none();
     match header.body {
         Body::Ascii => {
             skip_lines(&mut lines, before)?;
-            read_lines(&mut lines, &map, count, &mut gather)?;
+            let mut numbers = Numbers::new(request.decimal);
+            read_lines(&mut lines, vertex, &map, &mut numbers, &mut gather)?;
+            numbers.finish()?;
         }
         Body::Binary(endian) => {
             let reader = lines.into_reader();
             before.iter().try_for_each(|element| skip_records(reader, element, endian))?;
-            let stride = vertex.stride().unwrap_or_default();
-            read_records(reader, &lay_out(vertex, &map, endian)?, stride, count, &mut gather)?;
+            if has_lists {
+                read_records_with_lists(reader, vertex, &map, endian, &mut gather)?;
+            } else {
+                let stride = vertex.stride().unwrap_or_default();
+                read_records(reader, &lay_out(vertex, &map, endian)?, stride, count, &mut gather)?;
+            }
         }
     }
     gather.finish(match map.label {
@@ -55,10 +63,8 @@ pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<
 
 /// Where the coordinates lie in a vertex.
 fn lay_out(vertex: &Element, map: &ColumnMap, endian: Endian) -> Result<Layout, DecodeError> {
-    let step = vertex.stride().ok_or(DecodeError::Unsupported {
-        format: FORMAT,
-        what: "lists within vertices are not read; write the vertices without them",
-    })?;
+    // Where there are lists, places within a record tell the kinds of the numbers only.
+    let step = vertex.stride().unwrap_or_default();
     let place = |position: usize| {
         let start = vertex.properties.iter().take(position).fold(0, |sum, (_, kind)| sum + size_of(*kind));
         let kind = vertex.properties.get(position).map(|(_, kind)| *kind);
@@ -93,32 +99,106 @@ fn skip_lines(lines: &mut Lines<'_>, elements: &[Element]) -> Result<(), DecodeE
 
 fn read_lines(
     lines: &mut Lines<'_>,
+    vertex: &Element,
     map: &ColumnMap,
-    count: usize,
+    numbers: &mut Numbers,
     gather: &mut Gather<'_>,
 ) -> Result<(), DecodeError> {
-    let [x, y, z] = map.point;
-    let label_at = map.label.as_ref().map(|(position, _)| *position);
     let mut done = 0;
-    while done < count {
+    let mut places = Vec::new();
+    while done < vertex.count {
         let number = lines.number() + 1;
         let Some(line) = lines.next_line()? else {
-            return Err(DecodeError::Truncated { expected: count as u64, found: done as u64 });
+            return Err(DecodeError::Truncated { expected: vertex.count, found: done });
         };
         if line.trim_ascii().is_empty() {
             continue;
         }
-        let cell = |column: usize| {
-            let word = words(line).nth(column);
-            let word =
-                word.ok_or(DecodeError::RaggedRow { line: number, expected: map.end(), found: words(line).count() })?;
-            parse_number(word).ok_or(DecodeError::BadNumber { line: number, column: column + 1 })
+        let ragged = |expected: usize| {
+            let found = words(line).count();
+            DecodeError::RaggedRow { line: number, expected, found, text: shorten(line) }
         };
-        let label = label_at.map_or(Ok(0.0), cell)?;
+        place_properties(line, vertex, &mut places).ok_or_else(|| ragged(vertex.properties.len()))?;
+        let mut cell = |property: usize| {
+            let column = places.get(property).copied().unwrap_or(property);
+            numbers.read(words(line).nth(column).ok_or_else(|| ragged(map.end()))?, number, column)
+        };
+        let [x, y, z] = map.point;
+        let label = map.label.as_ref().map_or(Ok(0.0), |(property, _)| cell(*property))?;
         gather.push(label, [cell(x)?, cell(y)?, cell(z)?])?;
         done += 1;
     }
     Ok(())
+}
+
+/// The word at which each property of a line begins; none are needed where there are no lists. `None` where a list has no length.
+fn place_properties(line: &[u8], vertex: &Element, places: &mut Vec<usize>) -> Option<()> {
+    places.clear();
+    if vertex.stride().is_some() {
+        return Some(());
+    }
+    let mut at = 0_usize;
+    for (_, kind) in &vertex.properties {
+        places.push(at);
+        at += 1;
+        if let PropertyType::List { .. } = kind {
+            let items: usize = text(words(line).nth(at - 1)?).parse().ok()?;
+            at = at.checked_add(items)?;
+        }
+    }
+    Some(())
+}
+
+/// Reads vertices of varying length, property by property.
+fn read_records_with_lists(
+    reader: &mut dyn BufRead,
+    vertex: &Element,
+    map: &ColumnMap,
+    endian: Endian,
+    gather: &mut Gather<'_>,
+) -> Result<(), DecodeError> {
+    let label_at = map.label.as_ref().map(|(property, _)| *property);
+    for done in 0..vertex.count {
+        let (mut point, mut label) = ([f64::NAN; 3], 0.0);
+        for (property, (_, kind)) in vertex.properties.iter().enumerate() {
+            let value = read_property(reader, *kind, endian).map_err(|error| match error {
+                DecodeError::EndsEarly { .. } => DecodeError::Truncated { expected: vertex.count, found: done },
+                error => error,
+            })?;
+            for (coordinate, at) in point.iter_mut().zip(map.point) {
+                if at == property {
+                    *coordinate = value;
+                }
+            }
+            if label_at == Some(property) {
+                label = value;
+            }
+        }
+        gather.push(label, point)?;
+    }
+    Ok(())
+}
+
+/// Reads a number, or passes over a list, whose value is none.
+fn read_property(reader: &mut dyn BufRead, kind: PropertyType, endian: Endian) -> Result<f64, DecodeError> {
+    match kind {
+        PropertyType::Scalar(kind) => read_scalar(reader, Scalar { kind, endian }),
+        PropertyType::List { count, item } => {
+            let items = read_scalar(reader, Scalar { kind: count, endian })?;
+            if items.is_nan() || items < 0.0 {
+                return Err(DecodeError::EndsEarly { format: FORMAT });
+            }
+            skip(reader, (items as u64).saturating_mul(item.size() as u64))?;
+            Ok(f64::NAN)
+        }
+    }
+}
+
+fn read_scalar(reader: &mut dyn BufRead, scalar: Scalar) -> Result<f64, DecodeError> {
+    let mut bytes = [0; 8];
+    let stored = bytes.get_mut(..scalar.kind.size()).unwrap_or_default();
+    reader.read_exact(stored).map_err(|error| ends_early(error, FORMAT))?;
+    scalar.read(&bytes, 0).ok_or(DecodeError::EndsEarly { format: FORMAT })
 }
 
 /// Passes over the records of an element that stands before the vertices.
@@ -128,17 +208,7 @@ fn skip_records(reader: &mut dyn BufRead, element: &Element, endian: Endian) -> 
     }
     for _ in 0..element.count {
         for (_, kind) in &element.properties {
-            match *kind {
-                PropertyType::Scalar(kind) => skip(reader, kind.size() as u64)?,
-                PropertyType::List { count, item } => {
-                    let mut bytes = [0; 8];
-                    let counted = bytes.get_mut(..count.size()).unwrap_or_default();
-                    reader.read_exact(counted).map_err(|error| ends_early(error, FORMAT))?;
-                    let items = Scalar { kind: count, endian }.read(&bytes, 0).filter(|items| *items >= 0.0);
-                    let items = items.ok_or(DecodeError::EndsEarly { format: FORMAT })?;
-                    skip(reader, (items as u64).saturating_mul(item.size() as u64))?;
-                }
-            }
+            read_property(reader, *kind, endian)?;
         }
     }
     Ok(())
@@ -166,7 +236,7 @@ mod tests {
 
     fn read(bytes: &[u8]) -> Result<Cloud, DecodeError> {
         let limits = Limits { points_max: 1000, ..Limits::default() };
-        decode(&mut &*bytes, &Request { unit: None, profile_column: None, limits: &limits })
+        decode(&mut &*bytes, &Request::new(&limits))
     }
 
     /// Two vertices with y, a colour, x (double), z and a label, behind an element with a list.
@@ -208,7 +278,7 @@ mod tests {
     fn a_reader_that_gives_a_few_bytes_at_a_time_gives_the_same_cloud() {
         let bytes = file("binary_little_endian", &binary(<[u8]>::to_vec));
         let limits = Limits::default();
-        let request = Request { unit: Some(Unit::Inch), profile_column: None, limits: &limits };
+        let request = Request { unit: Some(Unit::Inch), ..Request::new(&limits) };
         let whole = decode(&mut bytes.as_slice(), &request).expect("reads");
         let mut slow = std::io::BufReader::with_capacity(5, bytes.as_slice());
         assert_eq!(decode(&mut slow, &request).expect("reads"), whole);
@@ -227,7 +297,9 @@ mod tests {
             ("ply\nformat ascii 1.0\nend_header\n".to_owned(), "header_invalid"),
             (with("two", xyz, ""), "header_invalid"),
             (with("1", "property float x\nproperty float y\n", "1 2\n"), "column_unknown"),
-            (with("1", &format!("{xyz}property list uchar int n\n"), "1 2 3 0\n"), "format_unsupported"),
+            (with("1", &format!("property list uchar int n\n{xyz}"), "many 1 2 3\n"), "row_ragged"),
+            (with("1", &format!("property list uchar int n\n{xyz}"), "2 1 2 3\n"), "row_ragged"),
+            (with("1", "property float x\nproperty float y\nproperty list uchar int z\n", "1 2 0\n"), "header_invalid"),
             (with("2", xyz, "1 2 3\n"), "file_truncated"),
             (with("1", xyz, "1 2\n"), "row_ragged"),
             (with("1", xyz, "1 2 c\n"), "number_invalid"),
@@ -240,5 +312,45 @@ mod tests {
         }
         let short = file("binary_little_endian", &binary(<[u8]>::to_vec)[..30]);
         assert!(matches!(read(&short), Err(DecodeError::Truncated { expected: 2, found: 1 })));
+    }
+
+    #[test]
+    fn lists_within_vertices_are_passed_over_in_every_encoding() {
+        let header = |encoding: &str| {
+            format!(
+                "ply\nformat {encoding} 1.0\nelement vertex 2\nproperty list uchar short faces\nproperty float x\n\
+                 property list uchar uchar tags\nproperty float y\nproperty float z\nend_header\n"
+            )
+        };
+        let binary = |order: fn(&[u8]) -> Vec<u8>| {
+            let mut body = vec![2, 9, 9, 9, 9];
+            let floats =
+                |values: &[f32]| values.iter().flat_map(|value| order(&value.to_le_bytes())).collect::<Vec<u8>>();
+            body.extend([floats(&[1.0]), vec![1, 7], floats(&[2.0, 3.0]), vec![0]].concat());
+            body.extend([floats(&[4.0]), vec![0], floats(&[5.0, 6.0])].concat());
+            body
+        };
+        let ascii = [header("ascii").as_bytes(), b"2 9 9 1 1 7 2 3\n0 4 0 5 6\n"].concat();
+        let little = [header("binary_little_endian").as_bytes(), &binary(<[u8]>::to_vec)].concat();
+        let big =
+            [header("binary_big_endian").as_bytes(), &binary(|bytes| bytes.iter().rev().copied().collect())].concat();
+        for bytes in [ascii, little.clone(), big] {
+            let cloud = read(&bytes).expect("reads");
+            assert_eq!(cloud.points().collect::<Vec<_>>(), [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+        }
+        let short = read(&little[..little.len() - 3]);
+        assert!(matches!(short, Err(DecodeError::Truncated { expected: 2, found: 1 })), "{short:?}");
+    }
+
+    #[test]
+    fn header_lines_may_end_with_cr_and_obj_info_may_state_the_unit() {
+        let ascii = "ply\rformat ascii 1.0\robj_info unit: um\relement vertex 1\rproperty float x\rproperty float y\r\
+                     property float z\rend_header\r1000 2000 3000\r";
+        let binary = ascii.replace("ascii", "binary_little_endian").replace("1000 2000 3000\r", "");
+        let numbers: Vec<u8> = [1000f32, 2000.0, 3000.0].iter().flat_map(|value| value.to_le_bytes()).collect();
+        for bytes in [ascii.as_bytes().to_vec(), [binary.as_bytes(), &numbers].concat()] {
+            let cloud = read(&bytes).expect("reads");
+            assert_eq!((cloud.unit, cloud.points().collect::<Vec<_>>()), (Unit::Micrometre, vec![[1.0, 2.0, 3.0]]));
+        }
     }
 }

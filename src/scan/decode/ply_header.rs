@@ -86,8 +86,8 @@ pub(super) fn read_header(lines: &mut Lines<'_>, limits: &Limits) -> Result<Head
                 }
                 element.properties.push(property_of(parts).ok_or(bad("property"))?);
             }
-            b"comment" | b"obj_info" => {
-                let comment = line.trim_ascii().get(b"comment".len()..).unwrap_or_default();
+            keyword @ (b"comment" | b"obj_info") => {
+                let comment = line.trim_ascii().get(keyword.len()..).unwrap_or_default();
                 header.unit = header.unit.or(names::unit_of_comment(comment));
             }
             b"end_header" => {

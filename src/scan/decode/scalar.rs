@@ -19,6 +19,8 @@ pub(super) enum Kind {
     I64,
     /// Unsigned, eight bytes.
     U64,
+    /// Half precision.
+    F16,
     /// Single precision.
     F32,
     /// Double precision.
@@ -30,7 +32,7 @@ impl Kind {
     pub(super) fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
+            Self::I16 | Self::U16 | Self::F16 => 2,
             Self::I32 | Self::U32 | Self::F32 => 4,
             Self::I64 | Self::U64 | Self::F64 => 8,
         }
@@ -66,6 +68,7 @@ impl Scalar {
             Kind::U32 => f64::from(u32::from_le_bytes(self.ordered(rest)?)),
             Kind::I64 => i64::from_le_bytes(self.ordered(rest)?) as f64,
             Kind::U64 => u64::from_le_bytes(self.ordered(rest)?) as f64,
+            Kind::F16 => half(u16::from_le_bytes(self.ordered(rest)?)),
             Kind::F32 => f64::from(f32::from_le_bytes(self.ordered(rest)?)),
             Kind::F64 => f64::from_le_bytes(self.ordered(rest)?),
         })
@@ -81,6 +84,18 @@ impl Scalar {
     }
 }
 
+/// The value of a number of half precision (IEEE 754 binary16): one bit of sign, five of exponent, ten of fraction.
+fn half(bits: u16) -> f64 {
+    let fraction = f64::from(bits & 0x3ff);
+    let magnitude = match (bits >> 10) & 0x1f {
+        0 => fraction * 2f64.powi(-24),
+        0x1f if fraction == 0.0 => f64::INFINITY,
+        0x1f => f64::NAN,
+        exponent => (1024.0 + fraction) * 2f64.powi(i32::from(exponent) - 25),
+    };
+    if bits & 0x8000 == 0 { magnitude } else { -magnitude }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -94,5 +109,22 @@ mod tests {
         assert_eq!(read(Kind::I16, big, &[9, 0xff, 0xfe]), Some(-2.0));
         assert_eq!(read(Kind::U64, little, &[9, 1, 1, 0, 0, 0, 0, 0, 0]), Some(257.0));
         assert_eq!(read(Kind::F64, little, &[9, 0, 0]), None);
+    }
+
+    #[test]
+    fn half_precision_is_read_with_its_small_and_its_special_values() {
+        let read = |bits: u16| Scalar { kind: Kind::F16, endian: Endian::Little }.read(&bits.to_le_bytes(), 0);
+        for (bits, value) in [
+            (0x3c00, 1.0),
+            (0xc000, -2.0),
+            (0x3555, 0.333_251_953_125),
+            (0x7bff, 65504.0),
+            (0x0001, 2f64.powi(-24)),
+            (0x0400, 2f64.powi(-14)),
+            (0xfc00, f64::NEG_INFINITY),
+        ] {
+            assert_eq!(read(bits), Some(value), "{bits:x}");
+        }
+        assert!(read(0x7e00).is_some_and(f64::is_nan));
     }
 }

@@ -44,7 +44,7 @@ impl Unit {
             // The micro sign and the Greek letter look alike.
             "um" | "\u{b5}m" | "\u{3bc}m" | "micrometre" | "micrometres" | "micrometer" | "micrometers" | "micron"
             | "microns" => Some(Self::Micrometre),
-            "in" | "inch" | "inches" => Some(Self::Inch),
+            "in" | "in." | "inch" | "inches" | "zoll" | "\"" | "''" | "\u{2033}" | "\u{201d}" => Some(Self::Inch),
             _ => None,
         }
     }

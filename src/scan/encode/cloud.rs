@@ -62,7 +62,8 @@ mod tests {
             cloud.stripes[1].x = x;
             let mut bytes = Vec::new();
             encode_cloud(&cloud, &mut bytes).expect("memory takes it");
-            let request = Request { unit: None, profile_column: None, limits: &Limits::default() };
+            let limits = Limits::default();
+            let request = Request::new(&limits);
             let read = decode(Format::Ply, &mut &*bytes, &request).expect("it reads");
             assert_eq!((&read.stripes, &read.labels), (&cloud.stripes, &cloud.labels));
             let points = |cloud: &Cloud| (0..3).map(|index| cloud.columns.get(index)).collect::<Vec<_>>();

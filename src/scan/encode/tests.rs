@@ -15,7 +15,7 @@ fn written(scan: &Scan, format: Format) -> Vec<u8> {
 fn read(bytes: &[u8]) -> Scan {
     let limits = Limits::default();
     let format = find_format(&FormatClaims::default(), bytes).expect("known");
-    let request = Request { unit: None, profile_column: None, limits: &limits };
+    let request = Request::new(&limits);
     let cloud = decode(format, &mut &*bytes, &request).expect("reads");
     slice(cloud, &SliceRequest::default(), &limits).expect("slices")
 }

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 fn read(bytes: &[u8], name: &str, unit: Option<Unit>) -> Cloud {
     let claims = FormatClaims { file_name: Some(name), ..FormatClaims::default() };
     let format = find_format(&claims, bytes.get(..512).unwrap_or(bytes)).unwrap_or(Format::Csv);
-    decode(format, &mut &*bytes, &Request { unit, profile_column: None, limits: &Limits::default() }).expect("it reads")
+    decode(format, &mut &*bytes, &Request { unit, ..Request::new(&Limits::default()) }).expect("it reads")
 }
 
 macro_rules! field {

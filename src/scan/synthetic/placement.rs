@@ -189,7 +189,7 @@ mod tests {
         for format in [Format::Csv, Format::Ply, Format::Pcd, Format::Npy, Format::Npz] {
             let mut bytes = Vec::new();
             encode(&cloud, format, &mut bytes).expect("memory takes it");
-            let request = Request { unit: None, profile_column: None, limits: &limits };
+            let request = Request::new(&limits);
             let read = decode(format, &mut &*bytes, &request).expect("it reads");
             let read = slice(read, &SliceRequest::default(), &limits).expect("it slices");
             assert_eq!((read.grouping(), read.points().len()), (Grouping::Chosen, cloud.points().len()), "{format}");

@@ -29,7 +29,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let settings = settings(method, hints["noise"].as_f64().ok_or("no noise among the hints")?);
 
     let limits = Limits::default();
-    let request = Request { unit: None, profile_column: None, limits: &limits };
+    let request = Request::new(&limits);
     let cloud = decode(Format::Npy, &mut BufReader::new(File::open(scan)?), &request)?;
     let scan = slice(cloud, &SliceRequest::default(), &limits)?;
 

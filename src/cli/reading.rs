@@ -1,0 +1,58 @@
+//! Flags that say how a scan file is read; the same for every command that takes one.
+
+use crate::scan::decode::{Decimal, Format, Unit};
+use crate::service::Recipe;
+
+/// How the files are read, where they do not say themselves.
+#[derive(Debug, clap::Args)]
+pub(super) struct ReadingArguments {
+    /// Format of the file, where name and content do not say
+    #[arg(long, value_parser = format)]
+    pub(super) format: Option<Format>,
+    /// Unit of the file's coordinates: mm, m, um or inch
+    #[arg(long, value_parser = unit)]
+    unit: Option<Unit>,
+    /// Sign before the decimals of a text file's numbers, where its cells do not show it: point or comma
+    #[arg(long, value_name = "SIGN", value_parser = decimal)]
+    decimal: Option<Decimal>,
+    /// Distance between the profiles of a file that is a matrix of heights; its first column is y where --y-pitch-mm is left out
+    #[arg(long, value_name = "MM", allow_hyphen_values = true)]
+    x_pitch_mm: Option<f64>,
+    /// Distance between the points of a profile in such a matrix; its first column is x where --x-pitch-mm is left out. With both, a
+    /// profile is a row, or with --profile-by column a column
+    #[arg(long, value_name = "MM", allow_hyphen_values = true)]
+    y_pitch_mm: Option<f64>,
+    /// Values of x, y or z, in the unit of the file, that mark a point as missing, separated by commas. Such values are looked for
+    /// where none is given
+    #[arg(long = "missing", value_name = "VALUE", value_delimiter = ',', allow_hyphen_values = true)]
+    missing_values: Option<Vec<f64>>,
+}
+
+impl ReadingArguments {
+    /// What they say, as part of a recipe.
+    pub(super) fn recipe(&self) -> Recipe {
+        Recipe {
+            unit: self.unit,
+            decimal: self.decimal,
+            x_pitch_mm: self.x_pitch_mm,
+            y_pitch_mm: self.y_pitch_mm,
+            missing_values: self.missing_values.clone(),
+            ..Recipe::default()
+        }
+    }
+}
+
+pub(super) fn format(name: &str) -> Result<Format, String> {
+    let names = || Format::ALL.map(Format::name).join(", ");
+    Format::from_name(name).ok_or_else(|| format!("there is {}", names()))
+}
+
+fn unit(name: &str) -> Result<Unit, String> {
+    let names = || Unit::ALL.map(Unit::name).join(", ");
+    Unit::from_name(name).ok_or_else(|| format!("there is {}", names()))
+}
+
+fn decimal(name: &str) -> Result<Decimal, String> {
+    let names = || Decimal::ALL.map(Decimal::name).join(", ");
+    Decimal::from_name(name).ok_or_else(|| format!("there is {}", names()))
+}
