@@ -133,7 +133,7 @@ pub struct Timeouts {
     pub body_total_ms: u64,
     /// For a client that takes nothing of an answer.
     pub response_idle_ms: u64,
-    /// For requests under way when the service is told to stop.
+    /// For the whole end, from the signal on: motion stops, requests under way are answered, what happened is written down.
     pub shutdown_ms: u64,
 }
 
@@ -189,7 +189,7 @@ impl Default for Timeouts {
             body_idle_ms: 10_000,
             body_total_ms: 120_000,
             response_idle_ms: 10_000,
-            shutdown_ms: 9_000,
+            shutdown_ms: 12_000,
         }
     }
 }
@@ -357,6 +357,15 @@ mod tests {
             let error = listen(wrong).expect_err(wrong).to_string();
             assert!(error.contains("localhost:8080") && error.contains(wrong), "{error}");
         }
+    }
+
+    #[test]
+    fn the_end_of_the_service_fits_into_the_grace_of_the_compose_file() {
+        let compose = include_str!("../docker/compose.yaml");
+        let grace = compose.lines().find_map(|line| line.trim().strip_prefix("stop_grace_period: ")?.strip_suffix('s'));
+        let grace_ms = grace.and_then(|seconds| seconds.parse::<u64>().ok()).expect("a grace in seconds") * 1000;
+        // The threads of the process come on top, and the container's own work.
+        assert!(Config::default().timeouts.shutdown_ms + 2_000 <= grace_ms, "{grace_ms} ms");
     }
 
     #[test]

@@ -133,15 +133,13 @@ impl EventLog {
 
     /// Adds one.
     pub(super) fn add(&self, at: Instant, kind: EventKind) {
-        let number = {
-            let mut kept = self.kept();
-            let number = kept.back().map_or(0, |event| event.number) + 1;
-            if kept.len() == EVENTS_KEPT {
-                kept.pop_front();
-            }
-            kept.push_back(Event { number, at, kind });
-            number
-        };
+        let mut kept = self.kept();
+        let number = kept.back().map_or(0, |event| event.number) + 1;
+        if kept.len() == EVENTS_KEPT {
+            kept.pop_front();
+        }
+        kept.push_back(Event { number, at, kind });
+        // Published under the same lock: a reader that saw a later number first would take this one for new, again and again.
         self.newest.send_replace(number);
     }
 

@@ -193,7 +193,8 @@ impl Cell {
     async fn ask<T>(&self, make: impl FnOnce(Reply<T>) -> Request) -> Result<T, Refusal> {
         let (reply, answer) = oneshot::channel();
         self.requests.send(make(reply)).await.map_err(|_| Refusal::Closing)?;
-        answer.await.map_err(|_| Refusal::Closing)?
+        // A cell that ends in order refuses every request that waits.
+        answer.await.map_err(|_| Refusal::Unanswered)?
     }
 }
 

@@ -122,6 +122,9 @@ pub enum Refusal {
     /// The cell is being shut down.
     #[error("the service is stopping")]
     Closing,
+    /// The cell failed while it had the request; what became of that is not known.
+    #[error("the cell failed before it answered; whether it had begun this is not known")]
+    Unanswered,
 }
 
 /// What the cell is busy with.

@@ -24,6 +24,22 @@ pub(super) enum Request {
     Close(oneshot::Sender<()>),
 }
 
+impl Request {
+    /// Answers a request that nobody will see to: the cell has ended.
+    pub(super) fn refuse(self) {
+        match self {
+            Self::TakeLease(_, reply) | Self::RenewLease(_, reply) => answer(reply, Err(Refusal::Closing)),
+            Self::ReleaseLease(_, reply) => answer(reply, Err(Refusal::Closing)),
+            Self::Act { reply, .. } | Self::Reset { reply, .. } => answer(reply, Err(Refusal::Closing)),
+            Self::Move { reply, .. } => answer(reply, Err(Refusal::Closing)),
+            Self::Scan { reply, .. } => answer(reply, Err(Refusal::Closing)),
+            Self::Close(closed) => {
+                let _nobody_waits = closed.send(());
+            }
+        }
+    }
+}
+
 /// Answers; where nobody waits for it any more, that is all right.
 pub(super) fn answer<T>(reply: Reply<T>, result: Result<T, Refusal>) {
     let _nobody_waits = reply.send(result);

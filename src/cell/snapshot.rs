@@ -17,6 +17,9 @@ pub struct Snapshot {
     pub state: State,
     /// Since when.
     pub since: Instant,
+    /// Grows with everything that may have moved the part: with the begin of a move or a homing, and with each change of state
+    /// from then until the cell is idle again.
+    pub motions_count: u64,
     /// The move or scan under way; in `stopping`, the one that comes to rest.
     pub job: Option<JobView>,
     /// Who may move.

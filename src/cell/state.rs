@@ -72,6 +72,9 @@ struct Course {
 pub(super) struct Machine {
     state: State,
     since: Instant,
+    motions_count: u64,
+    /// A move or a homing has begun, and the cell has not been idle since.
+    part_moves: bool,
     present: Pair<bool>,
     course: Option<Course>,
     tenancy: Tenancy,
@@ -86,6 +89,8 @@ impl Machine {
         Self {
             state: State::Offline,
             since: now,
+            motions_count: 0,
+            part_moves: false,
             present: Pair::default(),
             course: None,
             tenancy: Tenancy::new(bounds, fence_floor),
@@ -101,6 +106,11 @@ impl Machine {
 
     pub(super) const fn since(&self) -> Instant {
         self.since
+    }
+
+    /// Grows with everything that may have moved the part.
+    pub(super) const fn motions_count(&self) -> u64 {
+        self.motions_count
     }
 
     pub(super) const fn tenancy(&self) -> &Tenancy {
@@ -166,6 +176,10 @@ impl Machine {
             return Vec::new();
         }
         (self.state, self.since) = (to, now);
+        if self.part_moves || to == State::Moving {
+            self.motions_count = self.motions_count.saturating_add(1);
+            self.part_moves = to != State::Idle;
+        }
         vec![Act::Note(EventKind::StateChanged { from, to })]
     }
 }

@@ -7,6 +7,7 @@ mod config;
 mod demo;
 mod demo_cell;
 mod devices;
+mod doctor;
 mod health;
 mod log;
 mod man;
@@ -47,6 +48,7 @@ enum Command {
     Openapi(openapi::Arguments),
     Config(config::Arguments),
     Health(health::Arguments),
+    Doctor(doctor::Arguments),
     #[command(subcommand)]
     Devices(devices::Subject),
     Completions(completions::Arguments),
@@ -78,6 +80,7 @@ pub fn run() -> ExitCode {
         Command::Openapi(arguments) => openapi::run(&arguments),
         Command::Config(arguments) => config::run(&arguments),
         Command::Health(arguments) => health::run(&arguments),
+        Command::Doctor(arguments) => doctor::run(&arguments),
         Command::Devices(subject) => devices::run(&subject),
         Command::Completions(arguments) => completions::run(&arguments),
         Command::Man(arguments) => man::run(&arguments),

@@ -8,15 +8,15 @@ use crate::device::simulated::World;
 use crate::http::{Server, Stopper};
 use crate::service::{Capacity, Equipment, Service, ServiceError};
 use crate::store::StoreError;
+use jiff::Timestamp;
 use std::error::Error;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::signal::unix::{SignalKind, signal};
-use tokio::time::timeout;
 
-/// How long the devices may take to come to rest; requests are answered meanwhile.
-const MOTION_STOP: Duration = Duration::from_secs(4);
+/// How long threads that wait for a client may keep the process from ending.
+const THREADS_END: Duration = Duration::from_millis(500);
 
 /// Serve measurements over HTTP until interrupted
 #[derive(Debug, clap::Args)]
@@ -34,13 +34,19 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     }
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let outcome = runtime.block_on(serve(&config));
-    // A thread that waits for a client must not keep the process from ending.
-    runtime.shutdown_timeout(Duration::from_millis(500));
+    runtime.shutdown_timeout(THREADS_END);
     outcome.map(|()| ExitCode::SUCCESS)
 }
 
 async fn serve(config: &Config) -> Result<(), Box<dyn Error>> {
     let (service, _) = open_service(config).await?;
+    if service.now() < Timestamp::UNIX_EPOCH {
+        return Err(format!(
+            "the clock of this machine says {}, which no HTTP answer can carry; set it, e.g. with timedatectl set-ntp true",
+            service.now()
+        )
+        .into());
+    }
     let stopped = Arc::clone(&service);
     let server = Server::bind(config, service)
         .map_err(|error| format!("cannot listen on {}: {error}; is another service running there?", config.listen))?;
@@ -82,8 +88,6 @@ pub(super) async fn stop_on_signal(stopper: Stopper, service: Arc<Service>) {
         _ = terminate.recv() => tracing::info!("SIGTERM: what moves is stopped, requests under way are finished"),
         _ = interrupt.recv() => tracing::info!("SIGINT: what moves is stopped, requests under way are finished"),
     }
-    if timeout(MOTION_STOP, service.stop_motion()).await.is_err() {
-        tracing::error!("the devices were told to stop and have not been seen at rest");
-    }
+    service.stop_motion().await;
     stopper.stop();
 }

@@ -18,6 +18,7 @@ mod command;
 mod connections;
 mod docs;
 mod edge;
+mod entry;
 mod events;
 mod extract;
 mod guarded;

@@ -4,6 +4,7 @@
 use super::app::App;
 use super::axes::{TargetsDocument, TravelsDocument};
 use super::command::{LeaseQuery, WaitQuery, lease_id, made, wait};
+use super::entry::EntryDocument;
 use super::extract::{Json as JsonBody, Path, Query};
 use super::numbers::{degrees, rounded};
 use super::paging::{PageQuery, listed};
@@ -11,13 +12,14 @@ use super::peer::Peer;
 use super::problem::{Code, Problem};
 use super::receive::request_id;
 use crate::motion::{Carrier, MoveTargets, Pair, Plan};
-use crate::service::{Ending, JobStanding, Move, MoveRequest, Service};
+use crate::service::{Ending, Entry, JobStanding, Move, MoveRequest, Service};
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 use utoipa::ToSchema;
 
 /// Where to move; manipulators and axes that are not named stay.
@@ -99,7 +101,7 @@ pub(super) struct EndingDocument {
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct MoveList {
     /// The moves.
-    moves: Vec<MoveDocument>,
+    moves: Vec<EntryDocument<MoveDocument>>,
     /// What `cursor` has to be for the next page; null at the end.
     next_cursor: Option<String>,
 }
@@ -205,10 +207,14 @@ pub(super) async fn list_moves(
     State(app): State<App>,
     Query(query): Query<PageQuery>,
     uri: Uri,
-) -> Result<(HeaderMap, Json<MoveList>), Problem> {
+) -> Result<Response, Problem> {
     let page = app.service.moves(&query.page()?).await?;
-    let (link, moves, next_cursor) = listed(&uri, page, |one| MoveDocument::of(one, &app.service));
-    Ok((link, Json(MoveList { moves, next_cursor })))
+    let service = Arc::clone(&app.service);
+    let document = move |rows: Vec<Entry<Move>>, next_cursor| {
+        let show = |entry| EntryDocument::of(entry, |one| MoveDocument::of(one, &service));
+        MoveList { moves: rows.into_iter().map(show).collect(), next_cursor }
+    };
+    listed(&uri, page, document).await
 }
 
 /// Get a move

@@ -3,7 +3,9 @@
 use super::problem::{Code, Problem};
 use crate::store::{Cursor, Listing, Page};
 use axum::http::{HeaderMap, HeaderValue, Uri, header};
-use serde::Deserialize;
+use axum::response::{IntoResponse, Response};
+use serde::{Deserialize, Serialize};
+use tokio::task::spawn_blocking;
 use utoipa::IntoParams;
 
 /// Entries of a page where the query does not say.
@@ -21,7 +23,7 @@ pub(super) struct PageQuery {
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
     /// `next_cursor` of the page before.
-    #[param(pattern = "^[0-9a-f]{16,400}$")]
+    #[param(pattern = "^[0-9a-f]{16}$")]
     cursor: Option<String>,
 }
 
@@ -44,15 +46,19 @@ pub(super) fn page(limit: Option<u32>, cursor: Option<&str>) -> Result<Page, Pro
     Ok(Page { limit, before })
 }
 
-/// A page as every list answers it: the header that names the next page, the entries as they are shown, and the cursor of the
-/// next page.
-pub(super) fn listed<R, T>(
+/// A page as every list answers it: the header that names the next page, and the document that `document` makes of the entries and
+/// of the cursor of the next page. A thousand entries take a while, so that is done beside the threads that answer.
+pub(super) async fn listed<R: Send + 'static, D: Serialize>(
     uri: &Uri,
     page: Listing<R>,
-    show: impl FnMut(R) -> T,
-) -> (HeaderMap, Vec<T>, Option<String>) {
+    document: impl FnOnce(Vec<R>, Option<String>) -> D + Send + 'static,
+) -> Result<Response, Problem> {
     let next_cursor = page.next.map(|cursor| cursor.to_string());
-    (link_next(uri, next_cursor.as_deref()), page.rows.into_iter().map(show).collect(), next_cursor)
+    let link = link_next(uri, next_cursor.as_deref());
+    let rendered = spawn_blocking(move || serde_json::to_vec(&document(page.rows, next_cursor))).await;
+    let body = rendered.map_err(|error| Problem::internal(error.to_string()))?;
+    let body = body.map_err(|error| Problem::internal(error.to_string()))?;
+    Ok((link, [(header::CONTENT_TYPE, "application/json")], body).into_response())
 }
 
 /// Points to the next page: the same address with another cursor.

@@ -4,6 +4,7 @@
 use super::app::App;
 use super::axes::TravelsDocument;
 use super::command::{CommandLease, LeaseBody, LeaseQuery, made};
+use super::entry::EntryDocument;
 use super::extract::{Json as JsonBody, NoQuery, Path, Query};
 use super::moves::MoveDocument;
 use super::numbers::{LENGTH_MAX_MM, TILT_MAX_DEG, TURN_MAX_DEG, degrees, rounded, within};
@@ -12,7 +13,7 @@ use super::problem::Problem;
 use super::receive::request_id;
 use crate::geometry::AxisLine;
 use crate::motion::PartPose;
-use crate::service::{PlanRequest, StoredPlan, Target};
+use crate::service::{Entry, PlanInList, PlanRequest, StoredPlan, Target};
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, Uri};
@@ -129,7 +130,7 @@ pub(super) struct AxisDocument {
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct PlanList {
     /// The plans.
-    plans: Vec<PlanDocument>,
+    plans: Vec<EntryDocument<PlanDocument>>,
     /// What `cursor` has to be for the next page; null at the end.
     next_cursor: Option<String>,
 }
@@ -243,15 +244,13 @@ pub(super) async fn list_plans(
     State(app): State<App>,
     Query(query): Query<PageQuery>,
     uri: Uri,
-) -> Result<(HeaderMap, Json<PlanList>), Problem> {
+) -> Result<Response, Problem> {
     let page = app.service.plans(&query.page()?).await?;
-    let (link, stored, next_cursor) = listed(&uri, page, |plan| plan);
-    let mut plans = Vec::with_capacity(stored.len());
-    for plan in stored {
-        let move_id = app.service.move_of_plan(&plan.id).await?;
-        plans.push(PlanDocument::of(plan, move_id));
-    }
-    Ok((link, Json(PlanList { plans, next_cursor })))
+    let document = |rows: Vec<Entry<PlanInList>>, next_cursor| {
+        let show = |PlanInList { plan, move_id }| PlanDocument::of(plan, move_id);
+        PlanList { plans: rows.into_iter().map(|entry| EntryDocument::of(entry, show)).collect(), next_cursor }
+    };
+    listed(&uri, page, document).await
 }
 
 /// Get a plan

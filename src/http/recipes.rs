@@ -7,10 +7,11 @@ mod type_b;
 pub(super) use document::RecipeDocument;
 
 use super::app::App;
+use super::entry::EntryDocument;
 use super::extract::{Json as JsonBody, NoQuery, Path, Query, header_text};
 use super::paging::{PageQuery, listed};
 use super::problem::{Code, Problem};
-use crate::service::{Put, RecipeName, StoredRecipe};
+use crate::service::{Entry, Put, RecipeName, StoredRecipe};
 use crate::store::Precondition;
 use axum::Json;
 use axum::extract::State;
@@ -47,7 +48,7 @@ pub(super) struct StoredRecipeDocument {
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct RecipeList {
     /// The recipes.
-    recipes: Vec<StoredRecipeDocument>,
+    recipes: Vec<EntryDocument<StoredRecipeDocument>>,
     /// What `cursor` has to be for the next page; null at the end.
     next_cursor: Option<String>,
 }
@@ -64,10 +65,13 @@ pub(super) async fn list_recipes(
     State(app): State<App>,
     Query(query): Query<PageQuery>,
     uri: Uri,
-) -> Result<(HeaderMap, Json<RecipeList>), Problem> {
+) -> Result<Response, Problem> {
     let page = app.service.recipes(&query.page()?).await?;
-    let (link, recipes, next_cursor) = listed(&uri, page, StoredRecipeDocument::from);
-    Ok((link, Json(RecipeList { recipes, next_cursor })))
+    let document = |rows: Vec<Entry<StoredRecipe>>, next_cursor| {
+        let show = |entry| EntryDocument::of(entry, StoredRecipeDocument::from);
+        RecipeList { recipes: rows.into_iter().map(show).collect(), next_cursor }
+    };
+    listed(&uri, page, document).await
 }
 
 /// Get a recipe

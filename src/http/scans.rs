@@ -13,7 +13,7 @@ use crate::store::ScanRow;
 use axum::Json;
 use axum::body::{Body, Bytes};
 use axum::extract::{Request, State};
-use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
+use axum::http::{HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use http_body_util::channel::Channel;
 use jiff::Timestamp;
@@ -119,10 +119,13 @@ pub(super) async fn list_scans(
     State(app): State<App>,
     Query(query): Query<PageQuery>,
     uri: Uri,
-) -> Result<(HeaderMap, Json<ScanList>), Problem> {
+) -> Result<Response, Problem> {
     let page = app.service.scans(&query.page()?).await?;
-    let (link, scans, next_cursor) = listed(&uri, page, ScanDocument::from);
-    Ok((link, Json(ScanList { scans, next_cursor })))
+    let document = |rows: Vec<ScanRow>, next_cursor| ScanList {
+        scans: rows.into_iter().map(ScanDocument::from).collect(),
+        next_cursor,
+    };
+    listed(&uri, page, document).await
 }
 
 /// Get a scan
@@ -143,7 +146,7 @@ pub(super) async fn get_scan(
 
 /// Get the bytes of a scan
 ///
-/// Exactly as they were sent, after gzip or zstd was undone.
+/// Exactly as they were sent, after gzip or zstd was undone: they are compared with the id first.
 #[utoipa::path(
     get, path = "/v1/scans/{id}/content", tag = "scans",
     params(("id" = String, Path, description = "Id of the scan")),
@@ -198,7 +201,7 @@ fn file_body(file: std::fs::File) -> Body {
 
 impl From<ScanRow> for ScanDocument {
     fn from(row: ScanRow) -> Self {
-        let ScanRow { id, created_at, bytes_count, format, points_count, description: _ } = row;
+        let ScanRow { id, created_at, bytes_count, format, points_count, .. } = row;
         Self { id, created_at, bytes_count, format, points_count }
     }
 }

@@ -8,7 +8,7 @@ use crate::service::Service;
 use axum_server::Handle;
 use std::io;
 use std::net::{SocketAddr, TcpListener};
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 use std::time::Duration;
 use tokio::net::TcpSocket;
 
@@ -29,7 +29,7 @@ pub struct Server {
 #[derive(Debug, Clone)]
 pub struct Stopper {
     handle: Handle<SocketAddr>,
-    grace: Duration,
+    service: Weak<Service>,
 }
 
 impl Server {
@@ -52,8 +52,7 @@ impl Server {
     /// What stops it.
     #[must_use]
     pub fn stopper(&self) -> Stopper {
-        let grace = Duration::from_millis(self.app.timeouts.shutdown_ms);
-        Stopper { handle: self.handle.clone(), grace }
+        Stopper { handle: self.handle.clone(), service: Arc::downgrade(&self.app.service) }
     }
 
     /// Answers until it is stopped; then requests under way are finished, within the time that is set for it.
@@ -102,8 +101,9 @@ fn listen(address: SocketAddr) -> io::Result<TcpListener> {
 }
 
 impl Stopper {
-    /// Takes no further connection and lets requests under way finish.
+    /// Takes no further connection and lets requests under way finish, as long as there is time for them.
     pub fn stop(&self) {
-        self.handle.graceful_shutdown(Some(self.grace));
+        let left = self.service.upgrade().map_or(Duration::ZERO, |service| service.time_for_requests());
+        self.handle.graceful_shutdown(Some(left));
     }
 }

@@ -4,7 +4,9 @@
 use super::app::App;
 use super::extract::NoQuery;
 use super::metrics::Levels;
-use super::problem::{Code, Problem};
+use super::problem::{Code, Problem, records_lost};
+use crate::service::ServiceError;
+use crate::store::StoreError;
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderValue, header};
@@ -95,7 +97,7 @@ pub(super) async fn get_status(State(app): State<App>, _: NoQuery) -> Json<Statu
         running_max_count: wide(capacity.running_max),
         queue_max_count: wide(capacity.queue_max),
         cell_state: service.cell_view().ok().map(|view| view.snapshot.state.name()),
-        last_verdict: last.as_ref().map(|last| last.verdict.name()),
+        last_verdict: last.as_ref().and_then(|last| last.verdict).map(|verdict| verdict.name()),
         last_created_at: last.as_ref().map(|last| last.created_at),
         last_measurement_id: last.map(|last| last.id),
     })
@@ -131,17 +133,20 @@ pub(super) async fn get_liveness() -> Json<Healthy> {
 pub(super) async fn get_readiness(State(app): State<App>) -> Result<Json<Healthy>, Problem> {
     let store = app.service.check_ready().await.err();
     let cell = app.service.cell_is_alive() == Some(false);
-    let reasons: Vec<(&str, &str)> = [
-        store.as_ref().map(|_| ("store", "the store cannot be written to; reads may still work")),
-        cell.then_some(("cell", "the cell has ended; nothing can be moved or scanned until the service is restarted")),
-    ]
-    .into_iter()
-    .flatten()
-    .collect();
+    let of_store = |cause: &ServiceError| match cause {
+        ServiceError::Store(StoreError::RecordsLost(loss)) => records_lost(loss),
+        _ => "the store cannot be written to; reads may still work".to_owned(),
+    };
+    let of_cell = "the cell has ended; nothing can be moved or scanned until the service is restarted";
+    let reasons: Vec<(&str, String)> =
+        [store.as_ref().map(|cause| ("store", of_store(cause))), cell.then(|| ("cell", of_cell.to_owned()))]
+            .into_iter()
+            .flatten()
+            .collect();
     if reasons.is_empty() {
         return Ok(Json(Healthy { status: "ok" }));
     }
-    let (names, texts): (Vec<&str>, Vec<&str>) = reasons.into_iter().unzip();
+    let (names, texts): (Vec<&str>, Vec<String>) = reasons.into_iter().unzip();
     let problem = Problem::new(Code::NotReady, texts.join("; "))
         .with("not_ready", names)
         .with_header(header::RETRY_AFTER, HeaderValue::from_static("1"));

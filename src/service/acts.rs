@@ -1,7 +1,6 @@
 //! Commands that no job follows: stop, reset, and those to a single manipulator; each with its record. Must not know how any
 //! of it is sent.
 
-use super::followers::whole;
 use super::jobs::{Beginning, Ending, JobStanding, Kind};
 use super::{Commander, Service, ServiceError};
 use crate::cell::{Cell, Manual, Refusal, StopReport, Taken};
@@ -9,6 +8,13 @@ use crate::motion::Carrier;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::time::Duration;
+use tokio::time::timeout;
+
+/// The first pause before stops that could not be recorded are tried again; each further one is twice as long.
+const STOP_PAUSE_FIRST: Duration = Duration::from_millis(250);
+/// The longest pause.
+const STOP_PAUSE_MAX: Duration = Duration::from_secs(30);
 
 /// A command to a single device, or the reset, as it is kept.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -38,8 +44,9 @@ impl Service {
         Ok(report)
     }
 
-    async fn record_stops(&self) {
+    async fn record_stops(self: &Arc<Self>) {
         let Ok(side) = self.cell_side() else { return };
+        let mut pause = STOP_PAUSE_FIRST;
         loop {
             let count = side.stops.load(Ordering::Acquire);
             let order = ActOrder { count: (count > 1).then_some(count), ..act("stop", None, Commander::NOBODY) };
@@ -47,7 +54,13 @@ impl Service {
             let beginning = Beginning { kind: Kind::Act, id, plan_id: None, request: None, order: &order };
             match self.write_down(beginning).await {
                 Ok(act) => self.conclude(&act.job, JobStanding::Done, None).await,
-                Err(error) => tracing::error!(%error, "{count} stops are not recorded"),
+                Err(error) if self.closing.is_told() => tracing::error!(%error, "{count} stops are not recorded"),
+                Err(error) => {
+                    tracing::warn!(%error, "{count} stops are not recorded yet; it is tried again");
+                    let _ = timeout(pause, self.closing.wait()).await;
+                    pause = (pause * 2).min(STOP_PAUSE_MAX);
+                    continue;
+                }
             }
             if side.stops.fetch_sub(count, Ordering::AcqRel) == count {
                 return;
@@ -81,16 +94,8 @@ impl Service {
             Manual::Home => "home",
         };
         let by = self.authorise(&lease_id, None).await?;
-        let (motion, clock) = (self.cell_side()?.motion.clone(), self.clock);
         let order = act(verb, Some(carrier), by);
-        let give = move |cell: Cell| async move {
-            let taken = cell.act(&lease_id, carrier, manual).await?;
-            if manual == Manual::Home {
-                motion.note(clock.now());
-            }
-            Ok(taken)
-        };
-        self.command(order, give).await
+        self.command(order, move |cell| async move { cell.act(&lease_id, carrier, manual).await }).await
     }
 
     /// A single command: written down, given to the cell, and its taking written down.
@@ -101,21 +106,22 @@ impl Service {
     ) -> Result<Taken, ServiceError> {
         let cell = self.cell_side()?.cell.clone();
         let service = Arc::clone(self);
-        whole(async move {
-            let id = service.clock.new_id("a-");
-            let beginning = Beginning { kind: Kind::Act, id, plan_id: None, request: None, order: &order };
-            let act = service.write_down(beginning).await?.job;
-            let taken = give(cell).await;
-            match &taken {
-                Ok(_) => service.conclude(&act, JobStanding::Done, None).await,
-                Err(refusal) => {
-                    let (standing, ending) = Ending::of_refusal(refusal);
-                    service.conclude(&act, standing, Some(&ending)).await;
+        self.followers
+            .whole(async move {
+                let id = service.clock.new_id("a-");
+                let beginning = Beginning { kind: Kind::Act, id, plan_id: None, request: None, order: &order };
+                let act = service.write_down(beginning).await?.job;
+                let taken = give(cell).await;
+                match &taken {
+                    Ok(_) => service.conclude(&act, JobStanding::Done, None).await,
+                    Err(refusal) => {
+                        let (standing, ending) = Ending::of_refusal(refusal);
+                        service.conclude(&act, standing, Some(&ending)).await;
+                    }
                 }
-            }
-            Ok(taken?)
-        })
-        .await
+                Ok(taken?)
+            })
+            .await
     }
 }
 

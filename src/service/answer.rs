@@ -4,9 +4,10 @@ use super::reading::ReadScan;
 use super::sensor::TAKEN_BY_SENSOR;
 use super::tee::READ_BLOCK_BYTES;
 use super::{
-    Arrived, Identity, MeasureError, Measured, Measurement, Origin, Recipe, RecipeName, Resolved, Service, ServiceError,
+    Acquisition, Arrived, Identity, MeasureError, Measured, Measurement, Origin, Recipe, RecipeName, Resolved, Service,
+    ServiceError, document,
 };
-use crate::estimation::{Profile, Progress, Settings};
+use crate::estimation::{Progress, Settings};
 use crate::scan::decode::{Format, Limits};
 use crate::store::{CompleteScan, Inserted, MeasurementRow, NewMeasurement, RequestKey, ScanRow};
 use serde::Serialize;
@@ -14,6 +15,7 @@ use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::BufReader;
 use std::sync::Arc;
+use tokio::sync::OwnedSemaphorePermit;
 
 /// What a client calls a request of his, so that it may be repeated without harm.
 pub type RequestId = String;
@@ -46,6 +48,14 @@ pub struct Accepted {
     pub(super) resolved: Resolved,
     /// Whether there is an answer to its request id, so that nothing will be calculated.
     pub(super) answered: bool,
+    /// When the scan arrived, if it comes with this request.
+    acquisition: Acquisition,
+}
+
+/// A measurement and its profiles, as the store keeps them.
+pub(super) struct Calculated {
+    pub(super) measurement: Measurement,
+    pub(super) profiles: Vec<u8>,
 }
 
 /// Where the points of a scan are.
@@ -79,7 +89,7 @@ impl Service {
         if !answered {
             self.compute.check_free()?;
         }
-        Ok(Accepted { order, resolved, answered })
+        Ok(Accepted { order, resolved, answered, acquisition: self.acquisition_now() })
     }
 
     async fn is_answered(&self, request_id: Option<&str>) -> Result<bool, ServiceError> {
@@ -91,9 +101,9 @@ impl Service {
     ///
     /// # Errors
     /// [`ServiceError`]; nothing is recorded then.
-    pub async fn measure_upload(&self, arrived: Arrived) -> Result<Answer, ServiceError> {
-        // It holds its place among the uploads until it is kept.
-        let Arrived { scan, read, origin, accepted, place: _place } = arrived;
+    pub async fn measure_upload(self: &Arc<Self>, arrived: Arrived) -> Result<Answer, ServiceError> {
+        let Arrived { scan, read, origin, accepted, place } = arrived;
+        let arrival = accepted.arrival()?;
         let request = request_key(&scan.id(), &accepted.order);
         if let Some(earlier) = self.earlier_answer(request.as_ref()).await? {
             return Ok(earlier);
@@ -102,32 +112,37 @@ impl Service {
             Some(read) => Points::Read(Box::new(read)),
             None => Points::InFile(scan.open().await?),
         };
-        let (measurement, profiles) = self.calculate(&scan.id(), points, &origin, accepted).await?;
-        let row = scan_row(&scan, &measurement, &origin);
-        let new = new_measurement(&measurement, &profiles, Some(row), request)?;
-        self.insert(measurement, new, Some(scan)).await
+        let acquisition = Some(accepted.acquisition.clone());
+        let Calculated { measurement, profiles } =
+            self.calculate(&scan.id(), points, &origin, accepted, acquisition).await?;
+        let row = scan_row(&scan, &measurement, &origin, arrival);
+        let new = new_measurement(&measurement, profiles, Some(row), request)?;
+        // It holds its place among the uploads until it is kept.
+        self.insert(measurement, new, Some((scan, place))).await
     }
 
     /// Measures a scan that is kept.
     ///
     /// # Errors
     /// [`ServiceError`]; nothing is recorded then.
-    pub async fn measure_scan(&self, scan_id: &str, accepted: Accepted) -> Result<Answer, ServiceError> {
+    pub async fn measure_scan(self: &Arc<Self>, scan_id: &str, accepted: Accepted) -> Result<Answer, ServiceError> {
         let row = self.scan(scan_id).await?;
         let request = request_key(&row.id, &accepted.order);
         if let Some(earlier) = self.earlier_answer(request.as_ref()).await? {
             return Ok(earlier);
         }
-        let file = self.store.open_scan(&row.id).await?;
-        let file = file.ok_or_else(|| ServiceError::ScanFileMissing { id: row.id.clone() })?;
+        let file = self.scan_file(&row.id).await?;
         let origin = Origin { parameter: Format::from_name(&row.format), ..Origin::default() };
         // A scan by the sensor has the same uncertainty whenever it is measured.
         let accepted = match row.description.as_deref() {
             Some(TAKEN_BY_SENSOR) => self.accept_with(accepted.order, &self.sensor_defaults()).await?,
             _ => accepted,
         };
-        let (measurement, profiles) = self.calculate(&row.id, Points::InFile(file), &origin, accepted).await?;
-        let new = new_measurement(&measurement, &profiles, None, request)?;
+        // However often a scan is measured again, its pose gets no younger.
+        let acquisition = row.arrival.as_deref().and_then(|arrival| serde_json::from_str(arrival).ok());
+        let Calculated { measurement, profiles } =
+            self.calculate(&row.id, Points::InFile(file), &origin, accepted, acquisition).await?;
+        let new = new_measurement(&measurement, profiles, None, request)?;
         self.insert(measurement, new, None).await
     }
 
@@ -151,60 +166,73 @@ impl Service {
         points: Points,
         origin: &Origin,
         accepted: Accepted,
-    ) -> Result<(Measurement, Vec<Profile>), ServiceError> {
-        let Accepted { order, resolved, answered: _ } = accepted;
-        let created_at = self.clock.now();
-        let (measured, duration_ms) = self.measure(points, origin, &resolved).await?;
-        let identity = Identity {
-            id: self.clock.new_id("m-"),
-            created_at,
-            duration_ms,
+        acquisition: Option<Acquisition>,
+    ) -> Result<Calculated, ServiceError> {
+        let Accepted { order, resolved, .. } = accepted;
+        let (clock, origin, limits) = (self.clock, origin.clone(), self.capacity.scan.clone());
+        let mut identity = Identity {
+            id: clock.new_id("m-"),
+            created_at: clock.now(),
+            duration_ms: 0,
             scan_sha256: scan_id.trim_start_matches("s-").to_owned(),
             recipe_name: order.recipe.map(RecipeName::into_string),
+            acquisition,
         };
-        Ok(Measurement::record(identity, &measured.prepared, measured.estimate, &resolved))
-    }
-
-    async fn measure(
-        &self,
-        points: Points,
-        origin: &Origin,
-        resolved: &Resolved,
-    ) -> Result<(Measured, u64), ServiceError> {
-        let (origin, resolved, limits) = (origin.clone(), resolved.clone(), self.capacity.scan.clone());
-        let clock = self.clock;
         self.compute
             .run(move || {
                 let watch = clock.start();
                 let measured = points.measure(&origin, &resolved, &limits)?;
-                Ok((measured, watch.elapsed_ms()))
+                identity.duration_ms = watch.elapsed_ms();
+                Calculated::of(identity, measured, &resolved)
             })
             .await?
     }
 
+    /// Records a measurement and remembers it, whoever hangs up meanwhile.
     async fn insert(
-        &self,
+        self: &Arc<Self>,
         measurement: Measurement,
         new: NewMeasurement,
-        file: Option<CompleteScan>,
+        upload: Option<(CompleteScan, OwnedSemaphorePermit)>,
     ) -> Result<Answer, ServiceError> {
         let request_id = new.request.as_ref().map(|request| request.id.clone()).unwrap_or_default();
-        let inserted = match file {
-            Some(file) => self.store.insert_measurement_of(new, file).await?,
-            None => self.store.insert_measurement(new).await?,
-        };
-        match inserted {
-            Inserted::New => {
-                self.note(&measurement);
-                Ok(Answer { measurement, replayed: false })
+        let service = Arc::clone(self);
+        let inserting = async move {
+            let inserted = match upload {
+                Some((file, _place)) => service.store.insert_measurement_of(new, file).await?,
+                None => service.store.insert_measurement(new).await?,
+            };
+            if inserted == Inserted::New {
+                service.remember_last().await;
             }
+            Ok(inserted)
+        };
+        match self.followers.whole(inserting).await? {
+            Inserted::New => Ok(Answer { measurement, replayed: false }),
             Inserted::Replayed(row) => Ok(Answer { measurement: super::records::read_back(&row)?, replayed: true }),
             Inserted::RequestMismatch => Err(ServiceError::RequestIdReused { request_id }),
         }
     }
 }
 
-fn scan_row(file: &CompleteScan, measurement: &Measurement, origin: &Origin) -> ScanRow {
+impl Accepted {
+    /// When the scan arrived, as the store keeps it.
+    pub(super) fn arrival(&self) -> Result<String, ServiceError> {
+        serde_json::to_string(&self.acquisition)
+            .map_err(|source| ServiceError::RecordUnwritable { what: "scan", source: Arc::new(source) })
+    }
+}
+
+impl Calculated {
+    /// The record of what was measured. Writing the profiles takes the processor for a while, so it is done here.
+    pub(super) fn of(identity: Identity, measured: Measured, resolved: &Resolved) -> Result<Self, ServiceError> {
+        let (measurement, profiles) = Measurement::record(identity, &measured.prepared, measured.estimate, resolved);
+        let unwritable = |source| ServiceError::RecordUnwritable { what: "list of profiles", source: Arc::new(source) };
+        Ok(Self { measurement, profiles: serde_json::to_vec(&profiles).map_err(unwritable)? })
+    }
+}
+
+fn scan_row(file: &CompleteScan, measurement: &Measurement, origin: &Origin, arrival: String) -> ScanRow {
     ScanRow {
         id: file.id(),
         created_at: measurement.created_at,
@@ -212,16 +240,16 @@ fn scan_row(file: &CompleteScan, measurement: &Measurement, origin: &Origin) -> 
         format: measurement.format.name().to_owned(),
         points_count: Some(measurement.points_count),
         description: origin.file_name.clone(),
+        arrival: Some(arrival),
     }
 }
 
 pub(super) fn new_measurement(
     measurement: &Measurement,
-    profiles: &[Profile],
+    profiles: Vec<u8>,
     scan: Option<ScanRow>,
     request: Option<RequestKey>,
 ) -> Result<NewMeasurement, ServiceError> {
-    let unwritable = |source| ServiceError::RecordUnwritable { what: "measurement", source: Arc::new(source) };
     let row = MeasurementRow {
         id: measurement.id.clone(),
         created_at: measurement.created_at,
@@ -229,9 +257,9 @@ pub(super) fn new_measurement(
         method: measurement.method.name().to_owned(),
         scan_id: measurement.scan_id(),
         recipe: measurement.recipe_name.clone(),
-        document: serde_json::to_string(measurement).map_err(unwritable)?,
+        document: document::write("measurement", measurement)?,
     };
-    Ok(NewMeasurement { row, scan, profiles: serde_json::to_vec(profiles).map_err(unwritable)?, request })
+    Ok(NewMeasurement { row, scan, profiles, request })
 }
 
 impl Points {

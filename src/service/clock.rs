@@ -1,7 +1,9 @@
 //! Where times and ids come from: the one place of the service that asks the machine. Must not know what they are for.
 
 use jiff::Timestamp;
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
+use uuid::{ContextV7, Uuid};
 
 /// The machine's clock and its source of ids.
 #[derive(Debug, Clone, Copy)]
@@ -15,9 +17,10 @@ impl Clock {
         Timestamp::from_microsecond(now.as_microsecond()).unwrap_or(now)
     }
 
-    /// A new id that sorts behind all earlier ones.
+    /// A new id that sorts behind all earlier ones of this process, also where the clock was set back meanwhile.
     pub(super) fn new_id(self, prefix: &str) -> String {
-        format!("{prefix}{}", uuid::Uuid::now_v7())
+        let ids = IDS.lock().unwrap_or_else(PoisonError::into_inner);
+        format!("{prefix}{}", next_id(&ids, self.now()))
     }
 
     /// Now on the clock that the cell goes by.
@@ -40,6 +43,15 @@ impl Clock {
     }
 }
 
+/// Counts on where the clock stands still or goes back.
+static IDS: Mutex<ContextV7> = Mutex::new(ContextV7::new());
+
+/// An id of a time; those before 1970 are taken as 1970, which is where such ids begin.
+fn next_id(ids: &ContextV7, now: Timestamp) -> Uuid {
+    let (seconds, nanos) = (u64::try_from(now.as_second()), u32::try_from(now.subsec_nanosecond()));
+    Uuid::new_v7(uuid::Timestamp::from_unix(ids, seconds.unwrap_or(0), nanos.unwrap_or(0)))
+}
+
 /// A duration that runs.
 #[derive(Debug, Clone, Copy)]
 pub struct Stopwatch(Instant);
@@ -55,5 +67,20 @@ impl Stopwatch {
     #[must_use]
     pub fn elapsed_ms(self) -> u64 {
         u64::try_from(self.elapsed().as_millis()).unwrap_or(u64::MAX)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ids_grow_although_the_clock_goes_back_even_to_before_1970() {
+        let ids = ContextV7::new();
+        let at = |second| next_id(&ids, Timestamp::from_second(second).expect("a time"));
+        let made = [at(1_800_000_000), at(1_700_000_000), at(-3_600), at(1_800_000_001)];
+        assert!(made.is_sorted() && made[0] != made[1] && made[1] != made[2], "{made:?}");
+        let first = next_id(&ContextV7::new(), Timestamp::from_second(-1).expect("a time"));
+        assert_eq!(first.get_version_num(), 7);
     }
 }

@@ -76,6 +76,26 @@ impl Compute {
     /// [`ComputeError::Busy`] at once where there is no place; [`ComputeError::Panicked`] where `work` panicked.
     pub async fn run<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Result<T, ComputeError> {
         let place = Arc::clone(&self.places).try_acquire_owned().map_err(|_| self.busy())?;
+        self.run_at(place, work).await
+    }
+
+    /// The same for what cannot be asked for again: where there is no place, it gets the next one that is free.
+    ///
+    /// # Errors
+    /// [`ComputeError::Panicked`] where `work` panicked.
+    pub async fn run_queued<T: Send + 'static>(
+        &self,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, ComputeError> {
+        let place = Arc::clone(&self.places).acquire_owned().await.map_err(|_| self.busy())?;
+        self.run_at(place, work).await
+    }
+
+    async fn run_at<T: Send + 'static>(
+        &self,
+        place: OwnedSemaphorePermit,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, ComputeError> {
         // The semaphores are never closed; should they be, nobody can be served.
         let turn = Arc::clone(&self.turns).acquire_owned().await.map_err(|_| self.busy())?;
         let (sender, receiver) = oneshot::channel();

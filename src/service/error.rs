@@ -1,6 +1,6 @@
 //! Why the service could not do what it was asked. Must not know how a reason is told to a client.
 
-use super::{ComputeError, EquipmentError, JobStanding, MeasureError, RecipeError, Stale};
+use super::{ComputeError, EquipmentError, JobStanding, MeasureError, RecipeError, Stale, Unreadable};
 use crate::cell::Refusal;
 use crate::motion::MotionRefusal;
 use crate::scan::decode::DecodeError;
@@ -39,7 +39,7 @@ pub enum ServiceError {
         id: String,
     },
     /// The record of a scan is there and its file is not.
-    #[error("the file of scan {id} is missing")]
+    #[error("the file of scan {id} is missing in the data folder")]
     ScanFileMissing {
         /// The scan's id.
         id: String,
@@ -166,14 +166,20 @@ pub enum ServiceError {
         profiles_count: u64,
     },
     /// A stored document cannot be read back.
-    #[error("the stored {what} {id} cannot be read back")]
+    #[error("the stored {what} {id} cannot be read: {cause}")]
     RecordUnreadable {
         /// Kind of record.
         what: &'static str,
         /// Its id.
         id: String,
         /// Why not.
-        source: Arc<serde_json::Error>,
+        cause: Unreadable,
+    },
+    /// The ends of jobs are not written yet, so nothing further is begun.
+    #[error("the ends of {count} jobs could not be written yet; nothing new is begun until the store takes them")]
+    EndsUnwritten {
+        /// How many.
+        count: usize,
     },
     /// A record cannot be written down.
     #[error("the {what} cannot be written down")]

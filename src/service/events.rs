@@ -2,7 +2,7 @@
 //! list of which the newest are kept. Times are those of the wall. Must not know how it is sent.
 
 use super::{Service, Verdict};
-use crate::cell::{EventKind, State};
+use crate::cell::EventKind;
 use jiff::Timestamp;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -91,15 +91,14 @@ impl EventLog {
 
     /// Adds one.
     pub(super) fn add(&self, at: Timestamp, what: Happening) {
-        let number = {
-            let mut kept = self.kept();
-            let number = kept.back().map_or(0, |event| event.number) + 1;
-            if kept.len() == EVENTS_KEPT {
-                kept.pop_front();
-            }
-            kept.push_back(Event { number, at, what });
-            number
-        };
+        let mut kept = self.kept();
+        let number = kept.back().map_or(0, |event| event.number) + 1;
+        if kept.len() == EVENTS_KEPT {
+            kept.pop_front();
+        }
+        kept.push_back(Event { number, at, what });
+        // Published under the same lock: where numbers came out of order, a reader that has the newest would be answered at
+        // once, without an event, and ask again and again.
         self.newest.send_replace(number);
     }
 
@@ -129,7 +128,6 @@ impl Service {
     /// than the service runs.
     pub async fn events(&self, after: After, limit: usize, wait: Duration) -> Events {
         let mut newest = self.events.newest.subscribe();
-        let mut closing = self.closing.subscribe();
         // Whoever names an event of another instance is told so at once.
         let seen = *newest.borrow();
         if after == After::Number(seen) && !wait.is_zero() {
@@ -137,7 +135,7 @@ impl Service {
             let _ = timeout(wait, async {
                 tokio::select! {
                     _ = more => {}
-                    _ = closing.wait_for(|closing| *closing) => {}
+                    () = self.closing.wait() => {}
                 }
             })
             .await;
@@ -148,28 +146,20 @@ impl Service {
     /// Whether the service is being shut down: nobody should wait any longer.
     #[must_use]
     pub fn is_closing(&self) -> bool {
-        *self.closing.borrow()
+        self.closing.is_told()
     }
 
-    /// Has a task hand on what the cell tells and note when it moved the part, as long as both live.
+    /// Has a task hand on what the cell tells, as long as both live.
     pub(super) fn follow_cell(&self) {
         let Some(side) = &self.cell else { return };
         let (cell, log, clock) = (side.cell.clone(), Arc::clone(&self.events), self.clock);
-        let motion = side.motion.clone();
         tokio::spawn(async move {
             let mut newest = cell.newest_event();
-            let (mut seen, mut moving) = (0, false);
+            let mut seen = 0;
             loop {
                 newest.borrow_and_update();
                 for event in cell.events(seen).events {
                     seen = event.number;
-                    // From its begin until the cell rests again, every change of state is a time when the part moved.
-                    if let EventKind::StateChanged { to, .. } = &event.kind {
-                        if moving || *to == State::Moving {
-                            motion.note(clock.wall(event.at));
-                        }
-                        moving = *to != State::Idle && (moving || *to == State::Moving);
-                    }
                     log.add(clock.wall(event.at), Happening::Cell(event.kind));
                 }
                 if newest.changed().await.is_err() {
@@ -208,6 +198,26 @@ mod tests {
         assert_eq!((numbers(&events), events.missed_count, events.newest), (vec![4, 5], 0, 5));
         assert_eq!(numbers(&log.after(After::Number(0), 2)), [1, 2]);
         assert!(numbers(&log.after(After::Number(5), 2)).is_empty());
+    }
+
+    #[test]
+    fn numbers_are_published_in_their_order_whoever_adds_at_the_same_time() {
+        let log = EventLog::new();
+        let mut newest = log.newest.subscribe();
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope
+                    .spawn(|| (0..500).for_each(|_| log.add(Timestamp::UNIX_EPOCH, Happening::Cell(EventKind::Reset))));
+            }
+            let mut seen = 0;
+            while seen < 2000 {
+                let published = *newest.borrow_and_update();
+                assert!(published >= seen, "{published} came after {seen}");
+                seen = published;
+                std::thread::yield_now();
+            }
+        });
+        assert_eq!(*newest.borrow(), 2000);
     }
 
     #[test]

@@ -1,10 +1,10 @@
 //! Tasks that go on when whoever asked for them hangs up: those that see jobs to their end, and work that is done as a whole or
-//! not at all. Must not know what any of it is.
+//! not at all. The end of the service waits for them.
 
 use super::{ComputeError, ServiceError};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
-use tokio::sync::watch;
+use tokio::sync::{oneshot, watch};
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
 
@@ -27,24 +27,41 @@ impl Followers {
         tasks.push(tokio::spawn(task));
     }
 
-    /// Waits for all tasks, no longer than `wait`.
+    /// Work that goes on when its caller hangs up: it is done, recorded and remembered as a whole or not at all.
+    pub(super) async fn whole<T: Send + 'static>(
+        &self,
+        work: impl Future<Output = Result<T, ServiceError>> + Send + 'static,
+    ) -> Result<T, ServiceError> {
+        let (sender, outcome) = oneshot::channel();
+        self.add(async move {
+            // Nobody listens any more where the caller hung up.
+            let _ = sender.send(work.await);
+        });
+        outcome.await.unwrap_or_else(|_| Err(ComputeError::Panicked.into()))
+    }
+
+    /// How many tasks were added and have not been seen to end.
+    #[cfg(test)]
+    pub(super) fn count(&self) -> usize {
+        self.tasks.lock().unwrap_or_else(PoisonError::into_inner).len()
+    }
+
+    /// Waits for all tasks, and for those that they add; no longer than `wait`.
     pub(super) async fn finish(&self, wait: Duration) {
-        let tasks = std::mem::take(&mut *self.tasks.lock().unwrap_or_else(PoisonError::into_inner));
         let all = async {
-            for task in tasks {
-                // One that panicked has ended, too.
-                let _ = task.await;
+            loop {
+                let tasks = std::mem::take(&mut *self.tasks.lock().unwrap_or_else(PoisonError::into_inner));
+                if tasks.is_empty() {
+                    return;
+                }
+                for task in tasks {
+                    // One that panicked has ended, too.
+                    let _ = task.await;
+                }
             }
         };
         let _ = timeout(wait, all).await;
     }
-}
-
-/// Work that goes on when its caller hangs up: a command is recorded and told as a whole or not at all.
-pub(super) async fn whole<T: Send + 'static>(
-    work: impl Future<Output = Result<T, ServiceError>> + Send + 'static,
-) -> Result<T, ServiceError> {
-    tokio::spawn(work).await.unwrap_or_else(|_| Err(ComputeError::Panicked.into()))
 }
 
 /// Work that takes the processor for a while, beside the threads that answer.

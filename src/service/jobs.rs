@@ -1,9 +1,11 @@
 //! Jobs of the cell as they are kept: what was commanded by whom, and what became of it. Written before the cell is told,
 //! ended when the cell has told the end. Must not know how a job is carried out, nor how it is sent.
 
-use super::{Service, ServiceError};
+use super::followers::aside;
+use super::unwritten::End;
+use super::{Entry, Service, ServiceError, document};
 use crate::cell::{JobEnd, Lease, Refusal, StopCause};
-use crate::store::{EndedJob, InsertedJob, JobRow, NewJob, RequestKey};
+use crate::store::{EndedJob, InsertedJob, JobRow, Listing, NewJob, Page, RequestKey, StoreError};
 use jiff::Timestamp;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -156,12 +158,12 @@ impl Ending {
 
     /// How a job stands that the cell did not say it had begun.
     pub(super) fn of_refusal(refusal: &Refusal) -> (JobStanding, Self) {
-        if *refusal == Refusal::Closing {
-            // It took the lease a moment ago, so it ended with the order in its hands.
-            let text = "the cell ended before it said whether it had begun this";
-            return (JobStanding::Unknown, Self { code: "service_stopping".to_owned(), text: text.to_owned() });
-        }
-        (JobStanding::Refused, Self { code: "refused".to_owned(), text: refusal.to_string() })
+        let (standing, code) = match refusal {
+            Refusal::Unanswered => (JobStanding::Unknown, "cell_failed"),
+            Refusal::Closing => (JobStanding::Refused, "service_stopping"),
+            _ => (JobStanding::Refused, "refused"),
+        };
+        (standing, Self { code: code.to_owned(), text: refusal.to_string() })
     }
 }
 
@@ -190,13 +192,16 @@ impl Service {
     ///
     /// # Errors
     /// [`ServiceError::RequestIdReused`], and what the store says.
-    pub(super) async fn write_down<T: Serialize + DeserializeOwned + Clone>(
+    pub(super) async fn write_down<T: Serialize + DeserializeOwned + Clone + Send + 'static>(
         &self,
         beginning: Beginning<'_, T>,
     ) -> Result<Started<T>, ServiceError> {
         let Beginning { kind, id, plan_id, request, order } = beginning;
+        self.unwritten.check_room(kind == Kind::Scan)?;
         let created_at = self.clock.now();
         let request_id = request.as_ref().map(|request| request.id.clone()).unwrap_or_default();
+        let order = order.clone();
+        let (order, document) = aside(move || document_of(&order, None).map(|document| (order, document))).await?;
         let row = JobRow {
             id: id.clone(),
             kind: kind.name().to_owned(),
@@ -205,17 +210,16 @@ impl Service {
             ended_at: None,
             plan_id: plan_id.clone(),
             request,
-            document: document(order, None)?,
+            document,
         };
         match self.store.insert_job(NewJob { row }).await? {
             InsertedJob::New => {
-                let order = order.clone();
                 let standing = JobStanding::Running;
                 let job = Recorded { id, created_at, ended_at: None, standing, plan_id, order, ending: None };
                 Ok(Started { job, replayed: false })
             }
             InsertedJob::Replayed(row) | InsertedJob::PlanUsed(row) => {
-                Ok(Started { job: read_back(&row)?, replayed: true })
+                Ok(Started { job: read_back(&self.unwritten.complete(*row))?, replayed: true })
             }
             InsertedJob::RequestMismatch => Err(ServiceError::RequestIdReused { request_id }),
         }
@@ -232,48 +236,43 @@ impl Service {
             id: job.id.clone(),
             state: standing.name().to_owned(),
             ended_at: self.clock.now(),
-            document: document(&job.order, ending)?,
+            document: document_of(&job.order, ending)?,
         })
     }
 
-    /// Writes down how a job ended. The devices are at rest by then, so a store that does not take it is told to the log; the
-    /// next start calls the job interrupted.
+    /// Writes down how a job ended, now or as soon as the store takes it.
     pub(super) async fn conclude<T: Serialize>(
-        &self,
+        self: &Arc<Self>,
         job: &Recorded<T>,
         standing: JobStanding,
         ending: Option<&Ending>,
     ) {
-        let written = match self.ended(job, standing, ending) {
-            Ok(end) if standing == JobStanding::Refused => self.store.refuse_job(end).await.map_err(Into::into),
-            Ok(end) => self.store.end_job(end).await.map_err(Into::into),
-            Err(error) => Err(error),
-        };
-        if let Err(error) = written {
-            tracing::error!(job = job.id, %error, "the end of job {} ({}) is not recorded", job.id, standing.name());
+        match self.ended(job, standing, ending) {
+            Ok(end) => self.end_job(End { job: end, frees: standing == JobStanding::Refused, measured: None }).await,
+            // Every order was written once, so it can be written again.
+            Err(error) => tracing::error!(job = job.id, %error, "the end of job {} cannot be written", job.id),
         }
-        self.has_ended();
     }
 
-    /// A job is over, and that is recorded.
+    /// A job is over, which its record shows from now on.
     pub(super) fn has_ended(&self) {
         self.advance();
         self.followers.ended.send_modify(|count| *count += 1);
     }
 
     /// The job of an id, of a kind; waits for its end, no longer than `wait` and no longer than the service runs.
-    pub(super) async fn job<T: DeserializeOwned>(
+    pub(super) async fn job<T: DeserializeOwned + Send + 'static>(
         &self,
         kind: Kind,
         id: &str,
         wait: Duration,
     ) -> Result<Option<Recorded<T>>, ServiceError> {
         let mut ended = self.followers.ended.subscribe();
-        let mut closing = self.closing.subscribe();
+        let mut closing = self.closing.watch();
         let until_over = async {
             loop {
                 ended.borrow_and_update();
-                match self.store.job(id).await {
+                match self.job_row(id).await {
                     Ok(Some(row)) if row.ended_at.is_none() && row.kind == kind.name() => {}
                     found => return found,
                 }
@@ -282,19 +281,50 @@ impl Service {
                     _ = closing.wait_for(|closing| *closing) => true,
                 };
                 if closing {
-                    return self.store.job(id).await;
+                    return self.job_row(id).await;
                 }
             }
         };
         let found = match timeout(wait, until_over).await {
             Ok(found) => found?,
-            Err(_) => self.store.job(id).await?,
+            Err(_) => self.job_row(id).await?,
         };
-        found.filter(|row| row.kind == kind.name()).map(|row| read_back(&row)).transpose()
+        let Some(row) = found.filter(|row| row.kind == kind.name()) else { return Ok(None) };
+        aside(move || read_back(&row).map(Some)).await
+    }
+
+    async fn job_row(&self, id: &str) -> Result<Option<JobRow>, StoreError> {
+        Ok(self.store.job(id).await?.map(|row| self.unwritten.complete(row)))
+    }
+
+    /// A page of the jobs of a kind, of one standing where it is given, newest first.
+    pub(super) async fn list_jobs<T: DeserializeOwned + Send + 'static>(
+        &self,
+        kind: Kind,
+        standing: Option<JobStanding>,
+        page: &Page,
+    ) -> Result<Listing<Entry<Recorded<T>>>, ServiceError> {
+        let state = standing.map(JobStanding::name);
+        let Listing { rows, next } = self.store.jobs(kind.name(), state, page).await?;
+        let mut rows: Vec<JobRow> = rows.into_iter().map(|row| self.unwritten.complete(row)).collect();
+        if let Some(state) = state {
+            rows.retain(|row| row.state == state);
+            // Those whose end is not written yet are among the running ones to the store.
+            let ids = if page.before.is_none() { self.unwritten.ids_in(state) } else { Vec::new() };
+            for id in ids {
+                rows.extend(self.job_row(&id).await?.filter(|row| row.kind == kind.name() && row.state == state));
+            }
+        }
+        let read = move || rows.iter().map(|row| Entry::of(read_back(row), row.created_at)).collect();
+        Ok(Listing { rows: aside(read).await?, next })
     }
 
     /// Ends what an earlier process left under way.
     pub(super) async fn interrupt_jobs(&self) -> Result<(), ServiceError> {
+        if self.store.check_loss().is_err() {
+            // Such a store takes nothing; it is told by the readiness.
+            return Ok(());
+        }
         let interrupted = self.store.interrupt_jobs(JobStanding::Interrupted.name(), self.clock.now()).await?;
         for JobRow { id, kind, .. } in interrupted {
             tracing::warn!(
@@ -306,16 +336,13 @@ impl Service {
     }
 }
 
-fn document<T: Serialize>(order: &T, ending: Option<&Ending>) -> Result<String, ServiceError> {
-    serde_json::to_string(&Document { order, ending: ending.cloned() })
-        .map_err(|source| ServiceError::RecordUnwritable { what: "job", source: Arc::new(source) })
+fn document_of<T: Serialize>(order: &T, ending: Option<&Ending>) -> Result<String, ServiceError> {
+    document::write("job", &Document { order, ending: ending.cloned() })
 }
 
 /// The job from its row.
 pub(super) fn read_back<T: DeserializeOwned>(row: &JobRow) -> Result<Recorded<T>, ServiceError> {
-    let unreadable =
-        |source| ServiceError::RecordUnreadable { what: "job", id: row.id.clone(), source: Arc::new(source) };
-    let Document { order, ending } = serde_json::from_str(&row.document).map_err(unreadable)?;
+    let Document { order, ending } = document::read("job", &row.id, &row.document)?;
     let standing = JobStanding::of(row);
     let ending = match (standing, ending) {
         (JobStanding::Interrupted, None) => Some(Ending {
@@ -334,7 +361,9 @@ mod tests {
 
     #[test]
     fn only_what_was_refused_is_called_so() {
-        assert_eq!(Ending::of_refusal(&Refusal::LeaseRequired).0, JobStanding::Refused);
-        assert_eq!(Ending::of_refusal(&Refusal::Closing).0, JobStanding::Unknown, "it may have been begun");
+        for refusal in [Refusal::LeaseRequired, Refusal::Closing] {
+            assert_eq!(Ending::of_refusal(&refusal).0, JobStanding::Refused, "{refusal}");
+        }
+        assert_eq!(Ending::of_refusal(&Refusal::Unanswered).0, JobStanding::Unknown, "it may have been begun");
     }
 }

@@ -1,7 +1,6 @@
 //! The lease: taken, used, given back. Whoever names another than the one that is held is told so. Must not know what is done
 //! with it.
 
-use super::followers::whole;
 use super::side::CellSide;
 use super::{Commander, Service, ServiceError};
 use crate::cell::{Lease, LeaseRequest, Refusal};
@@ -50,14 +49,23 @@ impl Service {
         let request = LeaseRequest { id: self.clock.new_id("l-"), holder, time_to_live };
         let service = Arc::clone(self);
         // Whoever hangs up here has a lease that he knows nothing of; it runs out.
-        whole(async move {
+        let taking = async move {
             let side = service.cell_side()?;
+            let mut newest = side.fence.lock().await;
+            // Whoever asks while somebody else holds it costs no write; the id is new, so nothing is renewed by this.
+            if let Err(refusal @ (Refusal::LeaseHeld { .. } | Refusal::Closing)) =
+                side.cell.renew_lease(&request.id).await
+            {
+                return Err(refusal.into());
+            }
+            // Stored first: a fence that could be forgotten is never given out.
+            service.store.raise_fence(newest.saturating_add(1)).await?;
             let lease = side.cell.take_lease(request).await?;
-            service.store.raise_fence(lease.fence).await?;
             *side.newest_lease.lock().unwrap_or_else(PoisonError::into_inner) = Some((lease.id.clone(), lease.fence));
+            *newest = lease.fence;
             Ok(service.held(lease))
-        })
-        .await
+        };
+        self.followers.whole(taking).await
     }
 
     /// Refuses a time to live beyond the bounds of the configuration.

@@ -1,7 +1,7 @@
 //! A measurement as it is kept: what was measured, with what, and what came out. The profiles lie beside it, since a list
 //! of measurements has no use for them. Must not know how it is sent.
 
-use super::{Findings, Prepared, Recipe, Resolved};
+use super::{Acquisition, Findings, Prepared, Recipe, Resolved};
 use crate::estimation::{Method, Profile, Reason, ScanEstimate};
 use crate::scan::decode::{Format, Unit};
 use jiff::Timestamp;
@@ -36,6 +36,9 @@ pub struct Measurement {
     pub recipe: Recipe,
     /// Name of the recipe, where one was named.
     pub recipe_name: Option<String>,
+    /// When the scan was taken, or arrived; not known of a file that was measured without a service.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub acquisition: Option<Acquisition>,
     /// What measured it.
     pub software: String,
     /// How the pose was found.
@@ -69,6 +72,12 @@ pub enum Verdict {
 }
 
 impl Verdict {
+    /// The verdict of a name, where it is one.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        [Self::Accepted, Self::Refused].into_iter().find(|verdict| verdict.name() == name)
+    }
+
     /// The name used in results.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -92,6 +101,8 @@ pub struct Identity {
     pub scan_sha256: String,
     /// See [`Measurement::recipe_name`].
     pub recipe_name: Option<String>,
+    /// See [`Measurement::acquisition`].
+    pub acquisition: Option<Acquisition>,
 }
 
 impl Measurement {
@@ -103,7 +114,7 @@ impl Measurement {
         estimate: ScanEstimate,
         resolved: &Resolved,
     ) -> (Self, Vec<Profile>) {
-        let Identity { id, created_at, duration_ms, scan_sha256, recipe_name } = identity;
+        let Identity { id, created_at, duration_ms, scan_sha256, recipe_name, acquisition } = identity;
         let (findings, profiles) = Findings::of(estimate);
         let measurement = Self {
             id,
@@ -117,6 +128,7 @@ impl Measurement {
             missing_count: prepared.missing_count,
             recipe: resolved.recipe.clone(),
             recipe_name,
+            acquisition,
             software: SOFTWARE.to_owned(),
             method: resolved.settings.method,
             findings,

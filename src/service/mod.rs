@@ -7,11 +7,15 @@
 //! order --write down--> job --start--> cell --end--> job, written down
 //! ```
 
+mod acquisition;
 mod acts;
 mod answer;
 mod arriving;
 mod clock;
+mod closing;
 mod compute;
+mod doctor;
+mod document;
 mod equipment;
 mod error;
 mod events;
@@ -40,12 +44,16 @@ mod side;
 mod tee;
 #[cfg(test)]
 mod tests;
+mod unwritten;
 mod upload;
 mod view;
 
+pub use acquisition::Acquisition;
 pub use answer::{Accepted, Answer, Order, RequestId};
 pub use clock::Stopwatch;
 pub use compute::{Compute, ComputeError, Load};
+pub use doctor::{Examined, accept_loss, examine};
+pub use document::{Entry, Unreadable, UnreadableRecord};
 pub use equipment::{Equipment, EquipmentError};
 pub use error::{ContentError, ServiceError};
 pub use events::{After, Event, Events, Happening};
@@ -59,7 +67,7 @@ pub use measurement::{Identity, Measurement, SOFTWARE, Tally, Verdict};
 pub use moves::{Move, MoveOrder, MoveRequest};
 pub use offline::{Offline, measure_offline};
 pub use plain::plain;
-pub use plans::{PlanAnswer, PlanRequest, Stale, StoredPlan, Target};
+pub use plans::{PlanAnswer, PlanInList, PlanRequest, Stale, StoredPlan, Target};
 pub use propose::{PROPOSALS_MAX, Proposal, cylinder_decimals, propose, read_cloud};
 pub use recipe::{DESCRIPTION_CHARACTERS_MAX, Recipe, RecipeError, Resolved};
 pub use recipes::{Put, RecipeName, StoredRecipe};
@@ -75,6 +83,7 @@ use crate::estimation::Settings;
 use crate::scan::decode::Limits;
 use crate::store::{Store, Usage};
 use clock::Clock;
+use closing::{Closing, Stage};
 use events::EventLog;
 use followers::Followers;
 use jiff::Timestamp;
@@ -84,11 +93,9 @@ use std::sync::Arc;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
-use tokio::sync::watch;
+use tokio::time::timeout;
+use unwritten::UnwrittenEnds;
 use upload::Uploads;
-
-/// How long the ends of jobs may take to be written down when the service ends.
-const FOLLOWERS_WAIT: Duration = Duration::from_secs(5);
 
 /// What a service may take on.
 #[derive(Debug, Clone, PartialEq)]
@@ -109,6 +116,8 @@ pub struct Capacity {
     pub pictures_running_max: usize,
     /// Pictures that wait.
     pub pictures_queue_max: usize,
+    /// For everything that has to be done when the service is told to end.
+    pub shutdown: Duration,
 }
 
 impl Capacity {
@@ -126,6 +135,7 @@ impl Capacity {
             uploads_max: count(limits.uploads_max),
             pictures_running_max: count(limits.pictures_running_max),
             pictures_queue_max: count(limits.pictures_queue_max),
+            shutdown: Duration::from_millis(config.timeouts.shutdown_ms),
         }
     }
 }
@@ -147,6 +157,7 @@ pub struct Service {
     clock: Clock,
     instance_id: String,
     started_at: Timestamp,
+    uptime: Stopwatch,
     /// Counts what was recorded, so that a poller sees that something changed.
     sequence: AtomicU64,
     last: Mutex<Option<Last>>,
@@ -154,7 +165,9 @@ pub struct Service {
     events: Arc<EventLog>,
     /// Tasks that see jobs of the cell to their end.
     followers: Followers,
-    closing: watch::Sender<bool>,
+    /// Ends of jobs that the store has not taken yet.
+    unwritten: UnwrittenEnds,
+    closing: Closing,
 }
 
 impl Service {
@@ -184,7 +197,7 @@ impl Service {
         let unpacking = compute.beside(capacity.running_max, capacity.uploads_max);
         // Points that wait in memory are bounded as those that are calculated with are.
         let uploads = Uploads::new(capacity.uploads_max, capacity.running_max);
-        let clock = Clock;
+        let (clock, closing) = (Clock, Closing::new(capacity.shutdown));
         let cell = match equipment {
             Some(equipment) => {
                 let side = CellSide::start(equipment, store.fence().await?);
@@ -203,12 +216,14 @@ impl Service {
             clock,
             instance_id: clock.new_id(""),
             started_at: clock.now(),
+            uptime: clock.start(),
             sequence: AtomicU64::new(0),
             last: Mutex::new(None),
             cell,
             events: EventLog::new(),
             followers: Followers::new(),
-            closing: watch::Sender::new(false),
+            unwritten: UnwrittenEnds::default(),
+            closing,
         });
         service.recall_last().await?;
         service.interrupt_jobs().await?;
@@ -294,11 +309,14 @@ impl Service {
         Ok(self.store.probe().await?)
     }
 
-    /// Stops what moves and lets the devices go, finishes what is being written, and refuses the rest.
+    /// Stops what moves and lets the devices go, finishes what is being written, and refuses the rest; all within the time that is
+    /// set for it.
     pub async fn close(&self) {
         self.stop_motion().await;
-        self.followers.finish(FOLLOWERS_WAIT).await;
-        self.store.close().await;
+        self.followers.finish(self.time_left(Stage::Ends)).await;
+        if timeout(self.time_left(Stage::Store), self.store.close()).await.is_err() {
+            tracing::error!("the store is not closed yet; what was acknowledged is on the disk");
+        }
         if let Some(side) = &self.cell {
             side.end_threads();
         }
@@ -307,9 +325,23 @@ impl Service {
     /// Stops what moves, for good, and lets the devices go: the first thing to do when the service is told to end. Whoever
     /// waits for something is answered.
     pub async fn stop_motion(&self) {
-        self.closing.send_replace(true);
-        if let Some(side) = &self.cell {
-            side.cell.close().await;
+        let left = self.time_left(Stage::Motion);
+        self.closing.tell();
+        if let Some(side) = &self.cell
+            && timeout(left, side.cell.close()).await.is_err()
+        {
+            tracing::error!("the devices were told to stop and have not been seen at rest");
         }
+    }
+
+    /// How long requests under way may still take when the service ends. The time for the end begins with the first call of this
+    /// or of [`Service::stop_motion`].
+    #[must_use]
+    pub fn time_for_requests(&self) -> Duration {
+        self.time_left(Stage::Requests)
+    }
+
+    fn time_left(&self, stage: Stage) -> Duration {
+        self.closing.left(self.clock.instant(), stage)
     }
 }

@@ -2,9 +2,9 @@
 //! up changes nothing about it. Must not know devices, nor how a path comes about.
 
 use super::answer::fingerprint_of;
-use super::followers::{aside, whole};
+use super::followers::aside;
 use super::jobs::{self, Beginning, Ending, JobStanding, Kind, Recorded, Started};
-use super::{Commander, Happening, Service, ServiceError};
+use super::{Commander, Entry, Happening, Service, ServiceError};
 use crate::cell::{Job, JobState, JobView};
 use crate::motion::{MoveTargets, Plan, plan_move};
 use crate::store::{Listing, Page, RequestKey};
@@ -72,7 +72,7 @@ impl Service {
             if row.request.as_ref().is_none_or(|asked| asked.fingerprint != key.fingerprint) {
                 return Err(ServiceError::RequestIdReused { request_id: key.id.clone() });
             }
-            return Ok(Started { job: jobs::read_back(&row)?, replayed: true });
+            return Ok(Started { job: jobs::read_back(&self.unwritten.complete(row))?, replayed: true });
         }
         let by = self.authorise(&request.lease_id, None).await?;
         let from = side.positions().ok_or(ServiceError::PositionsUnknown)?;
@@ -95,9 +95,8 @@ impl Service {
     ///
     /// # Errors
     /// What the store says.
-    pub async fn moves(&self, page: &Page) -> Result<Listing<Move>, ServiceError> {
-        let Listing { rows, next } = self.store.jobs(Kind::Move.name(), None, page).await?;
-        Ok(Listing { rows: aside(move || rows.iter().map(jobs::read_back).collect::<Result<_, _>>()).await?, next })
+    pub async fn moves(&self, page: &Page) -> Result<Listing<Entry<Move>>, ServiceError> {
+        self.list_jobs(Kind::Move, None, page).await
     }
 
     /// How far a job under way is, 0 to 1; `None` where it is not under way.
@@ -110,41 +109,41 @@ impl Service {
     /// Writes the move down, begins it, and has it followed.
     pub(super) async fn depart(self: &Arc<Self>, departure: Departure) -> Result<Started<MoveOrder>, ServiceError> {
         let service = Arc::clone(self);
-        whole(async move {
-            let side = service.cell_side()?;
-            let Departure { lease_id, plan_id, request, order } = departure;
-            let id = service.clock.new_id("v-");
-            let beginning = Beginning { kind: Kind::Move, id, plan_id, request, order: &order };
-            let started = service.write_down(beginning).await?;
-            if started.replayed {
-                return Ok(started);
-            }
-            let path = started.job.order.plan.path.clone();
-            side.pace.set(&started.job.id, &path);
-            match side.cell.start_move(&lease_id, &started.job.id, path).await {
-                Ok(job) => {
-                    side.motion.note(service.clock.now());
-                    let follower = Arc::clone(&service);
-                    let recorded = started.job.clone();
-                    service.followers.add(async move { follower.follow_move(job, &recorded).await });
-                    Ok(started)
+        self.followers
+            .whole(async move {
+                let side = service.cell_side()?;
+                let Departure { lease_id, plan_id, request, order } = departure;
+                let id = service.clock.new_id("v-");
+                let beginning = Beginning { kind: Kind::Move, id, plan_id, request, order: &order };
+                let started = service.write_down(beginning).await?;
+                if started.replayed {
+                    return Ok(started);
                 }
-                Err(refusal) => {
-                    let (standing, ending) = Ending::of_refusal(&refusal);
-                    let mut job = started.job;
-                    if standing == JobStanding::Refused {
-                        // Nobody will ask for the set-points of what never began.
-                        job.order.plan.path.waypoints.clear();
+                let path = started.job.order.plan.path.clone();
+                side.pace.set(&started.job.id, &path);
+                match side.cell.start_move(&lease_id, &started.job.id, path).await {
+                    Ok(job) => {
+                        let follower = Arc::clone(&service);
+                        let recorded = started.job.clone();
+                        service.followers.add(async move { follower.follow_move(job, &recorded).await });
+                        Ok(started)
                     }
-                    service.conclude(&job, standing, Some(&ending)).await;
-                    Err(refusal.into())
+                    Err(refusal) => {
+                        let (standing, ending) = Ending::of_refusal(&refusal);
+                        let mut job = started.job;
+                        if standing == JobStanding::Refused {
+                            // Nobody will ask for the set-points of what never began.
+                            job.order.plan.path.waypoints.clear();
+                        }
+                        service.conclude(&job, standing, Some(&ending)).await;
+                        Err(refusal.into())
+                    }
                 }
-            }
-        })
-        .await
+            })
+            .await
     }
 
-    async fn follow_move(&self, job: Job, recorded: &Move) {
+    async fn follow_move(self: &Arc<Self>, job: Job, recorded: &Move) {
         self.tell_progress(&job).await;
         let (standing, ending) = Ending::of(&job.ended().await);
         self.conclude(recorded, standing, ending.as_ref()).await;

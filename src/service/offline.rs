@@ -60,6 +60,7 @@ pub fn measure_offline(
         duration_ms: watch.elapsed_ms(),
         scan_sha256,
         recipe_name: None,
+        acquisition: None,
     };
     let (measurement, profiles) = Measurement::record(identity, &measured.prepared, measured.estimate, resolved);
     Ok(Offline { measurement, profiles, scan: measured.prepared.scan })

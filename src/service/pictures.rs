@@ -31,9 +31,7 @@ impl Service {
         measurement.findings.choose(part.as_deref())?;
         let profiles = self.profiles(id).await?;
         let resolved = measurement.recipe.resolve(&self.defaults)?;
-        let scan_id = measurement.scan_id();
-        let file = self.store.open_scan(&scan_id).await?;
-        let file = file.ok_or(ServiceError::ScanFileMissing { id: scan_id })?;
+        let file = self.scan_file(&measurement.scan_id()).await?;
         let limits = self.capacity.scan.clone();
         let wanted = Wanted { measurement, profiles, resolved, picture, part, profile };
         self.drawing.run(move || wanted.draw(file, &limits)).await?

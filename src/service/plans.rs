@@ -6,17 +6,14 @@ use super::followers::aside;
 use super::jobs::Started;
 use super::moves::{Departure, MoveOrder};
 use super::side::CellSide;
-use super::{Chosen, Measurement, Service, ServiceError};
+use super::{Acquisition, Chosen, Entry, Measurement, Service, ServiceError, document};
 use crate::estimation::{Outcome, Pose};
 use crate::geometry::AxisLine;
 use crate::motion::{Axis, Carrier, Pair, PartPose, Plan, PoseTarget, Position, plan_alignment};
-use crate::store::{Filter, InsertedPlan, Listing, Page, PlanRow, RequestKey};
+use crate::store::{InsertedPlan, ListedPlan, Listing, Page, PlanRow, RequestKey};
 use jiff::{SignedDuration, Timestamp};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
-
-/// Measurements that are looked through at a time.
-const PAGE: u32 = 200;
 
 /// Where the part's axis is wanted; angles in rad, lengths in mm.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -60,6 +57,9 @@ pub struct StoredPlan {
     pub created_at: Timestamp,
     /// From this it is too old to be executed: the pose that it rests on is.
     pub expires_at: Timestamp,
+    /// When the scan behind it was taken.
+    #[serde(default)]
+    pub acquisition: Option<Acquisition>,
     /// The measurement that it was made from.
     pub measurement_id: String,
     /// The measured axis.
@@ -72,6 +72,15 @@ pub struct StoredPlan {
     pub speed_ratio: f64,
     /// What would move.
     pub plan: Plan,
+}
+
+/// A plan as a list shows it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlanInList {
+    /// The plan.
+    pub plan: StoredPlan,
+    /// The move that executes it, where one does.
+    pub move_id: Option<String>,
 }
 
 /// A plan, and whether it was made for an earlier request of the same id.
@@ -117,19 +126,13 @@ pub enum Stale {
     },
 }
 
-/// When a scan was taken, and where the manipulators were, where that is known.
-struct Taking {
-    at: Timestamp,
-    positions: Option<Pair<Position>>,
-}
-
 impl Service {
     /// Plans how the part comes from where a measurement found it to a target. Moves nothing.
     ///
     /// # Errors
     /// Those of [`Service::measurement`], [`ServiceError::PoseMissing`], [`ServiceError::Stale`] where something has
     /// moved since, [`ServiceError::Motion`] where no allowed path leads there, [`ServiceError::RequestIdReused`].
-    pub async fn create_plan(&self, request: PlanRequest) -> Result<PlanAnswer, ServiceError> {
+    pub async fn create_plan(self: &Arc<Self>, request: PlanRequest) -> Result<PlanAnswer, ServiceError> {
         let side = self.cell_side()?;
         let fingerprint = fingerprint_of("plan", &request);
         let key = request.request_id.clone().map(|id| RequestKey { id, fingerprint });
@@ -143,9 +146,10 @@ impl Service {
         // A cell that has ended says nothing about where anything is.
         self.cell_view()?;
         let from = side.positions().ok_or(ServiceError::PositionsUnknown)?;
-        let taken = self.taking_of(&measurement).await?;
-        self.check_fresh(side, taken.at)?;
-        check_in_place(side, &taken, from)?;
+        let taken = measurement.acquisition.as_ref();
+        self.check_fresh(side, taken)?;
+        let taken = taken.ok_or(Stale::Restarted)?;
+        taken.check_in_place(side, &from)?;
         let measured = pose.on_rail().ok_or(ServiceError::PoseMissing { measurement_id: measurement.id.clone() })?;
         let measured = PartPose { axis: measured.axis, x_ref: measured.x_ref };
         let plan = find_path(side, from, measured, &request).await?;
@@ -153,6 +157,7 @@ impl Service {
             id: self.clock.new_id("p-"),
             created_at: self.clock.now(),
             expires_at: taken.at.saturating_add(max_age(side)).unwrap_or(taken.at),
+            acquisition: Some(taken.clone()),
             measurement_id: measurement.id.clone(),
             measured: measured.axis,
             x_ref: measured.x_ref,
@@ -169,7 +174,8 @@ impl Service {
     /// [`ServiceError::PlanUnknown`].
     pub async fn plan(&self, id: &str) -> Result<StoredPlan, ServiceError> {
         let row = self.store.plan(id).await?;
-        read_back(&row.ok_or_else(|| ServiceError::PlanUnknown { id: id.to_owned() })?)
+        let row = row.ok_or_else(|| ServiceError::PlanUnknown { id: id.to_owned() })?;
+        aside(move || read_back(&row)).await
     }
 
     /// The id of the move that executes a plan, where one does.
@@ -184,9 +190,16 @@ impl Service {
     ///
     /// # Errors
     /// What the store says.
-    pub async fn plans(&self, page: &Page) -> Result<Listing<StoredPlan>, ServiceError> {
+    pub async fn plans(&self, page: &Page) -> Result<Listing<Entry<PlanInList>>, ServiceError> {
         let Listing { rows, next } = self.store.plans(page).await?;
-        Ok(Listing { rows: aside(move || rows.iter().map(read_back).collect::<Result<_, _>>()).await?, next })
+        let read = move || {
+            let entry = |ListedPlan { plan: row, job_id }: ListedPlan| {
+                let read = read_back(&row).map(|plan| PlanInList { plan, move_id: job_id });
+                Entry::of(read, row.created_at)
+            };
+            rows.into_iter().map(entry).collect()
+        };
+        Ok(Listing { rows: aside(read).await?, next })
     }
 
     /// Begins to execute a plan; one that was begun before answers with the same move.
@@ -201,90 +214,37 @@ impl Service {
         let side = self.cell_side()?;
         let stored = self.plan(id).await?;
         if let Some(row) = self.store.job_of_plan(id).await? {
-            return Ok(Started { job: super::jobs::read_back(&row)?, replayed: true });
+            return Ok(Started { job: super::jobs::read_back(&self.unwritten.complete(row))?, replayed: true });
         }
         let by = self.authorise(&lease_id, None).await?;
-        let taken_at = stored.expires_at.saturating_sub(max_age(side)).unwrap_or(stored.created_at);
-        self.check_fresh(side, taken_at)?;
+        self.check_fresh(side, stored.acquisition.as_ref())?;
         let StoredPlan { id, measurement_id, speed_ratio, plan, .. } = stored;
         let order = MoveOrder { by, measurement_id: Some(measurement_id), speed_ratio, plan };
         self.depart(Departure { lease_id, plan_id: Some(id), request: None, order }).await
     }
 
-    /// When the scan behind a measurement was taken, which is what its pose is about: however often a scan is measured again,
-    /// its pose gets no younger. What came as a file was taken no later than when its bytes were here first.
-    async fn taking_of(&self, measurement: &Measurement) -> Result<Taking, ServiceError> {
-        if let Some(scan) = self.scan_job(&measurement.id).await? {
-            return Ok(Taking { at: scan.created_at, positions: scan.order.positions });
-        }
-        let scan_id = measurement.scan_id();
-        let at = self.scan(&scan_id).await?.created_at.min(measurement.created_at);
-        let positions = match self.first_measurement_of(scan_id).await? {
-            Some(first) => self.scan_job(&first).await?.and_then(|scan| scan.order.positions),
-            None => None,
-        };
-        Ok(Taking { at, positions })
-    }
-
-    /// The id of the oldest measurement of a scan: the one by the sensor, where the sensor took it.
-    async fn first_measurement_of(&self, scan_id: String) -> Result<Option<String>, ServiceError> {
-        let filter = Filter { scan_id: Some(scan_id), ..Filter::default() };
-        let (mut first, mut before) = (None, None);
-        loop {
-            let Listing { rows, next } = self.store.measurements(&filter, &Page { limit: PAGE, before }).await?;
-            first = rows.last().map(|row| row.id.clone()).or(first);
-            if next.is_none() {
-                return Ok(first);
-            }
-            before = next;
-        }
-    }
-
-    /// Refuses a pose from before a restart, from before the end of the last motion, or too long ago.
-    fn check_fresh(&self, side: &CellSide, taken_at: Timestamp) -> Result<(), ServiceError> {
-        if side.moved_at().is_some_and(|moved_at| moved_at >= taken_at) {
-            return Err(Stale::MovedSince.into());
-        }
-        let (age, max) = (self.clock.now().duration_since(taken_at), max_age(side));
-        if age > max {
-            let seconds = |span: SignedDuration| u64::try_from(span.as_secs()).unwrap_or(0);
-            return Err(Stale::TooOld { age_s: seconds(age), max_s: seconds(max) }.into());
-        }
-        if taken_at < self.started_at {
-            return Err(Stale::Restarted.into());
-        }
-        Ok(())
-    }
-
-    async fn keep_plan(&self, plan: StoredPlan, key: Option<RequestKey>) -> Result<PlanAnswer, ServiceError> {
-        let unwritable = |source| ServiceError::RecordUnwritable { what: "plan", source: Arc::new(source) };
-        let document = serde_json::to_string(&plan).map_err(unwritable)?;
+    async fn keep_plan(
+        self: &Arc<Self>,
+        plan: StoredPlan,
+        key: Option<RequestKey>,
+    ) -> Result<PlanAnswer, ServiceError> {
+        let (plan, document) = aside(move || document::write("plan", &plan).map(|document| (plan, document))).await?;
         let row = PlanRow { id: plan.id.clone(), created_at: plan.created_at, request: key, document };
         let request_id = row.request.as_ref().map(|request| request.id.clone()).unwrap_or_default();
-        match self.store.insert_plan(row).await? {
-            InsertedPlan::New => {
-                self.advance();
-                Ok(PlanAnswer { plan, replayed: false })
+        let service = Arc::clone(self);
+        let inserting = async move {
+            let inserted = service.store.insert_plan(row).await?;
+            if inserted == InsertedPlan::New {
+                service.advance();
             }
+            Ok(inserted)
+        };
+        match self.followers.whole(inserting).await? {
+            InsertedPlan::New => Ok(PlanAnswer { plan, replayed: false }),
             InsertedPlan::Replayed(row) => Ok(PlanAnswer { plan: read_back(&row)?, replayed: true }),
             InsertedPlan::RequestMismatch => Err(ServiceError::RequestIdReused { request_id }),
         }
     }
-}
-
-/// Refuses where a manipulator is elsewhere than when the scan was taken, whoever moved it.
-fn check_in_place(side: &CellSide, taken: &Taking, now: Pair<Position>) -> Result<(), ServiceError> {
-    let Some(then) = taken.positions else { return Ok(()) };
-    for carrier in Carrier::ALL {
-        for axis in Axis::ALL {
-            let (then, now) = (*then.get(carrier).get(axis), *now.get(carrier).get(axis));
-            if (then - now).abs() > *side.arrangement.settle_tolerance.get(axis) {
-                let (then, now) = (axis.outside(then), axis.outside(now));
-                return Err(Stale::Displaced { carrier, axis, then, now }.into());
-            }
-        }
-    }
-    Ok(())
 }
 
 async fn find_path(
@@ -328,10 +288,6 @@ fn replay(row: &PlanRow, key: &RequestKey) -> Result<PlanAnswer, ServiceError> {
     Ok(PlanAnswer { plan: read_back(row)?, replayed: true })
 }
 
-fn read_back(row: &PlanRow) -> Result<StoredPlan, ServiceError> {
-    serde_json::from_str(&row.document).map_err(|source| ServiceError::RecordUnreadable {
-        what: "plan",
-        id: row.id.clone(),
-        source: Arc::new(source),
-    })
+pub(super) fn read_back(row: &PlanRow) -> Result<StoredPlan, ServiceError> {
+    document::read("plan", &row.id, &row.document)
 }

@@ -1,6 +1,7 @@
 //! Recipes under a name: put under a precondition, looked up, listed. Must not know what a recipe is used for.
 
-use super::{Recipe, Service, ServiceError};
+use super::followers::aside;
+use super::{Entry, Recipe, Service, ServiceError, document};
 use crate::store::{Listing, Page, Precondition, PutRecipe, RecipeRow};
 use jiff::Timestamp;
 use serde::Serialize;
@@ -78,9 +79,16 @@ impl Service {
     ///
     /// # Errors
     /// What the store says.
-    pub async fn recipes(&self, page: &Page) -> Result<Listing<StoredRecipe>, ServiceError> {
+    pub async fn recipes(&self, page: &Page) -> Result<Listing<Entry<StoredRecipe>>, ServiceError> {
         let Listing { rows, next } = self.store.recipes(page).await?;
-        Ok(Listing { rows: rows.into_iter().map(read_back).collect::<Result<_, _>>()?, next })
+        let read = move || {
+            let entry = |row: RecipeRow| {
+                let created_at = row.created_at;
+                Entry::of(read_back(row), created_at)
+            };
+            rows.into_iter().map(entry).collect()
+        };
+        Ok(Listing { rows: aside(read).await?, next })
     }
 
     /// Checks a recipe and puts it under its name where the precondition holds.
@@ -88,20 +96,22 @@ impl Service {
     /// # Errors
     /// [`ServiceError::Recipe`], [`ServiceError::RecipeChanged`], [`ServiceError::RecipeAbsent`].
     pub async fn put_recipe(
-        &self,
+        self: &Arc<Self>,
         name: &RecipeName,
         recipe: &Recipe,
         precondition: Precondition,
     ) -> Result<Put, ServiceError> {
         recipe.check()?;
-        let document = serde_json::to_string(recipe)
-            .map_err(|source| ServiceError::RecordUnwritable { what: "recipe", source: Arc::new(source) })?;
-        let put = self.store.put_recipe(name.as_str(), &document, self.clock.now(), precondition).await?;
-        // What was refused has changed nothing that a poller could look for.
-        if !matches!(put, PutRecipe::PreconditionFailed { .. }) {
-            self.advance();
-        }
-        match put {
+        let document = document::write("recipe", recipe)?;
+        let (service, named) = (Arc::clone(self), name.clone());
+        let putting = async move {
+            let put = service.store.put_recipe(named.as_str(), &document, service.clock.now(), precondition).await?;
+            if !matches!(put, PutRecipe::PreconditionFailed { .. }) {
+                service.advance();
+            }
+            Ok(put)
+        };
+        match self.followers.whole(putting).await? {
             PutRecipe::Created(row) => Ok(Put::Created(read_back(row)?)),
             PutRecipe::Replaced(row) => Ok(Put::Replaced(read_back(row)?)),
             PutRecipe::PreconditionFailed { current } => {
@@ -115,12 +125,8 @@ impl Service {
     }
 }
 
-fn read_back(row: RecipeRow) -> Result<StoredRecipe, ServiceError> {
-    let recipe = serde_json::from_str(&row.document).map_err(|source| ServiceError::RecordUnreadable {
-        what: "recipe",
-        id: row.name.clone(),
-        source: Arc::new(source),
-    })?;
+pub(super) fn read_back(row: RecipeRow) -> Result<StoredRecipe, ServiceError> {
+    let recipe = document::read("recipe", &row.name, &row.document)?;
     let etag = row.etag();
     let RecipeRow { name, revision, created_at, updated_at, .. } = row;
     Ok(StoredRecipe { name, recipe, revision, etag, created_at, updated_at })

@@ -1,8 +1,9 @@
 //! Measurements that were made: one, a page of them, their profiles, and the last one. Must not know how they were made.
 
-use super::{Measurement, Service, ServiceError, Verdict};
+use super::followers::aside;
+use super::{Entry, Measurement, Service, ServiceError, Unreadable, Verdict, document};
 use crate::estimation::Profile;
-use crate::store::{Filter, Listing, MeasurementRow, Page};
+use crate::store::{Filter, Listing, MeasurementRow, NewestMeasurement, Page};
 use jiff::Timestamp;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, PoisonError};
@@ -10,10 +11,12 @@ use std::sync::{Arc, PoisonError};
 /// The newest measurement, for those who poll.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Last {
+    /// Which measurement it is in the order in which they were recorded.
+    sequence: u64,
     /// Its id.
     pub id: String,
-    /// Whether it has a pose.
-    pub verdict: Verdict,
+    /// Whether it has a pose; none where the record does not say so in a word that is known.
+    pub verdict: Option<Verdict>,
     /// When it was made.
     pub created_at: Timestamp,
 }
@@ -32,16 +35,27 @@ impl Service {
 
     /// The measurement of an id, where one ran.
     pub(super) async fn recorded(&self, id: &str) -> Result<Option<Measurement>, ServiceError> {
-        self.store.measurement(id).await?.map(|row| read_back(&row)).transpose()
+        let row = self.store.measurement(id).await?.or_else(|| self.unwritten.measurement(id));
+        row.map(|row| read_back(&row)).transpose()
     }
 
     /// A page of the measurements that pass the filter, newest first.
     ///
     /// # Errors
     /// What the store says.
-    pub async fn measurements(&self, filter: &Filter, page: &Page) -> Result<Listing<Measurement>, ServiceError> {
+    pub async fn measurements(
+        &self,
+        filter: &Filter,
+        page: &Page,
+    ) -> Result<Listing<Entry<Measurement>>, ServiceError> {
         let Listing { rows, next } = self.store.measurements(filter, page).await?;
-        Ok(Listing { rows: rows.iter().map(read_back).collect::<Result<_, _>>()?, next })
+        // Those that are not written yet are the newest.
+        let unwritten = if page.before.is_none() { self.unwritten.measurements(filter) } else { Vec::new() };
+        let read = move || {
+            let rows = unwritten.iter().chain(&rows);
+            rows.map(|row| Entry::of(read_back(row), row.created_at)).collect()
+        };
+        Ok(Listing { rows: aside(read).await?, next })
     }
 
     /// What became of every profile of a measurement, in station order.
@@ -49,13 +63,18 @@ impl Service {
     /// # Errors
     /// [`ServiceError::MeasurementUnknown`].
     pub async fn profiles(&self, id: &str) -> Result<Vec<Profile>, ServiceError> {
-        let bytes = self.store.profiles(id).await?;
-        let bytes = bytes.ok_or_else(|| ServiceError::MeasurementUnknown { id: id.to_owned() })?;
-        serde_json::from_slice(&bytes).map_err(|source| ServiceError::RecordUnreadable {
-            what: "profiles",
-            id: id.to_owned(),
-            source: Arc::new(source),
+        let bytes = self.store.profiles(id).await?.or_else(|| self.unwritten.profiles(id));
+        let id = id.to_owned();
+        let bytes = bytes.ok_or_else(|| ServiceError::MeasurementUnknown { id: id.clone() })?;
+        aside(move || {
+            let unreadable = |source| Unreadable::Damaged(Arc::new(source));
+            serde_json::from_slice(&bytes).map_err(unreadable).map_err(|cause| ServiceError::RecordUnreadable {
+                what: "list of profiles",
+                id,
+                cause,
+            })
         })
+        .await
     }
 
     /// The newest measurement; `None` where there is none.
@@ -64,38 +83,33 @@ impl Service {
         self.last.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Remembers a measurement that was just recorded.
-    pub(super) fn note(&self, measurement: &Measurement) {
-        let (id, verdict, created_at) = (measurement.id.clone(), measurement.verdict(), measurement.created_at);
-        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
-        // Two may finish at the same time; the later one stays, whoever comes here first.
-        if last.as_ref().is_none_or(|last| last.id < id) {
-            *last = Some(Last { id, verdict, created_at });
-        }
-        drop(last);
-        self.advance();
-    }
-
     /// Something was recorded.
     pub(super) fn advance(&self) {
         self.sequence.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Finds the newest measurement of earlier runs.
+    /// Remembers the newest measurement of the store. Two may be recorded at the same time; the later one stays, whoever comes here
+    /// first.
     pub(super) async fn recall_last(&self) -> Result<(), ServiceError> {
-        let page = Page { limit: 1, before: None };
-        if let Some(row) = self.store.measurements(&Filter::default(), &page).await?.rows.first() {
-            self.note(&read_back(row)?);
+        if let Some(NewestMeasurement { sequence, id, created_at, verdict }) = self.store.newest_measurement().await? {
+            let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+            if last.as_ref().is_none_or(|last| last.sequence < sequence) {
+                *last = Some(Last { sequence, id, verdict: Verdict::from_name(&verdict), created_at });
+            }
         }
         Ok(())
+    }
+
+    /// A measurement was just recorded.
+    pub(super) async fn remember_last(&self) {
+        if let Err(error) = self.recall_last().await {
+            tracing::warn!(%error, "the newest measurement cannot be looked up; the status shows the one before");
+        }
+        self.advance();
     }
 }
 
 /// The record from its row.
 pub(super) fn read_back(row: &MeasurementRow) -> Result<Measurement, ServiceError> {
-    serde_json::from_str(&row.document).map_err(|source| ServiceError::RecordUnreadable {
-        what: "measurement",
-        id: row.id.clone(),
-        source: Arc::new(source),
-    })
+    document::read("measurement", &row.id, &row.document)
 }

@@ -6,6 +6,7 @@ use crate::scan::decode::{Format, FormatClaims, Limits};
 use crate::store::{Listing, Page, RecordedScan, ScanRow};
 use std::fs::File;
 use std::io::BufReader;
+use std::sync::Arc;
 
 /// What is said about the bytes of a scan besides themselves.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -53,8 +54,9 @@ impl Service {
     ///
     /// # Errors
     /// [`ServiceError`]; nothing is recorded then.
-    pub async fn store_scan(&self, arrived: Arrived) -> Result<Kept, ServiceError> {
-        let Arrived { scan, read, origin, accepted, place: _place } = arrived;
+    pub async fn store_scan(self: &Arc<Self>, arrived: Arrived) -> Result<Kept, ServiceError> {
+        let Arrived { scan, read, origin, accepted, place } = arrived;
+        let arrival = accepted.arrival()?;
         let file_name = origin.file_name.clone();
         let (format, points_count) = match read {
             Some(read) => read.decoded.map(|decoded| count_points(&decoded)).map_err(MeasureError::from)?,
@@ -71,14 +73,21 @@ impl Service {
             format: format.name().to_owned(),
             points_count: Some(points_count),
             description: file_name,
+            arrival: Some(arrival),
         };
-        match self.store.keep_scan(row.clone(), scan).await? {
-            RecordedScan::New => {
-                self.advance();
-                Ok(Kept::New(row))
+        let service = Arc::clone(self);
+        let keeping = async move {
+            // It holds its place among the uploads until it is kept.
+            let _place = place;
+            match service.store.keep_scan(row.clone(), scan).await? {
+                RecordedScan::New => {
+                    service.advance();
+                    Ok(Kept::New(row))
+                }
+                RecordedScan::Known(row) => Ok(Kept::Known(row)),
             }
-            RecordedScan::Known(row) => Ok(Kept::Known(row)),
-        }
+        };
+        self.followers.whole(keeping).await
     }
 
     /// The record of a scan.
@@ -100,11 +109,18 @@ impl Service {
     /// The bytes of a scan.
     ///
     /// # Errors
-    /// [`ServiceError::ScanUnknown`], [`ServiceError::ScanFileMissing`].
+    /// [`ServiceError::ScanUnknown`], and those of [`Service::scan_file`].
     pub async fn scan_content(&self, id: &str) -> Result<Content, ServiceError> {
         let row = self.scan(id).await?;
-        let file = self.store.open_scan(id).await?;
-        Ok(Content { file: file.ok_or_else(|| ServiceError::ScanFileMissing { id: id.to_owned() })?, row })
+        Ok(Content { file: self.scan_file(id).await?, row })
+    }
+
+    /// The file of a recorded scan, whose bytes were compared with their record.
+    ///
+    /// # Errors
+    /// [`ServiceError::ScanFileMissing`], [`ServiceError::Store`] where it is damaged.
+    pub(super) async fn scan_file(&self, id: &str) -> Result<File, ServiceError> {
+        self.store.open_scan(id).await?.ok_or_else(|| ServiceError::ScanFileMissing { id: id.to_owned() })
     }
 }
 

@@ -2,13 +2,14 @@
 //! estimated while the points are kept as a file. The record is there from the start, in a state in -ing; what fails on the
 //! way fails by name. Must not know how a scan is taken, nor how anything is sent.
 
-use super::answer::{fingerprint_of, new_measurement};
+use super::answer::{Calculated, fingerprint_of, new_measurement};
 use super::arriving::Arriving;
-use super::followers::whole;
+use super::followers::aside;
 use super::jobs::{Beginning, Ending, JobStanding, Kind, Recorded, Started, read_back};
 use super::scan_order::{SensorOrder, SensorRequest, check, misplaced};
+use super::unwritten::{End, MeasuredScan, Points};
 use super::{
-    Accepted, Commander, Decoded, Happening, Identity, Measured, Measurement, RecipeName, Resolved, Service,
+    Accepted, Acquisition, Commander, Decoded, Entry, Happening, Identity, Measurement, RecipeName, Service,
     ServiceError,
 };
 use crate::cell::{Job, JobEnd, ScanOrder};
@@ -16,14 +17,12 @@ use crate::device::Profile;
 use crate::estimation::{Progress, Settings};
 use crate::scan::Cloud;
 use crate::scan::encode::encode_cloud;
-use crate::store::{CompleteScan, Listing, Page, RequestKey, ScanRow};
+use crate::store::{Listing, Page, RequestKey, ScanRow};
+use sha2::{Digest, Sha256};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::mpsc;
-use tokio::time::sleep;
-
-/// A full pool is asked again after this.
-const POOL_RETRY: Duration = Duration::from_millis(20);
+use tokio::task::JoinSet;
 
 /// The description of a scan that was taken by the sensor. It tells such a scan from an upload, since no client can write the
 /// description of a scan.
@@ -45,14 +44,15 @@ pub enum AnyMeasurement {
 struct Task {
     job: SensorScan,
     accepted: Accepted,
+    acquisition: Acquisition,
 }
 
-/// What the profiles came to; not recorded before the cell says that the scan is whole.
+/// A scan whose profiles are all here; not recorded before the cell says that it is whole.
 struct Arrived {
-    measured: Measured,
-    duration_ms: u64,
-    /// The points, not kept yet.
-    file: CompleteScan,
+    row: ScanRow,
+    points: Points,
+    /// The one calculation, which waits for its turn or runs. Where the scan is given up, so is its turn.
+    calculation: JoinSet<Result<Calculated, ServiceError>>,
 }
 
 impl Service {
@@ -65,16 +65,16 @@ impl Service {
         request: SensorRequest,
     ) -> Result<Started<SensorOrder>, ServiceError> {
         let side = self.cell_side()?;
-        let mut accepted = self.accept_with(request.order.clone(), &self.sensor_defaults()).await?;
-        accepted.resolved.look_along_rail();
         let fingerprint = fingerprint_of("sensor", &request);
         let key = request.order.request_id.clone().map(|id| RequestKey { id, fingerprint });
+        // A repeated request is answered whether there is a free place or not.
         if let Some(key) = &key
-            && self.store.measurement_by_request(&key.id).await?.is_some()
+            && let Some(started) = self.scan_of_request(key).await?
         {
-            // An upload has this id; a measurement by the sensor is another request.
-            return Err(ServiceError::RequestIdReused { request_id: key.id.clone() });
+            return Ok(started);
         }
+        let mut accepted = self.accept_with(request.order.clone(), &self.sensor_defaults()).await?;
+        accepted.resolved.look_along_rail();
         let (way, scan) = (request.way, &side.config.scan);
         let order = SensorOrder {
             // Known once the lease was checked.
@@ -88,7 +88,23 @@ impl Service {
         };
         check(&order, self.capacity.scan.profiles_max)?;
         let service = Arc::clone(self);
-        whole(async move { service.begin_scan(request.lease_id, key, order, accepted).await }).await
+        let beginning = async move { service.begin_scan(request.lease_id, key, order, accepted).await };
+        self.followers.whole(beginning).await
+    }
+
+    /// The scan that an earlier request of the same id asked for; `None` where there was none.
+    async fn scan_of_request(&self, key: &RequestKey) -> Result<Option<Started<SensorOrder>>, ServiceError> {
+        let reused = || Err(ServiceError::RequestIdReused { request_id: key.id.clone() });
+        let Some(row) = self.store.job_by_request(&key.id).await? else {
+            // Where an upload has this id, a measurement by the sensor is another request.
+            return if self.store.measurement_by_request(&key.id).await?.is_some() { reused() } else { Ok(None) };
+        };
+        if row.request.as_ref().is_none_or(|asked| asked.fingerprint != key.fingerprint) {
+            return reused();
+        }
+        let row = self.unwritten.complete(row);
+        // One whose refusal is not written yet may be tried again as soon as it is.
+        if row.request.is_none() { Ok(None) } else { Ok(Some(Started { job: read_back(&row)?, replayed: true })) }
     }
 
     /// What holds for scans by the sensor where neither the request nor its recipe says otherwise.
@@ -115,9 +131,12 @@ impl Service {
     ///
     /// # Errors
     /// What the store says.
-    pub async fn sensor_scans(&self, standing: JobStanding, page: &Page) -> Result<Listing<SensorScan>, ServiceError> {
-        let Listing { rows, next } = self.store.jobs(Kind::Scan.name(), Some(standing.name()), page).await?;
-        Ok(Listing { rows: rows.iter().map(read_back).collect::<Result<_, _>>()?, next })
+    pub async fn sensor_scans(
+        &self,
+        standing: JobStanding,
+        page: &Page,
+    ) -> Result<Listing<Entry<SensorScan>>, ServiceError> {
+        self.list_jobs(Kind::Scan, Some(standing), page).await
     }
 
     /// Why there is no record of a measurement: it still scans, came to nothing, or never was.
@@ -164,7 +183,9 @@ impl Service {
         let way = ScanOrder { x_from_mm, x_to_mm, profiles_count, speed_mm_s };
         match side.cell.start_scan(&lease_id, &started.job.id, way).await {
             Ok((job, profiles)) => {
-                let (follower, task) = (Arc::clone(self), Task { job: started.job.clone(), accepted });
+                // While the stage scans, nothing moves the part.
+                let acquisition = Acquisition { positions: order.positions, ..self.acquisition_now() };
+                let (follower, task) = (Arc::clone(self), Task { job: started.job.clone(), accepted, acquisition });
                 self.followers.add(async move { follower.follow_scan(job, profiles, task).await });
                 Ok(started)
             }
@@ -176,11 +197,11 @@ impl Service {
         }
     }
 
-    /// Waits for the cell's last word on the scan, and measures meanwhile: when the last profile is here the sensor and the
+    /// Waits for the cell's last word on the scan, and calculates meanwhile: when the last profile is here the sensor and the
     /// stage are still to be asked whether all is well, and the pose need not wait for that.
-    async fn follow_scan(&self, job: Job, profiles: mpsc::Receiver<Vec<Profile>>, task: Task) {
+    async fn follow_scan(self: &Arc<Self>, job: Job, profiles: mpsc::Receiver<Vec<Profile>>, task: Task) {
         let id = task.job.id.clone();
-        let (arrived, ()) = tokio::join!(self.measure_arriving(profiles, &task), self.tell_progress(&job));
+        let (arrived, ()) = tokio::join!(self.take_in(profiles, &task), self.tell_progress(&job));
         let outcome = match (job.ended().await, arrived) {
             (JobEnd::Done, Ok(arrived)) => self.finish(arrived, &task).await,
             (JobEnd::Done, Err(ending)) => self.give_up(&task.job, JobStanding::Failed, ending).await,
@@ -194,19 +215,50 @@ impl Service {
         tracing::debug!(measurement = id, "the measurement by the sensor is over");
     }
 
-    async fn measure_arriving(&self, profiles: mpsc::Receiver<Vec<Profile>>, task: &Task) -> Result<Arrived, Ending> {
+    /// Takes the profiles; when all are here, their calculation waits for its turn while they are written to a file.
+    async fn take_in(self: &Arc<Self>, profiles: mpsc::Receiver<Vec<Profile>>, task: &Task) -> Result<Arrived, Ending> {
         let arriving = self.collect(profiles).await.map_err(|error| ending_of(&error))?;
         let decoded = arriving.finish().map_err(|error| ending_of(&super::MeasureError::from(error).into()))?;
         let tolerance_mm = self.cell_side().map_err(|error| ending_of(&error))?.config.scan.place_tolerance_mm;
         misplaced(&decoded.cloud, &task.job.order, tolerance_mm).map_or(Ok(()), Err)?;
-        self.measure_decoded(decoded, task).await.map_err(|error| ending_of(&error))
+        self.begin_calculation(decoded, task).await.map_err(|error| ending_of(&error))
     }
 
-    async fn measure_decoded(&self, decoded: Decoded, task: &Task) -> Result<Arrived, ServiceError> {
+    async fn begin_calculation(self: &Arc<Self>, decoded: Decoded, task: &Task) -> Result<Arrived, ServiceError> {
+        let arrival = serde_json::to_string(&task.acquisition)
+            .map_err(|source| ServiceError::RecordUnwritable { what: "scan", source: Arc::new(source) })?;
+        let (format, points_count) = (decoded.format, u64::try_from(decoded.cloud.columns.len()).unwrap_or(u64::MAX));
         let cloud = decoded.cloud.clone();
-        let (measured, file) = tokio::join!(self.estimate(decoded, &task.accepted.resolved), self.keep(cloud));
-        let (measured, duration_ms) = measured?;
-        Ok(Arrived { measured, duration_ms, file: file? })
+        let identity = Identity {
+            id: task.job.id.clone(),
+            created_at: task.job.created_at,
+            duration_ms: 0,
+            // Known when the points are written.
+            scan_sha256: String::new(),
+            recipe_name: task.job.order.recipe_name.clone(),
+            acquisition: Some(task.acquisition.clone()),
+        };
+        let mut calculation = JoinSet::new();
+        let (service, accepted) = (Arc::clone(self), task.accepted.clone());
+        calculation.spawn(async move { service.calculate_queued(decoded, identity, accepted).await });
+        let (bytes, scan_sha256) = encoded(cloud).await?;
+        let row = ScanRow {
+            id: format!("s-{scan_sha256}"),
+            created_at: task.job.created_at,
+            bytes_count: u64::try_from(bytes.len()).unwrap_or(u64::MAX),
+            format: format.name().to_owned(),
+            points_count: Some(points_count),
+            description: Some(TAKEN_BY_SENSOR.to_owned()),
+            arrival: Some(arrival),
+        };
+        let points = match self.file_with(&bytes).await {
+            Ok(file) => Points::InFile(Arc::new(file)),
+            Err(error) => {
+                tracing::warn!(%error, "the points of a scan by the sensor stay in memory until there is room for a file");
+                Points::InMemory(Arc::new(bytes))
+            }
+        };
+        Ok(Arrived { row, points, calculation })
     }
 
     /// Takes the profiles as they come; after one that cannot be used the others are let pass.
@@ -223,81 +275,88 @@ impl Service {
         collected
     }
 
-    /// The scan is whole: records what was measured.
-    async fn finish(&self, arrived: Arrived, task: &Task) -> Happening {
-        match self.record_arrived(arrived, task).await {
-            Ok(measurement) => {
-                self.note(&measurement);
-                self.has_ended();
-                let verdict = measurement.verdict();
-                Happening::Measured { measurement_id: measurement.id, verdict }
+    /// The scan is whole: records what was measured. Where that is not there yet, or failed, the raw points are kept first.
+    async fn finish(self: &Arc<Self>, arrived: Arrived, task: &Task) -> Happening {
+        let Arrived { row, mut points, mut calculation } = arrived;
+        let calculated = match calculation.try_join_next() {
+            Some(Ok(Ok(calculated))) => Ok(calculated),
+            other => {
+                points = self.keep_points(&row, points).await;
+                let joined = if other.is_some() { other } else { calculation.join_next().await };
+                joined.and_then(Result::ok).unwrap_or_else(|| Err(super::ComputeError::Panicked.into()))
             }
+        };
+        match calculated.and_then(|calculated| self.end_with(calculated, row, points, task)) {
+            Ok((end, happening)) => {
+                self.end_job(end).await;
+                happening
+            }
+            Err(error) => self.give_up(&task.job, JobStanding::Failed, ending_of(&error)).await,
+        }
+    }
+
+    /// Keeps the raw points of a scan, with their record, before there is a measurement of them.
+    async fn keep_points(&self, row: &ScanRow, points: Points) -> Points {
+        let Points::InFile(file) = &points else { return points };
+        match self.store.keep_scan(row.clone(), Arc::clone(file)).await {
+            Ok(_) => Points::Kept,
             Err(error) => {
-                if matches!(error, ServiceError::Store(_)) {
-                    tracing::error!(measurement = task.job.id, %error, "a measurement by the sensor is not recorded");
-                }
-                self.give_up(&task.job, JobStanding::Failed, ending_of(&error)).await
+                tracing::warn!(scan = row.id, %error, "the points of a scan by the sensor are not kept yet");
+                points
             }
         }
     }
 
-    async fn give_up(&self, job: &SensorScan, standing: JobStanding, ending: Ending) -> Happening {
+    fn end_with(
+        &self,
+        calculated: Calculated,
+        row: ScanRow,
+        points: Points,
+        task: &Task,
+    ) -> Result<(End, Happening), ServiceError> {
+        let Calculated { mut measurement, profiles } = calculated;
+        measurement.scan_sha256 = row.id.trim_start_matches("s-").to_owned();
+        let new = new_measurement(&measurement, profiles, Some(row), None)?;
+        let job = self.ended(&task.job, JobStanding::Done, None)?;
+        let happening = Happening::Measured { measurement_id: measurement.id.clone(), verdict: measurement.verdict() };
+        Ok((End { job, frees: false, measured: Some(MeasuredScan { new, points }) }, happening))
+    }
+
+    async fn give_up(self: &Arc<Self>, job: &SensorScan, standing: JobStanding, ending: Ending) -> Happening {
         self.conclude(job, standing, Some(&ending)).await;
         let Ending { code, text } = ending;
         Happening::NotMeasured { measurement_id: job.id.clone(), code, text }
     }
 
-    async fn record_arrived(&self, arrived: Arrived, task: &Task) -> Result<Measurement, ServiceError> {
-        let Arrived { measured: Measured { prepared, estimate }, duration_ms, file } = arrived;
-        let identity = Identity {
-            id: task.job.id.clone(),
-            created_at: task.job.created_at,
-            duration_ms,
-            scan_sha256: file.id().trim_start_matches("s-").to_owned(),
-            recipe_name: task.job.order.recipe_name.clone(),
-        };
-        let (measurement, profiles) = Measurement::record(identity, &prepared, estimate, &task.accepted.resolved);
-        let row = ScanRow {
-            id: file.id(),
-            created_at: measurement.created_at,
-            bytes_count: file.bytes_count(),
-            format: measurement.format.name().to_owned(),
-            points_count: Some(measurement.points_count),
-            description: Some(TAKEN_BY_SENSOR.to_owned()),
-        };
-        let new = new_measurement(&measurement, &profiles, Some(row), None)?;
-        self.store.end_job_with(self.ended(&task.job, JobStanding::Done, None)?, new, file).await?;
-        Ok(measurement)
-    }
-
     /// Waits for its turn as long as it takes: the scan is taken, and cannot be asked for again as a file can.
-    async fn estimate(&self, decoded: Decoded, resolved: &Resolved) -> Result<(Measured, u64), ServiceError> {
-        while self.compute.check_free().is_err() {
-            sleep(POOL_RETRY).await;
-        }
-        let (resolved, limits, clock) = (resolved.clone(), self.capacity.scan.clone(), self.clock);
+    async fn calculate_queued(
+        &self,
+        decoded: Decoded,
+        mut identity: Identity,
+        accepted: Accepted,
+    ) -> Result<Calculated, ServiceError> {
+        let (limits, clock) = (self.capacity.scan.clone(), self.clock);
         self.compute
-            .run(move || {
+            .run_queued(move || {
                 let watch = clock.start();
-                let measured = super::measure(decoded, &resolved, &limits, &Progress::default())?;
-                Ok((measured, watch.elapsed_ms()))
+                let measured = super::measure(decoded, &accepted.resolved, &limits, &Progress::default())?;
+                identity.duration_ms = watch.elapsed_ms();
+                Calculated::of(identity, measured, &accepted.resolved)
             })
             .await?
     }
+}
 
-    /// The points as a file that is not kept yet.
-    async fn keep(&self, cloud: Cloud) -> Result<CompleteScan, ServiceError> {
-        let encoded = tokio::task::spawn_blocking(move || {
-            let mut bytes = Vec::new();
-            // Memory takes whatever is written to it.
-            let _ = encode_cloud(&cloud, &mut bytes);
-            bytes
-        });
-        let bytes = encoded.await.map_err(|_| super::ComputeError::Panicked)?;
-        let mut writer = self.store.begin_scan(u64::MAX).await?;
-        writer.write(&bytes).await?;
-        Ok(writer.complete().await?)
-    }
+/// The points as the bytes of a file, and their SHA-256.
+async fn encoded(cloud: Cloud) -> Result<(Vec<u8>, String), ServiceError> {
+    aside(move || {
+        let mut bytes = Vec::new();
+        // Memory takes whatever is written to it.
+        let _ = encode_cloud(&cloud, &mut bytes);
+        let sha256_hex = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
+        Ok((bytes, sha256_hex))
+    })
+    .await
 }
 
 fn ending_of(error: &ServiceError) -> Ending {

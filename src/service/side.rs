@@ -1,14 +1,13 @@
-//! The cell as the service holds it, with what is remembered about it: when the part was last moved, when the set-points of
-//! the move under way are due, which stops are not recorded yet. Must not know who commands, nor how anything is sent.
+//! The cell as the service holds it, with what is remembered about it: the newest fence, when the set-points of the move under
+//! way are due, which stops are not recorded yet. Must not know who commands, nor how anything is sent.
 
 use super::Equipment;
 use crate::cell::{Cell, JobView};
 use crate::config::Cell as CellConfig;
 use crate::motion::{Arrangement, Carrier, Pair, Path, Position};
-use jiff::Timestamp;
 use std::io;
 use std::sync::atomic::AtomicU64;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 use tokio::runtime::{Builder, Runtime};
 
 /// The cell, and what the service remembers about it.
@@ -17,8 +16,8 @@ pub(super) struct CellSide {
     pub(super) cell: Cell,
     pub(super) config: CellConfig,
     pub(super) arrangement: Arrangement,
-    /// When something that moves the part was last seen to begin or to end.
-    pub(super) motion: Motion,
+    /// The newest fence that was given out. Held while a lease is taken, so that its fence is stored before anybody has it.
+    pub(super) fence: tokio::sync::Mutex<u64>,
     /// How far the move under way is.
     pub(super) pace: Pace,
     /// Stops that are not recorded yet.
@@ -28,10 +27,6 @@ pub(super) struct CellSide {
     /// Threads of the cell's own: whatever the requests are busy with, a lease runs out in time and a device is polled.
     runtime: Mutex<Option<Runtime>>,
 }
-
-/// When the part was last moved, as far as we had to do with it.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Motion(Arc<Mutex<Option<Timestamp>>>);
 
 /// When each set-point of the newest move is due. A move is as far as its time, whatever its set-points' number: they lie close
 /// where it strains the part and far apart where it does not.
@@ -62,7 +57,7 @@ impl CellSide {
             cell,
             config,
             arrangement,
-            motion: Motion::default(),
+            fence: tokio::sync::Mutex::new(fence_floor),
             pace: Pace::default(),
             stops: AtomicU64::new(0),
             newest_lease: Mutex::new(None),
@@ -70,9 +65,9 @@ impl CellSide {
         })
     }
 
-    /// When something that moves the part was last seen to begin or to end.
-    pub(super) fn moved_at(&self) -> Option<Timestamp> {
-        *self.motion.0.lock().unwrap_or_else(PoisonError::into_inner)
+    /// How often something may have moved the part.
+    pub(super) fn motions_count(&self) -> u64 {
+        self.cell.snapshot().motions_count
     }
 
     /// Ends the cell's threads, waiting for none of them.
@@ -118,14 +113,6 @@ fn share_of_time(at_s: &[f64], share_of_waypoints: f64) -> Option<f64> {
 impl Drop for CellSide {
     fn drop(&mut self) {
         self.end_threads();
-    }
-}
-
-impl Motion {
-    /// Something that moves the part begins or ends. What is noted late takes nothing back.
-    pub(super) fn note(&self, at: Timestamp) {
-        let mut moved_at = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        *moved_at = (*moved_at).max(Some(at));
     }
 }
 

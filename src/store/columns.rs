@@ -15,15 +15,30 @@ pub(super) fn integer(number: u64) -> Result<i64, StoreError> {
     i64::try_from(number).map_err(|_| StoreError::NumberTooLarge { number })
 }
 
-/// A time from its column.
-pub(super) fn timestamp(row: &SqliteRow, column: &str) -> Result<Timestamp, sqlx::Error> {
-    Timestamp::from_microsecond(row.try_get(column)?).map_err(undecodable(column))
+/// A text from its column. Bytes that are not UTF-8 are replaced, so that a damaged text does not hide the row it stands in.
+pub(super) fn text(row: &SqliteRow, column: &str) -> Result<String, sqlx::Error> {
+    Ok(String::from_utf8_lossy(&row.try_get::<Vec<u8>, _>(column)?).into_owned())
 }
 
-/// A time from a column that may be empty.
+/// A text from a column that may be empty, read as [`text`] reads it.
+pub(super) fn optional_text(row: &SqliteRow, column: &str) -> Result<Option<String>, sqlx::Error> {
+    let bytes = row.try_get::<Option<Vec<u8>>, _>(column)?;
+    Ok(bytes.map(|bytes| String::from_utf8_lossy(&bytes).into_owned()))
+}
+
+/// A time from its column. A number that is no time is read as the nearest one, for the same reason as a damaged text.
+pub(super) fn timestamp(row: &SqliteRow, column: &str) -> Result<Timestamp, sqlx::Error> {
+    Ok(nearest(row.try_get(column)?))
+}
+
+/// A time from a column that may be empty, read as [`timestamp`] reads it.
 pub(super) fn optional_timestamp(row: &SqliteRow, column: &str) -> Result<Option<Timestamp>, sqlx::Error> {
-    let micros = row.try_get::<Option<i64>, _>(column)?;
-    micros.map(|micros| Timestamp::from_microsecond(micros).map_err(undecodable(column))).transpose()
+    Ok(row.try_get::<Option<i64>, _>(column)?.map(nearest))
+}
+
+fn nearest(micros: i64) -> Timestamp {
+    let bound = if micros < 0 { Timestamp::MIN } else { Timestamp::MAX };
+    Timestamp::from_microsecond(micros).unwrap_or(bound)
 }
 
 /// A count from its column.

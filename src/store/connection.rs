@@ -48,6 +48,16 @@ pub(super) async fn readers(file: &Path) -> Result<SqlitePool, StoreError> {
     Ok(pool.connect_with(options(file).pragma("query_only", "ON")).await?)
 }
 
+/// Connections that find out what is there and change nothing, not even the settings of the file.
+pub(super) async fn examiner(file: &Path) -> Result<SqlitePool, StoreError> {
+    let options = SqliteConnectOptions::new()
+        .filename(file)
+        .read_only(true)
+        .busy_timeout(BUSY_TIMEOUT)
+        .disable_statement_logging();
+    Ok(SqlitePoolOptions::new().max_connections(1).connect_with(options).await?)
+}
+
 /// FULL: a commit returns when the disk has it, not when the operating system does.
 fn options(file: &Path) -> SqliteConnectOptions {
     SqliteConnectOptions::new()

@@ -5,6 +5,8 @@ use std::{io, path::PathBuf, sync::Arc};
 
 use sqlx::error::{DatabaseError, ErrorKind};
 
+use super::Loss;
+
 /// A reason of the store. Cheap to clone, since one failed commit answers many writers.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum StoreError {
@@ -33,11 +35,32 @@ pub enum StoreError {
         /// The last version that this program knows.
         known: i64,
     },
+    /// An earlier program has written this database, and it is only to be read.
+    #[error(
+        "the database has schema {found}, this program reads schema {known}; start the service once, which upgrades it"
+    )]
+    OlderSchema {
+        /// Version in the file.
+        found: i64,
+        /// The version that this program reads.
+        known: i64,
+    },
     /// The database was made by another text of this migration than the program has.
     #[error("migration {version} of the database is not the one that this program knows")]
     MigrationDiffers {
         /// Version of the migration.
         version: i64,
+    },
+    /// The database lost records that were acknowledged; nothing is written until an operator has decided.
+    #[error("{0}")]
+    RecordsLost(Loss),
+    /// The file of a recorded scan does not hold the bytes that it was recorded with.
+    #[error("the file of scan {id} is damaged: its SHA-256 is {found_sha256}")]
+    ScanDamaged {
+        /// The scan's id, with the SHA-256 that the file should have.
+        id: String,
+        /// The SHA-256 that it has.
+        found_sha256: String,
     },
     /// Another process has this folder open.
     #[error("the folder {} is in use by another process", folder.display())]
@@ -95,7 +118,10 @@ impl StoreError {
             Self::Unavailable(_) | Self::FileUnavailable { .. } => "store_unavailable",
             Self::Damaged(_) => "store_damaged",
             Self::NewerSchema { .. } => "store_schema_newer",
+            Self::OlderSchema { .. } => "store_schema_older",
             Self::MigrationDiffers { .. } => "store_migration_differs",
+            Self::RecordsLost(_) => "store_records_lost",
+            Self::ScanDamaged { .. } => "scan_file_damaged",
             Self::FolderInUse { .. } => "store_folder_in_use",
             Self::Closed => "store_closed",
             Self::ScanTooLarge { .. } => "scan_too_large",
@@ -112,7 +138,10 @@ impl StoreError {
         match self {
             Self::Full | Self::Unavailable(_) | Self::FileUnavailable { .. } | Self::FolderInUse { .. } => true,
             Self::Damaged(_)
+            | Self::RecordsLost(_)
+            | Self::ScanDamaged { .. }
             | Self::NewerSchema { .. }
+            | Self::OlderSchema { .. }
             | Self::MigrationDiffers { .. }
             | Self::Closed
             | Self::ScanTooLarge { .. }

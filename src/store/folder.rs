@@ -3,22 +3,30 @@
 //! ```text
 //! coaxis.lock      held by the process that has the store open
 //! coaxis.db        records, with -wal and -shm beside it
+//! coaxis.commits   the number of its commits, see `commits`
 //! scans/ab/abcd…   a raw scan by the SHA-256 of its content
 //! scans/tmp/7      a scan that is still coming in; what lies here at start-up is swept away
 //! scans/tmp/abcd…  a mark: the scan of this digest may have its place and not its row yet
 //! ```
 //!
-//! Must not know the database's tables.
+//! Files are for the service's user and group, nobody else. Must not know the database's tables.
 
 use std::{
     ffi::OsString,
-    fs::{self, File, OpenOptions, TryLockError},
+    fs::{self, DirBuilder, File, OpenOptions, Permissions, TryLockError},
     io,
+    os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _, PermissionsExt as _},
     path::{Path, PathBuf},
     sync::atomic::{AtomicU64, Ordering},
 };
 
 use super::StoreError;
+
+/// Permissions of every file.
+pub(super) const FILE_MODE: u32 = 0o640;
+
+/// Permissions of every folder.
+const FOLDER_MODE: u32 = 0o750;
 
 /// Keeps every other process from opening the store of a folder, until it is dropped.
 #[derive(Debug)]
@@ -47,9 +55,11 @@ impl Folder {
     pub(super) fn open(root: &Path) -> Result<Self, StoreError> {
         let scans = root.join("scans");
         let missing: Vec<&Path> = root.ancestors().take_while(|folder| !folder.exists()).collect();
-        fs::create_dir_all(scans.join("tmp")).map_err(StoreError::of_file(root))?;
+        let mut builder = DirBuilder::new();
+        builder.recursive(true).mode(FOLDER_MODE).create(scans.join("tmp")).map_err(StoreError::of_file(root))?;
         let folder = Self { root: root.to_owned(), parts_count: AtomicU64::new(0), _lock: lock(root)? };
         folder.sweep()?;
+        folder.close_to_others();
         sync(&scans)?;
         sync(root)?;
         for parent in missing.into_iter().filter_map(Path::parent) {
@@ -60,14 +70,55 @@ impl Folder {
 
     /// The database file.
     pub(super) fn database(&self) -> PathBuf {
-        self.root.join("coaxis.db")
+        database(&self.root)
+    }
+
+    /// The file that counts the commits.
+    pub(super) fn commits(&self) -> PathBuf {
+        commits(&self.root)
+    }
+
+    /// Creates an empty database file where there is none; the files that SQLite adds to it have the same permissions.
+    pub(super) fn create_database(&self) -> Result<(), StoreError> {
+        let path = self.database();
+        let mut options = OpenOptions::new();
+        options.write(true).create(true).truncate(false).mode(FILE_MODE);
+        options.open(&path).map(drop).map_err(StoreError::of_file(path))
+    }
+
+    /// How many scans have their place.
+    pub(super) fn scans_count(&self) -> Result<u64, StoreError> {
+        let (scans, mut count) = (self.scans(), 0);
+        for shelf in fs::read_dir(&scans).map_err(StoreError::of_file(&scans))? {
+            let shelf = shelf.map_err(StoreError::of_file(&scans))?.path();
+            if !shelf.is_dir() || shelf == self.incoming() {
+                continue;
+            }
+            let names = fs::read_dir(&shelf).map_err(StoreError::of_file(&shelf))?.filter_map(Result::ok);
+            let digests = names.filter(|entry| entry.file_name().to_str().is_some_and(is_digest));
+            count += u64::try_from(digests.count()).unwrap_or(u64::MAX);
+        }
+        Ok(count)
+    }
+
+    /// Takes away what permissions files of earlier versions have too many; others cannot come through the folder of the scans.
+    fn close_to_others(&self) {
+        let files = ["coaxis.lock", "coaxis.db", "coaxis.db-wal", "coaxis.db-shm", "coaxis.commits"];
+        let files = files.map(|name| (self.root.join(name), FILE_MODE));
+        for (path, mode) in files.into_iter().chain([(self.scans(), FOLDER_MODE)]) {
+            let Ok(found) = fs::metadata(&path) else { continue };
+            let found = found.permissions().mode() & 0o777;
+            if found & !mode != 0
+                && let Err(error) = fs::set_permissions(&path, Permissions::from_mode(found & mode))
+            {
+                tracing::warn!(path = %path.display(), %error, "the permissions {found:o} cannot be restricted to {mode:o}");
+            }
+        }
     }
 
     /// Where the scan of this digest lies: its folder and its file. `None` for anything but 64 hexadecimal digits.
     pub(super) fn scan(&self, sha256_hex: &str) -> Option<(PathBuf, PathBuf)> {
-        let shelf = self.scans().join(sha256_hex.get(..2).filter(|_| is_digest(sha256_hex))?);
-        let file = shelf.join(sha256_hex);
-        Some((shelf, file))
+        scan(&self.root, sha256_hex)
     }
 
     /// The folder of all scans.
@@ -75,12 +126,18 @@ impl Folder {
         self.root.join("scans")
     }
 
-    /// A new, empty file for a scan that comes in. The lock makes the counter unique.
+    /// A new, empty file for a scan that comes in.
     pub(super) fn create_part(&self) -> Result<(Temporary, File), StoreError> {
-        let number = self.parts_count.fetch_add(1, Ordering::Relaxed);
-        let path = self.incoming().join(number.to_string());
-        let file = OpenOptions::new().write(true).create_new(true).open(&path).map_err(StoreError::of_file(&path))?;
+        let path = self.new_name();
+        let mut options = OpenOptions::new();
+        options.write(true).create_new(true).mode(FILE_MODE);
+        let file = options.open(&path).map_err(StoreError::of_file(&path))?;
         Ok((Temporary { path }, file))
+    }
+
+    /// A path beside the scans that come in that nothing has. The lock makes the counter unique.
+    pub(super) fn new_name(&self) -> PathBuf {
+        self.incoming().join(self.parts_count.fetch_add(1, Ordering::Relaxed).to_string())
     }
 
     /// Where scans come in.
@@ -112,6 +169,23 @@ impl Folder {
         }
         Ok(())
     }
+}
+
+/// The database file of a folder.
+pub(super) fn database(root: &Path) -> PathBuf {
+    root.join("coaxis.db")
+}
+
+/// The file of a folder that counts the commits.
+pub(super) fn commits(root: &Path) -> PathBuf {
+    root.join("coaxis.commits")
+}
+
+/// Where the scan of this digest lies in a folder: its folder and its file. `None` for anything but 64 hexadecimal digits.
+pub(super) fn scan(root: &Path, sha256_hex: &str) -> Option<(PathBuf, PathBuf)> {
+    let shelf = root.join("scans").join(sha256_hex.get(..2).filter(|_| is_digest(sha256_hex))?);
+    let file = shelf.join(sha256_hex);
+    Some((shelf, file))
 }
 
 /// Whether a text is a SHA-256 as we write it.
@@ -146,7 +220,7 @@ pub(super) fn sync(folder: &Path) -> Result<(), StoreError> {
 
 /// Creates a folder unless it is there.
 pub(super) fn create(folder: &Path) -> Result<(), StoreError> {
-    match fs::create_dir(folder) {
+    match DirBuilder::new().mode(FOLDER_MODE).create(folder) {
         Err(error) if error.kind() != io::ErrorKind::AlreadyExists => Err(StoreError::of_file(folder)(error)),
         _ => Ok(()),
     }
@@ -155,8 +229,9 @@ pub(super) fn create(folder: &Path) -> Result<(), StoreError> {
 /// The operating system drops the lock with the process, however that ends.
 fn lock(root: &Path) -> Result<File, StoreError> {
     let path = root.join("coaxis.lock");
-    let file =
-        OpenOptions::new().write(true).create(true).truncate(false).open(&path).map_err(StoreError::of_file(&path))?;
+    let mut options = OpenOptions::new();
+    options.write(true).create(true).truncate(false).mode(FILE_MODE);
+    let file = options.open(&path).map_err(StoreError::of_file(&path))?;
     match file.try_lock() {
         Ok(()) => Ok(file),
         Err(TryLockError::WouldBlock) => Err(StoreError::FolderInUse { folder: root.to_owned() }),

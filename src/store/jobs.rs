@@ -1,13 +1,15 @@
 //! Jobs of the cell (moves, scans, acts): written before anything is sent, ended once, found again by id, by request and by
 //! plan. Must not know what a document says, nor what a state means beyond that a job without an end is under way.
 
+use std::sync::Arc;
+
 use jiff::Timestamp;
-use sqlx::{FromRow, Row, SqliteConnection, sqlite::SqliteRow};
+use sqlx::{FromRow, SqliteConnection, sqlite::SqliteRow};
 
 use super::{
     CompleteScan, NewMeasurement, RequestKey, Store, StoreError,
-    columns::{count, integer, micros, optional_timestamp, timestamp},
-    page::{self, Cursor, Listed, Listing, Page},
+    columns::{count, integer, micros, optional_text, optional_timestamp, text, timestamp},
+    page::{self, Listed, Listing, Page},
     placing::WithFile,
     rows::Inserted,
     statements,
@@ -93,7 +95,8 @@ impl Store {
         self.writer.write(End { end, frees: true }).await
     }
 
-    /// Ends a job by the measurement that it was for, which comes with the file of its scan: all or nothing.
+    /// Ends a job by the measurement that it was for, which comes with the file of its scan unless that is kept already: all or
+    /// nothing. After an error the file can be handed in again as long as the caller holds it.
     ///
     /// # Errors
     /// As [`Store::insert_measurement_of`].
@@ -101,10 +104,13 @@ impl Store {
         &self,
         end: EndedJob,
         new: NewMeasurement,
-        file: CompleteScan,
+        file: Option<Arc<CompleteScan>>,
     ) -> Result<Inserted, StoreError> {
         let write = EndWithMeasurement { end: End { end, frees: false }, new };
-        self.writer.write(WithFile::new(write, file).await?).await
+        match file {
+            Some(file) => self.writer.write(WithFile::new(write, file).await?).await,
+            None => self.writer.write(write).await,
+        }
     }
 
     /// Ends all jobs that an earlier process left under way, with this state: those that were.
@@ -275,29 +281,25 @@ impl Write for RaiseFence {
 
 impl Listed for JobRow {
     const LIST: statements::List = statements::JOBS;
-
-    fn cursor(&self) -> Cursor {
-        Cursor::new(self.created_at, &self.id)
-    }
 }
 
 impl FromRow<'_, SqliteRow> for JobRow {
     fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
         Ok(Self {
-            id: row.try_get("id")?,
-            kind: row.try_get("kind")?,
+            id: text(row, "id")?,
+            kind: text(row, "kind")?,
             created_at: timestamp(row, "created_at")?,
-            state: row.try_get("state")?,
+            state: text(row, "state")?,
             ended_at: optional_timestamp(row, "ended_at")?,
-            plan_id: row.try_get("plan_id")?,
+            plan_id: optional_text(row, "plan_id")?,
             request: request(row)?,
-            document: row.try_get("document")?,
+            document: text(row, "document")?,
         })
     }
 }
 
 /// The request of a row that may have none.
 pub(super) fn request(row: &SqliteRow) -> Result<Option<RequestKey>, sqlx::Error> {
-    let (id, fingerprint): (Option<String>, Option<String>) = (row.try_get("request_id")?, row.try_get("fingerprint")?);
+    let (id, fingerprint) = (optional_text(row, "request_id")?, optional_text(row, "fingerprint")?);
     Ok(id.zip(fingerprint).map(|(id, fingerprint)| RequestKey { id, fingerprint }))
 }

@@ -1,13 +1,15 @@
 //! Measurements: how they are inserted once per request, read back and listed. Must not know what a document says.
 
-use sqlx::{FromRow, Row, SqliteConnection, error::ErrorKind, sqlite::SqliteRow};
+use std::sync::Arc;
+
+use sqlx::{FromRow, SqliteConnection, error::ErrorKind, sqlite::SqliteRow};
 
 use super::{
     CompleteScan, Store, StoreError, broken_constraint,
-    columns::{micros, timestamp},
-    page::{self, Cursor, Listed, Listing, Page},
+    columns::{count, micros, optional_text, text, timestamp},
+    page::{self, Listed, Listing, Page},
     placing::WithFile,
-    rows::{AnsweredRequest, Filter, Inserted, MeasurementRow, NewMeasurement, RequestKey},
+    rows::{AnsweredRequest, Filter, Inserted, MeasurementRow, NewMeasurement, NewestMeasurement, RequestKey},
     scans, statements,
     writer::Write,
 };
@@ -27,7 +29,7 @@ impl Store {
     /// # Errors
     /// As [`Store::insert_measurement`], and [`StoreError::FileUnavailable`].
     pub async fn insert_measurement_of(&self, new: NewMeasurement, file: CompleteScan) -> Result<Inserted, StoreError> {
-        self.writer.write(WithFile::new(new, file).await?).await
+        self.writer.write(WithFile::new(new, Arc::new(file)).await?).await
     }
 
     /// The measurement of this id.
@@ -57,6 +59,23 @@ impl Store {
             ("recipe", filter.recipe.as_deref()),
         ];
         page::list(&self.readers, &conditions, page).await
+    }
+
+    /// The measurement that was recorded last; `None` where there is none.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn newest_measurement(&self) -> Result<Option<NewestMeasurement>, StoreError> {
+        let row = sqlx::query(statements::NEWEST_MEASUREMENT).fetch_optional(&self.readers).await?;
+        let newest = row.map(|row| {
+            Ok::<_, sqlx::Error>(NewestMeasurement {
+                sequence: count(&row, "sequence")?,
+                id: text(&row, "id")?,
+                created_at: timestamp(&row, "created_at")?,
+                verdict: text(&row, "verdict")?,
+            })
+        });
+        Ok(newest.transpose()?)
     }
 
     /// The diagnostics that were inserted with the measurement of this id.
@@ -124,28 +143,24 @@ async fn insert_row(row: &MeasurementRow, database: &mut SqliteConnection) -> Re
 
 impl Listed for MeasurementRow {
     const LIST: statements::List = statements::MEASUREMENTS;
-
-    fn cursor(&self) -> Cursor {
-        Cursor::new(self.created_at, &self.id)
-    }
 }
 
 impl FromRow<'_, SqliteRow> for MeasurementRow {
     fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
         Ok(Self {
-            id: row.try_get("id")?,
+            id: text(row, "id")?,
             created_at: timestamp(row, "created_at")?,
-            verdict: row.try_get("verdict")?,
-            method: row.try_get("method")?,
-            scan_id: row.try_get("scan_id")?,
-            recipe: row.try_get("recipe")?,
-            document: row.try_get("document")?,
+            verdict: text(row, "verdict")?,
+            method: text(row, "method")?,
+            scan_id: text(row, "scan_id")?,
+            recipe: optional_text(row, "recipe")?,
+            document: text(row, "document")?,
         })
     }
 }
 
 impl FromRow<'_, SqliteRow> for AnsweredRequest {
     fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
-        Ok(Self { fingerprint: row.try_get("fingerprint")?, measurement: MeasurementRow::from_row(row)? })
+        Ok(Self { fingerprint: text(row, "fingerprint")?, measurement: MeasurementRow::from_row(row)? })
     }
 }

@@ -13,10 +13,14 @@ pub(super) struct Migration {
     pub(super) sql: &'static str,
 }
 
+/// From this version on the database counts its commits.
+pub(super) const COUNTS_COMMITS: i64 = 3;
+
 /// All steps, counting up from 1.
 pub(super) const MIGRATIONS: &[Migration] = &[
     Migration { version: 1, sql: include_str!("migrations/0001_records.sql") },
     Migration { version: 2, sql: include_str!("migrations/0002_cell.sql") },
+    Migration { version: COUNTS_COMMITS, sql: include_str!("migrations/0003_order_and_commits.sql") },
 ];
 
 /// Applies the steps that the database has not seen.
@@ -38,7 +42,8 @@ pub(super) async fn migrate(database: &mut SqliteConnection, steps: &'static [Mi
     Ok(())
 }
 
-async fn user_version(database: &mut SqliteConnection) -> Result<i64, StoreError> {
+/// The version of the last step that was applied; 0 of a new database.
+pub(super) async fn user_version(database: &mut SqliteConnection) -> Result<i64, StoreError> {
     Ok(sqlx::query_scalar("PRAGMA user_version").fetch_one(database).await?)
 }
 

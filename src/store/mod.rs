@@ -9,7 +9,9 @@
 //! A write is acknowledged when it is durable, not before. Times and ids come in as arguments; documents are text that is
 //! stored as it came. Must not know any other room.
 
+mod checkup;
 mod columns;
+mod commits;
 mod connection;
 mod error;
 mod folder;
@@ -30,25 +32,28 @@ mod tests;
 mod usage;
 mod writer;
 
+pub use checkup::{Checkup, ScanCheck};
+pub use commits::Loss;
 pub use error::StoreError;
 pub use folder::FolderLock;
 pub use following::{ScanFollower, ScanTrail};
 pub use jobs::{EndedJob, InsertedJob, JobRow, NewJob};
 pub use page::{Cursor, Listing, PAGE_ROWS_MAX, Page};
-pub use plans::{InsertedPlan, PlanRow};
+pub use plans::{InsertedPlan, ListedPlan, PlanRow};
 pub use rows::{
-    AnsweredRequest, Counts, Filter, Inserted, MeasurementRow, NewMeasurement, Precondition, PutRecipe, RecipeRow,
-    RecordedScan, RequestKey, ScanRow,
+    AnsweredRequest, Counts, Filter, Inserted, MeasurementRow, NewMeasurement, NewestMeasurement, Precondition,
+    PutRecipe, RecipeRow, RecordedScan, RequestKey, ScanRow,
 };
 pub use scan_files::{CompleteScan, ScanPart, ScanWriter};
 pub use usage::Usage;
 
 use std::{fmt::Write as _, io::Write as _, path::Path, sync::Arc};
 
+use commits::{CommitFile, CommitLog, Counted};
 use error::broken_constraint;
 use folder::Folder;
 use scan_files::blocking;
-use sqlx::{SqliteConnection, SqlitePool};
+use sqlx::{Connection as _, SqliteConnection, SqlitePool};
 use writer::{Write, Writer};
 
 /// The store of one folder. Share it behind an `Arc`; every method may be called from many tasks at once.
@@ -57,6 +62,7 @@ pub struct Store {
     folder: Arc<Folder>,
     writer: Writer,
     readers: SqlitePool,
+    commits: Arc<CommitLog>,
 }
 
 /// How far the store may grow.
@@ -76,20 +82,41 @@ impl Store {
         Self::open_within(folder, StoreLimits::default()).await
     }
 
-    /// Opens the store of a folder, creating and upgrading what is needed. One process at a time.
+    /// Opens the store of a folder, creating and upgrading what is needed. One process at a time. A store whose database lost
+    /// records can be read; it refuses every write with [`StoreError::RecordsLost`].
     ///
     /// # Errors
     /// [`StoreError::FolderInUse`], [`StoreError::NewerSchema`], [`StoreError::MigrationDiffers`],
     /// [`StoreError::Damaged`], or that the folder or the database cannot be used.
     pub async fn open_within(folder: &Path, limits: StoreLimits) -> Result<Self, StoreError> {
         let root = folder.to_owned();
-        let folder = Arc::new(blocking(move || Folder::open(&root)).await?);
+        let open = move || Folder::open(&root).and_then(|folder| folder.create_database().map(|()| folder));
+        let folder = Arc::new(blocking(open).await?);
         let mut connection = connection::writer(&folder.database(), limits.database_bytes_max).await?;
+        let counts = migration::user_version(&mut connection).await? >= migration::COUNTS_COMMITS;
         migration::migrate(&mut connection, migration::MIGRATIONS).await?;
-        placing::clear_up_all(&folder, &mut connection).await?;
+        let commits = Arc::new(compare_commits(&folder, &mut connection, counts).await?);
+        if commits.check_loss().is_ok() {
+            // Of a database that lost rows, the files without a row are all that is left.
+            placing::clear_up_all(&folder, &mut connection).await?;
+        }
         let readers = connection::readers(&folder.database()).await?;
-        let writer = Writer::start(Arc::clone(&folder), limits, connection);
-        Ok(Self { folder, writer, readers })
+        let writer = Writer::start(Arc::clone(&folder), limits, connection, Arc::clone(&commits));
+        Ok(Self { folder, writer, readers, commits })
+    }
+
+    /// Takes the database as it is, although records were lost: the next start compares with what it holds now.
+    ///
+    /// # Errors
+    /// As [`Store::open`].
+    pub async fn accept_loss(folder: &Path) -> Result<(), StoreError> {
+        let root = folder.to_owned();
+        let folder = Arc::new(blocking(move || Folder::open(&root)).await?);
+        let mut connection = connection::writer(&folder.database(), None).await?;
+        migration::migrate(&mut connection, migration::MIGRATIONS).await?;
+        let found = Counted::of(&mut connection).await?.last;
+        connection.close().await?;
+        blocking(move || CommitFile::create(folder.commits())?.write(&found)).await
     }
 
     /// Whether records and scans can be written, found out by writing durably.
@@ -104,6 +131,20 @@ impl Store {
         });
         scans.await?;
         self.writer.write(Probe).await
+    }
+
+    /// Fills the disk, or makes room again, as far as this store can see.
+    #[cfg(test)]
+    pub(crate) fn set_full(&self, full: bool) {
+        self.commits.full.store(full, std::sync::atomic::Ordering::SeqCst);
+    }
+
+    /// Whether the database lost records that were acknowledged.
+    ///
+    /// # Errors
+    /// [`StoreError::RecordsLost`].
+    pub fn check_loss(&self) -> Result<(), StoreError> {
+        self.commits.check_loss()
     }
 
     /// How much the store holds. Counts rows: some ten milliseconds at a million of them.
@@ -124,6 +165,38 @@ impl Store {
         self.readers.close().await;
         self.writer.close().await;
     }
+}
+
+/// Compares the database with the count beside it. `counted`: an earlier run had counted its commits.
+async fn compare_commits(
+    folder: &Arc<Folder>,
+    database: &mut SqliteConnection,
+    counted: bool,
+) -> Result<CommitLog, StoreError> {
+    let found = Counted::of(&mut *database).await?;
+    let is_empty = sqlx::query(statements::NEWEST_SCAN).fetch_optional(database).await?.is_none();
+    let folder = Arc::clone(folder);
+    let compare = move || {
+        let (file, acknowledged) = CommitFile::open(folder.commits())?;
+        let scans_count = if is_empty { folder.scans_count()? } else { 0 };
+        let loss = match &acknowledged {
+            Some(acknowledged) => found.check(acknowledged).err(),
+            None => (scans_count > 0).then_some(Loss::Empty { scans_count }),
+        };
+        let loss = loss.map(|loss| if scans_count > 0 { Loss::Empty { scans_count } } else { loss });
+        match &loss {
+            Some(loss) => tracing::error!("{loss}; nothing is written until `coaxis doctor --accept-loss`"),
+            None => {
+                if counted && acknowledged.is_none() {
+                    tracing::warn!("the count of commits beside the database was missing; it is begun anew");
+                }
+                file.write(&found.last)?;
+            }
+        }
+        let last = acknowledged.filter(|_| loss.is_some()).unwrap_or(found.last);
+        Ok(CommitLog::new(file, folder.database(), last, loss))
+    };
+    blocking(compare).await
 }
 
 struct Probe;

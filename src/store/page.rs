@@ -1,12 +1,11 @@
-//! Lists a page at a time, newest first. A cursor names the last row of a page by (created_at, key); the next page begins
+//! Lists a page at a time, newest first, in the order of the commits. A cursor names the last row of a page; the next page begins
 //! behind it, so rows that are added meanwhile neither shift nor repeat any. Must not know what is listed.
 
-use std::{fmt, str};
+use std::fmt;
 
-use jiff::Timestamp;
 use sqlx::{AssertSqlSafe, FromRow, SqlitePool, sqlite::SqliteRow};
 
-use super::{StoreError, statements};
+use super::{StoreError, columns, statements};
 
 /// The most rows that one page holds, whatever was asked for.
 pub const PAGE_ROWS_MAX: u32 = 1000;
@@ -30,24 +29,19 @@ pub struct Listing<T> {
 }
 
 /// A place in a list. Its text is opaque to clients and safe in a URL.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Cursor {
-    created_at: Timestamp,
-    key: String,
-}
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Cursor(u64);
 
-/// A row with a place in a list.
-pub(super) trait Listed: for<'r> FromRow<'r, SqliteRow> + Send + Unpin {
-    /// The table's statement and its key column.
+/// A row of a list.
+pub(super) trait Listed: for<'r> FromRow<'r, SqliteRow> {
+    /// The table's statement.
     const LIST: statements::List;
-
-    /// Its place.
-    fn cursor(&self) -> Cursor;
 }
 
 impl Cursor {
-    pub(super) fn new(created_at: Timestamp, key: &str) -> Self {
-        Self { created_at, key: key.to_owned() }
+    #[cfg(test)]
+    pub(super) const fn new(sequence: u64) -> Self {
+        Self(sequence)
     }
 
     /// Reads the text of a cursor.
@@ -55,31 +49,18 @@ impl Cursor {
     /// # Errors
     /// [`StoreError::CursorMalformed`] for anything that [`fmt::Display`] did not write.
     pub fn parse(text: &str) -> Result<Self, StoreError> {
-        Self::read(text).ok_or(StoreError::CursorMalformed)
-    }
-
-    fn read(text: &str) -> Option<Self> {
-        let (time, key) = text.split_at_checked(TIME_DIGITS)?;
-        let canonical = text.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'));
-        if !canonical || key.len() % 2 != 0 {
-            return None;
-        }
-        let created_at = Timestamp::from_microsecond(i64::from_str_radix(time, 16).ok()?).ok()?;
-        let bytes: Option<Vec<u8>> = key
-            .as_bytes()
-            .chunks_exact(2)
-            .map(|pair| u8::from_str_radix(str::from_utf8(pair).ok()?, 16).ok())
-            .collect();
-        Some(Self { created_at, key: String::from_utf8(bytes?).ok()? })
+        let canonical = text.len() == DIGITS && text.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'));
+        let sequence =
+            u64::from_str_radix(text, 16).ok().filter(|sequence| canonical && i64::try_from(*sequence).is_ok());
+        sequence.map(Self).ok_or(StoreError::CursorMalformed)
     }
 }
 
-const TIME_DIGITS: usize = 16;
+const DIGITS: usize = 16;
 
 impl fmt::Display for Cursor {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:016x}", self.created_at.as_microsecond())?;
-        self.key.bytes().try_for_each(|byte| write!(f, "{byte:02x}"))
+        write!(f, "{:016x}", self.0)
     }
 }
 
@@ -94,17 +75,18 @@ pub(super) async fn list<T: Listed>(
     let columns: Vec<_> = set.iter().map(|&(column, _)| column).collect();
     let sql = T::LIST.page(&columns, page.before.is_some());
     // One row more than wanted tells whether there is a next page.
-    let mut query = sqlx::query_as::<_, T>(AssertSqlSafe(sql)).bind(i64::from(limit) + 1);
+    let mut query = sqlx::query(AssertSqlSafe(sql)).bind(i64::from(limit) + 1);
     for &(_, value) in &set {
         query = query.bind(value);
     }
-    if let Some(cursor) = &page.before {
-        query = query.bind(cursor.created_at.as_microsecond()).bind(&cursor.key);
+    if let Some(Cursor(sequence)) = page.before {
+        query = query.bind(columns::integer(sequence)?);
     }
     let mut rows = query.fetch_all(readers).await?;
     let wanted = usize::try_from(limit).unwrap_or(usize::MAX);
     let more = rows.len() > wanted;
     rows.truncate(wanted);
-    let next = if more { rows.last().map(T::cursor) } else { None };
-    Ok(Listing { rows, next })
+    let last = rows.last().filter(|_| more);
+    let next = last.map(|row| columns::count(row, "sequence").map(Cursor)).transpose()?;
+    Ok(Listing { rows: rows.iter().map(T::from_row).collect::<Result<_, _>>()?, next })
 }

@@ -2,9 +2,9 @@
 //! left without a row. Must not know what the rows say.
 //!
 //! ```text
-//! rows, mark, rename ──> commit ──> look: a row refers to it?  yes: unmark
-//!                           │                                  no:  remove the file, unmark
-//!                           └ process dies ──> the same look at the next start, for every mark that is there
+//! rows, mark, link ──> commit ──> look: a row refers to it?  yes: unmark
+//!                        │                                     no:  remove the file, unmark
+//!                        └ process dies ──> the same look at the next start, for every mark that is there
 //! ```
 //!
 //! All of it happens in the one task that writes, so the same bytes sent by many clients at once never race. A file whose
@@ -12,7 +12,8 @@
 
 use std::{
     fs,
-    io::ErrorKind,
+    io::{self, ErrorKind},
+    os::unix::fs::OpenOptionsExt as _,
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -21,8 +22,8 @@ use sqlx::SqliteConnection;
 
 use super::{
     CompleteScan, StoreError,
-    folder::{self, Folder},
-    scan_files::blocking,
+    folder::{self, FILE_MODE, Folder},
+    scan_files::{blocking, digest_of},
     statements,
     writer::Write,
 };
@@ -31,15 +32,16 @@ use super::{
 pub(super) struct WithFile<W> {
     write: W,
     scan: Arc<CompleteScan>,
+    /// The same bytes had their place before.
+    is_kept: bool,
 }
 
 impl<W> WithFile<W> {
     /// Brings the content to the disk before the queue, where others would have to wait for it.
-    pub(super) async fn new(write: W, scan: CompleteScan) -> Result<Self, StoreError> {
-        let scan = Arc::new(scan);
+    pub(super) async fn new(write: W, scan: Arc<CompleteScan>) -> Result<Self, StoreError> {
         let content = Arc::clone(&scan);
-        blocking(move || content.make_durable()).await?;
-        Ok(Self { write, scan })
+        let is_kept = blocking(move || content.make_durable()).await?;
+        Ok(Self { write, scan, is_kept })
     }
 }
 
@@ -50,8 +52,8 @@ impl<W: Write> Write for WithFile<W> {
         let outcome = self.write.apply(database).await?;
         // A write may come to nothing, e.g. where the request was answered before.
         if is_recorded(&self.scan.id(), database).await? {
-            let scan = Arc::clone(&self.scan);
-            blocking(move || scan.settle()).await?;
+            let (scan, is_kept) = (Arc::clone(&self.scan), self.is_kept);
+            blocking(move || scan.settle(is_kept)).await?;
         }
         Ok(outcome)
     }
@@ -103,30 +105,55 @@ fn remove(path: PathBuf) -> Result<(), StoreError> {
 }
 
 impl CompleteScan {
-    /// Whether the same bytes have their place already. A file of another length was damaged; these bytes mend it.
-    fn is_known(&self, place: &Path) -> bool {
+    /// Whether a file of the same length has the place.
+    fn has_place(&self, place: &Path) -> bool {
         fs::metadata(place).is_ok_and(|there| there.is_file() && there.len() == self.bytes_count)
     }
 
-    fn make_durable(&self) -> Result<(), StoreError> {
-        let known = self.folder.scan(&self.sha256_hex).is_some_and(|(_, place)| self.is_known(&place));
-        if known { Ok(()) } else { self.file.sync_all().map_err(StoreError::of_file(self.temporary.path())) }
+    /// Whether the same bytes have the place. Another file there was damaged; these bytes repair it.
+    fn is_kept(&self) -> bool {
+        let place = self.folder.scan(&self.sha256_hex).map(|(_, place)| place).filter(|place| self.has_place(place));
+        let digest = place.and_then(|place| fs::File::open(place).and_then(|mut file| digest_of(&mut file)).ok());
+        digest.as_ref() == Some(&self.sha256_hex)
     }
 
-    /// First the content, then the name: a file under its digest is always whole.
-    fn settle(&self) -> Result<(), StoreError> {
+    /// Brings the content to the disk, unless the same bytes are kept already: says whether they are.
+    fn make_durable(&self) -> Result<bool, StoreError> {
+        let is_kept = self.is_kept();
+        if !is_kept {
+            self.file.sync_all().map_err(StoreError::of_file(self.temporary.path()))?;
+        }
+        Ok(is_kept)
+    }
+
+    /// First the content, then the name: a file under its digest is always whole. The temporary name stays until this is let go,
+    /// so that the write can be tried again after its commit failed.
+    fn settle(&self, is_kept: bool) -> Result<(), StoreError> {
         let digest = &self.sha256_hex;
         let ((shelf, place), mark) =
             self.folder.scan(digest).zip(self.folder.mark(digest)).ok_or(StoreError::Closed)?;
-        if self.is_known(&place) {
+        if is_kept && self.has_place(&place) {
             return Ok(());
         }
-        fs::File::create(&mark).map_err(StoreError::of_file(&mark))?;
+        let mut options = fs::OpenOptions::new();
+        options.write(true).create(true).truncate(true).mode(FILE_MODE);
+        options.open(&mark).map_err(StoreError::of_file(&mark))?;
         folder::sync(&self.folder.incoming())?;
         self.file.sync_all().map_err(StoreError::of_file(self.temporary.path()))?;
         folder::create(&shelf)?;
-        fs::rename(self.temporary.path(), &place).map_err(StoreError::of_file(&place))?;
+        self.put_at(&place).map_err(StoreError::of_file(&place))?;
         folder::sync(&shelf)?;
         folder::sync(&self.folder.scans())
+    }
+
+    /// Replaces whatever is at the place in one step.
+    fn put_at(&self, place: &Path) -> io::Result<()> {
+        let second = self.folder.new_name();
+        // A file system without hard links has one name for a file; then it cannot be tried again.
+        let from = fs::hard_link(self.temporary.path(), &second).map_or(self.temporary.path(), |()| second.as_path());
+        let renamed = fs::rename(from, place);
+        // It is still there after a failure, and where both names are of one file already.
+        let _ = fs::remove_file(&second);
+        renamed
     }
 }

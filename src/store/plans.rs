@@ -1,13 +1,13 @@
 //! Plans of motion: written once, found again by id and by request. Must not know what a plan says.
 
 use jiff::Timestamp;
-use sqlx::{FromRow, Row, SqliteConnection, sqlite::SqliteRow};
+use sqlx::{FromRow, SqliteConnection, sqlite::SqliteRow};
 
 use super::{
     RequestKey, Store, StoreError,
-    columns::{micros, timestamp},
+    columns::{micros, optional_text, text, timestamp},
     jobs::request,
-    page::{self, Cursor, Listed, Listing, Page},
+    page::{self, Listed, Listing, Page},
     statements,
     writer::Write,
 };
@@ -23,6 +23,15 @@ pub struct PlanRow {
     pub request: Option<RequestKey>,
     /// The plan.
     pub document: String,
+}
+
+/// A plan as it stands in a list.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ListedPlan {
+    /// The plan.
+    pub plan: PlanRow,
+    /// The job that executes it, where one does.
+    pub job_id: Option<String>,
 }
 
 /// What became of a plan that was to be kept.
@@ -65,7 +74,7 @@ impl Store {
     ///
     /// # Errors
     /// What the database says.
-    pub async fn plans(&self, page: &Page) -> Result<Listing<PlanRow>, StoreError> {
+    pub async fn plans(&self, page: &Page) -> Result<Listing<ListedPlan>, StoreError> {
         page::list(&self.readers, &[], page).await
     }
 }
@@ -98,21 +107,23 @@ impl Write for PlanRow {
     }
 }
 
-impl Listed for PlanRow {
+impl Listed for ListedPlan {
     const LIST: statements::List = statements::PLANS;
+}
 
-    fn cursor(&self) -> Cursor {
-        Cursor::new(self.created_at, &self.id)
+impl FromRow<'_, SqliteRow> for ListedPlan {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok(Self { plan: PlanRow::from_row(row)?, job_id: optional_text(row, "job_id")? })
     }
 }
 
 impl FromRow<'_, SqliteRow> for PlanRow {
     fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
         Ok(Self {
-            id: row.try_get("id")?,
+            id: text(row, "id")?,
             created_at: timestamp(row, "created_at")?,
             request: request(row)?,
-            document: row.try_get("document")?,
+            document: text(row, "document")?,
         })
     }
 }

@@ -1,12 +1,12 @@
 //! Recipes: the current revision of each name, put under a precondition. Must not know what a recipe says.
 
 use jiff::Timestamp;
-use sqlx::{FromRow, Row, SqliteConnection, sqlite::SqliteRow};
+use sqlx::{FromRow, SqliteConnection, sqlite::SqliteRow};
 
 use super::{
     Store, StoreError,
-    columns::{count, integer, micros, timestamp},
-    page::{self, Cursor, Listed, Listing, Page},
+    columns::{count, integer, micros, text, timestamp},
+    page::{self, Listed, Listing, Page},
     rows::{Precondition, PutRecipe, RecipeRow},
     statements,
     writer::Write,
@@ -109,18 +109,14 @@ fn holds(precondition: &Precondition, current: Option<&RecipeRow>) -> bool {
 
 impl Listed for RecipeRow {
     const LIST: statements::List = statements::RECIPES;
-
-    fn cursor(&self) -> Cursor {
-        Cursor::new(self.created_at, &self.name)
-    }
 }
 
 impl FromRow<'_, SqliteRow> for RecipeRow {
     fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
         Ok(Self {
-            name: row.try_get("name")?,
+            name: text(row, "name")?,
             revision: count(row, "revision")?,
-            document: row.try_get("document")?,
+            document: text(row, "document")?,
             created_at: timestamp(row, "created_at")?,
             updated_at: timestamp(row, "updated_at")?,
         })

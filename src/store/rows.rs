@@ -18,6 +18,8 @@ pub struct ScanRow {
     pub points_count: Option<u64>,
     /// What whoever sent it says about it, e.g. the name of the file.
     pub description: Option<String>,
+    /// When these bytes arrived last, and what had happened by then, in a form of service's choice.
+    pub arrival: Option<String>,
 }
 
 /// What became of a scan that was to be recorded.
@@ -25,7 +27,7 @@ pub struct ScanRow {
 pub enum RecordedScan {
     /// Its row is new.
     New,
-    /// The same bytes were recorded before, as this row; it was not changed.
+    /// The same bytes were recorded before, as this row; of it only the arrival was changed.
     Known(ScanRow),
 }
 
@@ -101,6 +103,16 @@ pub struct Filter {
     pub recipe: Option<String>,
 }
 
+impl Filter {
+    /// Whether a list with this filter shows the measurement.
+    #[must_use]
+    pub fn passes(&self, row: &MeasurementRow) -> bool {
+        self.scan_id.as_ref().is_none_or(|id| row.scan_id == *id)
+            && self.verdict.as_ref().is_none_or(|verdict| row.verdict == *verdict)
+            && (self.recipe.is_none() || row.recipe == self.recipe)
+    }
+}
+
 /// The current revision of a recipe.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RecipeRow {
@@ -149,6 +161,19 @@ pub enum PutRecipe {
         /// What is there instead.
         current: Option<RecipeRow>,
     },
+}
+
+/// The measurement that was recorded last.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NewestMeasurement {
+    /// Grows with every measurement that is recorded.
+    pub sequence: u64,
+    /// Its id.
+    pub id: String,
+    /// See [`MeasurementRow::created_at`].
+    pub created_at: Timestamp,
+    /// See [`MeasurementRow::verdict`].
+    pub verdict: String,
 }
 
 /// How much the store holds.

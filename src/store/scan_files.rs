@@ -4,7 +4,13 @@
 //! Pieces are gathered into blocks; a block is hashed and written on a blocking thread while the next one fills. No
 //! blocking thread ever waits for another one.
 
-use std::{fs, io::Write as _, mem, sync::Arc};
+use std::{
+    fs,
+    io::{self, Read as _, Seek as _, Write as _},
+    mem,
+    path::Path,
+    sync::Arc,
+};
 
 use sha2::{Digest, Sha256};
 use tokio::task::{JoinHandle, spawn_blocking};
@@ -66,6 +72,8 @@ impl Store {
     /// # Errors
     /// [`StoreError::Full`], [`StoreError::FileUnavailable`].
     pub async fn begin_scan(&self, bytes_max: u64) -> Result<ScanWriter, StoreError> {
+        #[cfg(test)]
+        self.commits.check_room()?;
         let folder = Arc::clone(&self.folder);
         let part = blocking(move || ScanPart::create(folder)).await?;
         let (trail, part) = (part.trail(), PartState::Idle(part));
@@ -78,18 +86,14 @@ impl Store {
         self.folder.scan(id.strip_prefix("s-")?).map(|(_, file)| file)
     }
 
-    /// Opens the raw scan of this id for reading; `None` where there is none.
+    /// Opens the raw scan of this id for reading, once its bytes were compared with its id; `None` where there is none.
     ///
     /// # Errors
-    /// [`StoreError::FileUnavailable`].
+    /// [`StoreError::ScanDamaged`], [`StoreError::FileUnavailable`].
     pub async fn open_scan(&self, id: &str) -> Result<Option<fs::File>, StoreError> {
         let Some(path) = self.scan_path(id) else { return Ok(None) };
-        blocking(move || match fs::File::open(&path) {
-            Ok(file) => Ok(Some(file)),
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
-            Err(error) => Err(StoreError::of_file(path)(error)),
-        })
-        .await
+        let id = id.to_owned();
+        blocking(move || open_verified(&path, &id)).await
     }
 }
 
@@ -206,6 +210,33 @@ impl ScanPart {
         let Self { folder, temporary, file, digest, bytes_count, growth } = self;
         growth.end_at(bytes_count);
         CompleteScan { folder, temporary, file, sha256_hex: hex(&digest.finalize()), bytes_count }
+    }
+}
+
+/// The file of a scan, at its beginning, after its bytes were compared with its id; `None` where it is not there.
+pub(super) fn open_verified(path: &Path, id: &str) -> Result<Option<fs::File>, StoreError> {
+    let mut file = match fs::File::open(path) {
+        Ok(file) => file,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(StoreError::of_file(path)(error)),
+    };
+    let found_sha256 = digest_of(&mut file).map_err(StoreError::of_file(path))?;
+    if id.strip_prefix("s-") != Some(&found_sha256) {
+        return Err(StoreError::ScanDamaged { id: id.to_owned(), found_sha256 });
+    }
+    file.rewind().map_err(StoreError::of_file(path))?;
+    Ok(Some(file))
+}
+
+/// The SHA-256 of what is left of a file.
+pub(super) fn digest_of(file: &mut fs::File) -> io::Result<String> {
+    let mut digest = Sha256::new();
+    let mut block = vec![0; BLOCK_BYTES];
+    loop {
+        match file.read(&mut block)? {
+            0 => return Ok(hex(&digest.finalize())),
+            count => digest.update(block.get(..count).unwrap_or_default()),
+        }
     }
 }
 

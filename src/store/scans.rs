@@ -1,11 +1,13 @@
 //! The records of raw scans: one row for the same bytes, however often they come. Must not know how the bytes are kept.
 
-use sqlx::{FromRow, Row, SqliteConnection, sqlite::SqliteRow};
+use std::sync::Arc;
+
+use sqlx::{FromRow, SqliteConnection, sqlite::SqliteRow};
 
 use super::{
     CompleteScan, Store, StoreError,
-    columns::{count, integer, micros, optional_count, timestamp},
-    page::{self, Cursor, Listed, Listing, Page},
+    columns::{count, integer, micros, optional_count, optional_text, text, timestamp},
+    page::{self, Listed, Listing, Page},
     placing::WithFile,
     rows::{RecordedScan, ScanRow},
     statements,
@@ -25,8 +27,12 @@ impl Store {
     ///
     /// # Errors
     /// As [`Store::record_scan`], and [`StoreError::FileUnavailable`].
-    pub async fn keep_scan(&self, row: ScanRow, file: CompleteScan) -> Result<RecordedScan, StoreError> {
-        self.writer.write(WithFile::new(row, file).await?).await
+    pub async fn keep_scan(
+        &self,
+        row: ScanRow,
+        file: impl Into<Arc<CompleteScan>>,
+    ) -> Result<RecordedScan, StoreError> {
+        self.writer.write(WithFile::new(row, file.into()).await?).await
     }
 
     /// The record of the scan of this id.
@@ -46,7 +52,7 @@ impl Store {
     }
 }
 
-/// Inserts the row unless there is one of its id, within the caller's transaction.
+/// Inserts the row unless there is one of its id, of which then only the latest arrival changes; within the caller's transaction.
 pub(super) async fn insert(scan: &ScanRow, database: &mut SqliteConnection) -> Result<RecordedScan, StoreError> {
     let insert = sqlx::query(statements::INSERT_SCAN)
         .bind(&scan.id)
@@ -54,9 +60,13 @@ pub(super) async fn insert(scan: &ScanRow, database: &mut SqliteConnection) -> R
         .bind(integer(scan.bytes_count)?)
         .bind(&scan.format)
         .bind(scan.points_count.map(integer).transpose()?)
-        .bind(&scan.description);
+        .bind(&scan.description)
+        .bind(&scan.arrival);
     if insert.execute(&mut *database).await?.rows_affected() > 0 {
         return Ok(RecordedScan::New);
+    }
+    if let Some(arrival) = &scan.arrival {
+        sqlx::query(statements::SCAN_ARRIVED).bind(&scan.id).bind(arrival).execute(&mut *database).await?;
     }
     Ok(RecordedScan::Known(sqlx::query_as(statements::SCAN).bind(&scan.id).fetch_one(database).await?))
 }
@@ -71,21 +81,18 @@ impl Write for ScanRow {
 
 impl Listed for ScanRow {
     const LIST: statements::List = statements::SCANS;
-
-    fn cursor(&self) -> Cursor {
-        Cursor::new(self.created_at, &self.id)
-    }
 }
 
 impl FromRow<'_, SqliteRow> for ScanRow {
     fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
         Ok(Self {
-            id: row.try_get("id")?,
+            id: text(row, "id")?,
             created_at: timestamp(row, "created_at")?,
             bytes_count: count(row, "bytes_count")?,
-            format: row.try_get("format")?,
+            format: text(row, "format")?,
             points_count: optional_count(row, "points_count")?,
-            description: row.try_get("description")?,
+            description: optional_text(row, "description")?,
+            arrival: optional_text(row, "arrival")?,
         })
     }
 }

@@ -3,7 +3,7 @@
 
 macro_rules! scan_columns {
     () => {
-        "id, created_at, bytes_count, format, points_count, description"
+        "id, created_at, bytes_count, format, points_count, description, arrival"
     };
 }
 macro_rules! measurement_columns {
@@ -27,13 +27,21 @@ macro_rules! recipe_columns {
     };
 }
 
-pub(super) const INSERT_SCAN: &str =
-    concat!("INSERT INTO scans (", scan_columns!(), ") VALUES ($1, $2, $3, $4, $5, $6) ON CONFLICT (id) DO NOTHING");
+pub(super) const INSERT_SCAN: &str = concat!(
+    "INSERT INTO scans (",
+    scan_columns!(),
+    ", sequence) VALUES ($1, $2, $3, $4, $5, $6, $7, (SELECT COALESCE(MAX(sequence), 0) + 1 FROM scans)) \
+     ON CONFLICT (id) DO NOTHING"
+);
+pub(super) const SCAN_ARRIVED: &str = "UPDATE scans SET arrival = $2 WHERE id = $1";
 pub(super) const SCAN: &str = concat!("SELECT ", scan_columns!(), " FROM scans WHERE id = $1");
-pub(super) const SCANS: List = List { select: concat!("SELECT ", scan_columns!(), " FROM scans"), key: "id" };
+pub(super) const SCANS: List = List { select: concat!("SELECT sequence, ", scan_columns!(), " FROM scans") };
 
 pub(super) const INSERT_MEASUREMENT: &str = "INSERT INTO measurements \
-    (id, created_at, verdict, method, scan_id, recipe, document) VALUES ($1, $2, $3, $4, $5, $6, $7)";
+    (id, created_at, verdict, method, scan_id, recipe, document, sequence) \
+    VALUES ($1, $2, $3, $4, $5, $6, $7, (SELECT COALESCE(MAX(sequence), 0) + 1 FROM measurements))";
+pub(super) const NEWEST_MEASUREMENT: &str =
+    "SELECT sequence, id, created_at, verdict FROM measurements ORDER BY sequence DESC LIMIT 1";
 pub(super) const INSERT_PROFILES: &str = "INSERT INTO profiles (measurement_id, content) VALUES ($1, $2)";
 pub(super) const INSERT_REQUEST: &str = "INSERT INTO requests (id, fingerprint, measurement_id) VALUES ($1, $2, $3)";
 pub(super) const MEASUREMENT: &str = concat!("SELECT ", measurement_columns!(), " FROM measurements WHERE id = $1");
@@ -45,37 +53,58 @@ pub(super) const ANSWERED_REQUEST: &str = concat!(
 );
 pub(super) const PROFILES: &str = "SELECT content FROM profiles WHERE measurement_id = $1";
 pub(super) const MEASUREMENTS: List =
-    List { select: concat!("SELECT ", measurement_columns!(), " FROM measurements"), key: "id" };
+    List { select: concat!("SELECT sequence, ", measurement_columns!(), " FROM measurements") };
 
-pub(super) const INSERT_RECIPE: &str =
-    concat!("INSERT INTO recipes (", recipe_columns!(), ") VALUES ($1, $2, $3, $4, $5)");
+pub(super) const INSERT_RECIPE: &str = concat!(
+    "INSERT INTO recipes (",
+    recipe_columns!(),
+    ", sequence) VALUES ($1, $2, $3, $4, $5, (SELECT COALESCE(MAX(sequence), 0) + 1 FROM recipes))"
+);
 pub(super) const REPLACE_RECIPE: &str =
     "UPDATE recipes SET revision = $2, document = $3, updated_at = $4 WHERE name = $1";
 pub(super) const RECIPE: &str = concat!("SELECT ", recipe_columns!(), " FROM recipes WHERE name = $1");
-pub(super) const RECIPES: List = List { select: concat!("SELECT ", recipe_columns!(), " FROM recipes"), key: "name" };
+pub(super) const RECIPES: List = List { select: concat!("SELECT sequence, ", recipe_columns!(), " FROM recipes") };
 
-pub(super) const INSERT_PLAN: &str = concat!("INSERT INTO plans (", plan_columns!(), ") VALUES ($1, $2, $3, $4, $5)");
+pub(super) const INSERT_PLAN: &str = concat!(
+    "INSERT INTO plans (",
+    plan_columns!(),
+    ", sequence) VALUES ($1, $2, $3, $4, $5, (SELECT COALESCE(MAX(sequence), 0) + 1 FROM plans))"
+);
 pub(super) const PLAN: &str = concat!("SELECT ", plan_columns!(), " FROM plans WHERE id = $1");
 pub(super) const PLAN_OF_REQUEST: &str = concat!("SELECT ", plan_columns!(), " FROM plans WHERE request_id = $1");
-pub(super) const PLANS: List = List { select: concat!("SELECT ", plan_columns!(), " FROM plans"), key: "id" };
+pub(super) const PLANS: List = List {
+    select: concat!(
+        "SELECT sequence, ",
+        plan_columns!(),
+        ", (SELECT jobs.id FROM jobs WHERE jobs.plan_id = plans.id) AS job_id FROM plans"
+    ),
+};
 
-pub(super) const INSERT_JOB: &str =
-    concat!("INSERT INTO jobs (", job_columns!(), ") VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)");
+pub(super) const INSERT_JOB: &str = concat!(
+    "INSERT INTO jobs (",
+    job_columns!(),
+    ", sequence) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, (SELECT COALESCE(MAX(sequence), 0) + 1 FROM jobs))"
+);
 pub(super) const END_JOB: &str =
     "UPDATE jobs SET state = $2, ended_at = $3, document = $4 WHERE id = $1 AND ended_at IS NULL";
 pub(super) const REFUSE_JOB: &str = "UPDATE jobs SET state = $2, ended_at = $3, document = $4, plan_id = NULL, \
     request_id = NULL, fingerprint = NULL WHERE id = $1 AND ended_at IS NULL";
 pub(super) const INTERRUPT_JOBS: &str = "UPDATE jobs SET state = $1, ended_at = $2 WHERE ended_at IS NULL";
 pub(super) const JOBS_UNDER_WAY: &str =
-    concat!("SELECT ", job_columns!(), " FROM jobs WHERE ended_at IS NULL ORDER BY created_at");
+    concat!("SELECT ", job_columns!(), " FROM jobs WHERE ended_at IS NULL ORDER BY sequence");
 pub(super) const JOB: &str = concat!("SELECT ", job_columns!(), " FROM jobs WHERE id = $1");
 pub(super) const JOB_OF_REQUEST: &str = concat!("SELECT ", job_columns!(), " FROM jobs WHERE request_id = $1");
 pub(super) const JOB_OF_PLAN: &str = concat!("SELECT ", job_columns!(), " FROM jobs WHERE plan_id = $1");
-pub(super) const JOBS: List = List { select: concat!("SELECT ", job_columns!(), " FROM jobs"), key: "id" };
+pub(super) const JOBS: List = List { select: concat!("SELECT sequence, ", job_columns!(), " FROM jobs") };
 
 pub(super) const RAISE_FENCE: &str = "INSERT INTO fences (id, fence) VALUES (1, $1) \
     ON CONFLICT (id) DO UPDATE SET fence = excluded.fence WHERE excluded.fence > fences.fence";
 pub(super) const FENCE: &str = "SELECT fence FROM fences WHERE id = 1";
+
+pub(super) const NEWEST_SCAN: &str = "SELECT id FROM scans ORDER BY sequence DESC LIMIT 1";
+
+pub(super) const COMMITS: &str = "SELECT count, chain, previous FROM commits WHERE id = 1";
+pub(super) const COUNT_COMMIT: &str = "UPDATE commits SET count = $1, chain = $2, previous = $3 WHERE id = 1";
 
 pub(super) const PROBE: &str = "INSERT INTO probes (id, writes_count) VALUES (1, 1) \
     ON CONFLICT (id) DO UPDATE SET writes_count = probes.writes_count + 1";
@@ -87,24 +116,21 @@ pub(super) const CREATE_MIGRATIONS: &str = "CREATE TABLE IF NOT EXISTS migration
 pub(super) const INSERT_MIGRATION: &str = "INSERT INTO migrations (version, checksum) VALUES ($1, $2)";
 pub(super) const MIGRATIONS: &str = "SELECT version, checksum FROM migrations ORDER BY version";
 
-/// A list of rows by (created_at, key), newest first.
+/// A list of rows in the order of their commits, newest first.
 pub(super) struct List {
     select: &'static str,
-    key: &'static str,
 }
 
 impl List {
     /// The statement for one page. $1 is the number of rows, then comes a value for each column that must be equal, then
-    /// the cursor's time and key. An index on (column, created_at, key) serves it without sorting.
+    /// the cursor. An index on (column, sequence) serves it without sorting.
     pub(super) fn page(&self, equal: &[&'static str], behind_cursor: bool) -> String {
-        let Self { select, key } = self;
         let mut conditions: Vec<String> =
             equal.iter().zip(2..).map(|(column, number)| format!("{column} = ${number}")).collect();
         if behind_cursor {
-            let number = equal.len() + 2;
-            conditions.push(format!("(created_at, {key}) < (${number}, ${})", number + 1));
+            conditions.push(format!("sequence < ${}", equal.len() + 2));
         }
         let filter = if conditions.is_empty() { String::new() } else { format!(" WHERE {}", conditions.join(" AND ")) };
-        format!("{select}{filter} ORDER BY created_at DESC, {key} DESC LIMIT $1")
+        format!("{}{filter} ORDER BY sequence DESC LIMIT $1", self.select)
     }
 }

@@ -8,6 +8,8 @@
 //!                                 └──> roll back, then each write in a transaction of its own
 //! ```
 //!
+//! Every commit is counted beside the database before it is answered, see `commits`.
+//!
 //! A caller that goes away does not stop its write: a write is done or not done, never half. Must not know what is written.
 
 use std::{future::Future, pin::Pin, sync::Arc};
@@ -15,7 +17,13 @@ use std::{future::Future, pin::Pin, sync::Arc};
 use sqlx::{Connection, SqliteConnection};
 use tokio::sync::{mpsc, oneshot};
 
-use super::{StoreError, StoreLimits, connection, folder::Folder};
+use super::{
+    StoreError, StoreLimits,
+    commits::{CommitLog, Commits},
+    connection,
+    folder::Folder,
+    scan_files::blocking,
+};
 
 /// Something that is written within a transaction.
 pub(super) trait Write: Send + Sync + 'static {
@@ -50,9 +58,14 @@ enum Order {
 
 impl Writer {
     /// Starts the task on a migrated connection. It holds on to the folder, whose lock thus outlives the last write.
-    pub(super) fn start(folder: Arc<Folder>, limits: StoreLimits, connection: SqliteConnection) -> Self {
+    pub(super) fn start(
+        folder: Arc<Folder>,
+        limits: StoreLimits,
+        connection: SqliteConnection,
+        commits: Arc<CommitLog>,
+    ) -> Self {
         let (queue, orders) = mpsc::channel(QUEUE);
-        let task = Task { folder, limits, connection: Some(connection) };
+        let task = Task { folder, limits, connection: Some(connection), commits };
         tokio::spawn(task.run(orders));
         Self { queue }
     }
@@ -125,6 +138,7 @@ struct Task {
     limits: StoreLimits,
     /// `None` after a failure; the next write opens it again.
     connection: Option<SqliteConnection>,
+    commits: Arc<CommitLog>,
 }
 
 impl Task {
@@ -164,14 +178,14 @@ impl Task {
                 self.conclude(&mut jobs).await;
                 jobs.into_iter().for_each(Job::acknowledge);
             }
-            Err(error) if jobs.len() == 1 || concerns_all(&error) => {
-                self.conclude(&mut jobs).await;
-                jobs.into_iter().for_each(|job| job.refuse(error.clone()));
-            }
-            Err(_) => {
+            Err(Refused::One(_)) if jobs.len() > 1 => {
                 for job in jobs {
                     Box::pin(self.settle(vec![job])).await;
                 }
+            }
+            Err(Refused::One(error) | Refused::All(error)) => {
+                self.conclude(&mut jobs).await;
+                jobs.into_iter().for_each(|job| job.refuse(error.clone()));
             }
         }
     }
@@ -189,18 +203,27 @@ impl Task {
     async fn connect(&mut self) -> Result<SqliteConnection, StoreError> {
         match self.connection.take() {
             Some(connection) => Ok(connection),
-            None => connection::writer(&self.folder.database(), self.limits.database_bytes_max).await,
+            None => {
+                self.commits.forget_identity();
+                connection::writer(&self.folder.database(), self.limits.database_bytes_max).await
+            }
         }
     }
 
     /// After a failure the connection is kept only where it is known to be in order: SQLite ends some transactions by
     /// itself, and then connection and driver disagree about whether one is open.
-    async fn commit(&mut self, jobs: &mut [Box<dyn Job>]) -> Result<(), StoreError> {
-        let mut connection = self.connect().await?;
-        match transact(&mut connection, jobs).await {
-            Ok(()) => {
+    async fn commit(&mut self, jobs: &mut [Box<dyn Job>]) -> Result<(), Refused> {
+        #[cfg(test)]
+        self.commits.check_room().map_err(Refused::All)?;
+        let commits = Arc::clone(&self.commits);
+        blocking(move || commits.admit()).await.map_err(Refused::All)?;
+        let mut connection = self.connect().await.map_err(Refused::All)?;
+        match transact(&mut connection, jobs, &self.commits).await {
+            Ok(counted) => {
                 self.connection = Some(connection);
-                Ok(())
+                let commits = Arc::clone(&self.commits);
+                // What is committed must not be written again, whatever becomes of its count.
+                blocking(move || commits.acknowledge(counted)).await.map_err(Refused::All)
             }
             Err(Failure { error, rolled_back }) => {
                 if rolled_back && !concerns_all(&error) {
@@ -208,10 +231,18 @@ impl Task {
                 } else {
                     let _ = connection.close().await;
                 }
-                Err(error)
+                Err(if concerns_all(&error) { Refused::All(error) } else { Refused::One(error) })
             }
         }
     }
+}
+
+/// Why a transaction was not acknowledged.
+enum Refused {
+    /// One of its writes may have brought it in; nothing was written.
+    One(StoreError),
+    /// The writes have nothing to do with it, or were written.
+    All(StoreError),
 }
 
 struct Failure {
@@ -225,7 +256,11 @@ impl From<sqlx::Error> for Failure {
     }
 }
 
-async fn transact(connection: &mut SqliteConnection, jobs: &mut [Box<dyn Job>]) -> Result<(), Failure> {
+async fn transact(
+    connection: &mut SqliteConnection,
+    jobs: &mut [Box<dyn Job>],
+    commits: &CommitLog,
+) -> Result<Commits, Failure> {
     let mut transaction = connection.begin_with(connection::BEGIN).await?;
     for job in jobs {
         if let Err(error) = job.apply(&mut transaction).await {
@@ -233,10 +268,21 @@ async fn transact(connection: &mut SqliteConnection, jobs: &mut [Box<dyn Job>]) 
             return Err(Failure { error, rolled_back });
         }
     }
-    Ok(transaction.commit().await?)
+    let counted = match commits.count(&mut transaction).await {
+        Ok(counted) => counted,
+        Err(error) => {
+            let rolled_back = transaction.rollback().await.is_ok();
+            return Err(Failure { error, rolled_back });
+        }
+    };
+    transaction.commit().await?;
+    Ok(counted)
 }
 
 /// Whether trying the writes one by one is pointless. A full disk is not among these: a small write may still fit.
 fn concerns_all(error: &StoreError) -> bool {
-    matches!(error, StoreError::Unavailable(_) | StoreError::Damaged(_) | StoreError::Closed)
+    matches!(
+        error,
+        StoreError::Unavailable(_) | StoreError::Damaged(_) | StoreError::Closed | StoreError::RecordsLost(_)
+    )
 }

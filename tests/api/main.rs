@@ -10,6 +10,7 @@ mod crowded;
 mod documents;
 mod field;
 mod harness;
+mod kept;
 mod life;
 mod limits;
 mod measurements;

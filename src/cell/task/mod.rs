@@ -149,6 +149,11 @@ impl Task {
             sequence += 1;
             published.send_replace(Arc::new(self.snapshot(sequence, now())));
         }
+        // Nothing of what still waits was begun.
+        requests.close();
+        while let Some(request) = requests.recv().await {
+            request.refuse();
+        }
         self.note(EventKind::Closed);
         halt.disarm();
         for closer in self.closers {

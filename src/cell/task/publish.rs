@@ -16,6 +16,7 @@ impl Task {
             at: now,
             state: self.machine.state(),
             since: self.machine.since(),
+            motions_count: self.machine.motions_count(),
             job: self.course.as_ref().and_then(Course::view),
             lease: self.machine.tenancy().view(now),
             faults: self.machine.faults().to_vec(),

@@ -1,7 +1,7 @@
 //! Stops: in every state, without a lease, past everything.
 
 use super::bench::{Bench, LEASE, made};
-use crate::cell::{Failure, JobEnd, LeaseRequest, Refusal, State, StopCause, now};
+use crate::cell::{Failure, JobEnd, LeaseRequest, Manual, Refusal, State, StopCause, now};
 use crate::device::simulated::{Device, Fault};
 use crate::device::{Action, DeviceError};
 use crate::motion::{Axes, Axis, Carrier};
@@ -195,6 +195,15 @@ async fn closing_stops_first_and_then_lets_go() {
     let request = LeaseRequest { id: "l".to_owned(), holder: "late".to_owned(), time_to_live: Duration::from_secs(5) };
     assert_eq!(bench.cell.take_lease(request).await, Err(Refusal::Closing));
     bench.cell.close().await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn requests_that_wait_when_the_cell_ends_are_refused_and_not_left_unanswered() {
+    let bench = Bench::ready(&made()).await;
+    // All of them are in the queue before the task sees the first.
+    let (closed, first, second) =
+        tokio::join!(bench.cell.close(), bench.cell.act(LEASE, Carrier::M1, Manual::Disable), bench.cell.reset(LEASE),);
+    assert_eq!((closed, first, second), ((), Err(Refusal::Closing), Err(Refusal::Closing)));
 }
 
 #[tokio::test(start_paused = true)]

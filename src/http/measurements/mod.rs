@@ -19,19 +19,22 @@ pub use uncertainty::{ScopeDocument, UncertaintyDocument};
 
 use super::app::App;
 use super::command::{WaitSeconds, wait};
+use super::entry::EntryDocument;
 use super::extract::{Path, Query};
 use super::names::View;
 use super::paging::{listed, page};
 use super::peer::Peer;
 use super::problem::{Code, Problem};
-use crate::service::{AnyMeasurement, JobStanding, Service};
+use crate::service::{AnyMeasurement, Entry, JobStanding, Service};
 use crate::store::Filter;
 use axum::Json;
 use axum::extract::State;
-use axum::http::{HeaderMap, Uri};
+use axum::http::Uri;
+use axum::response::Response;
 use plc::PlcDocument;
 use sensor::{AnyMeasurementDocument, PlcSensorDocument, SensorMeasurementDocument};
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 use utoipa::{IntoParams, ToSchema};
 
 /// Which measurements.
@@ -43,7 +46,7 @@ pub(super) struct ListQuery {
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
     /// `next_cursor` of the page before.
-    #[param(pattern = "^[0-9a-f]{16,400}$")]
+    #[param(pattern = "^[0-9a-f]{16}$")]
     cursor: Option<String>,
     /// Only those with this verdict.
     #[param(inline)]
@@ -92,7 +95,7 @@ pub(super) enum VerdictFilter {
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct MeasurementList {
     /// The measurements.
-    measurements: Vec<AnyMeasurementDocument>,
+    measurements: Vec<EntryDocument<AnyMeasurementDocument>>,
     /// What `cursor` has to be for the next page; null at the end.
     next_cursor: Option<String>,
 }
@@ -110,24 +113,42 @@ pub(super) async fn list_measurements(
     State(app): State<App>,
     Query(query): Query<ListQuery>,
     uri: Uri,
-) -> Result<(HeaderMap, Json<MeasurementList>), Problem> {
+) -> Result<Response, Problem> {
     let page = page(query.limit, query.cursor.as_deref())?;
     let verdict = query.verdict.map(|verdict| match verdict {
         VerdictFilter::Accepted => "accepted".to_owned(),
         VerdictFilter::Refused => "refused".to_owned(),
     });
     let filter = Filter { scan_id: query.scan_id, verdict, recipe: query.recipe };
-    let ran = |one| AnyMeasurementDocument::of(AnyMeasurement::Ran(Box::new(one)), &app.service);
-    let by_sensor = |one| AnyMeasurementDocument::of(AnyMeasurement::Scan(Box::new(one)), &app.service);
-    let (link, measurements, next_cursor) = match query.state.and_then(StateFilter::standing) {
-        None => listed(&uri, app.service.measurements(&filter, &page).await?, ran),
+    let service = Arc::clone(&app.service);
+    match query.state.and_then(StateFilter::standing) {
+        None => {
+            let ran = |one| AnyMeasurement::Ran(Box::new(one));
+            let page = app.service.measurements(&filter, &page).await?;
+            listed(&uri, page, move |rows, next| MeasurementList::of(rows, next, &service, ran)).await
+        }
         Some(_) if filter != Filter::default() => {
             let detail = "verdict, scan_id and recipe choose among measurements that ran; leave them or state out";
-            return Err(Problem::new(Code::QueryInvalid, detail));
+            Err(Problem::new(Code::QueryInvalid, detail))
         }
-        Some(standing) => listed(&uri, app.service.sensor_scans(standing, &page).await?, by_sensor),
-    };
-    Ok((link, Json(MeasurementList { measurements, next_cursor })))
+        Some(standing) => {
+            let by_sensor = |one| AnyMeasurement::Scan(Box::new(one));
+            let page = app.service.sensor_scans(standing, &page).await?;
+            listed(&uri, page, move |rows, next| MeasurementList::of(rows, next, &service, by_sensor)).await
+        }
+    }
+}
+
+impl MeasurementList {
+    fn of<R>(
+        rows: Vec<Entry<R>>,
+        next_cursor: Option<String>,
+        service: &Service,
+        any: impl Fn(R) -> AnyMeasurement,
+    ) -> Self {
+        let show = |entry| EntryDocument::of(entry, |one| AnyMeasurementDocument::of(any(one), service));
+        Self { measurements: rows.into_iter().map(show).collect(), next_cursor }
+    }
 }
 
 /// How one measurement is shown.

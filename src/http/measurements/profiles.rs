@@ -14,6 +14,7 @@ use axum::http::{HeaderMap, Uri, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
+use tokio::task::spawn_blocking;
 use utoipa::{IntoParams, ToSchema};
 
 const CSV: &str = "text/csv";
@@ -143,11 +144,25 @@ pub(in super::super) async fn list_profiles(
     let findings = app.service.measurement(&id).await?.findings;
     let stations = query.stations(&findings)?;
     let all = app.service.profiles(&id).await?;
+    let first = usize::try_from(query.cursor.unwrap_or(0)).unwrap_or(usize::MAX);
+    // A hundred thousand lines take a while, so they are written beside the threads that answer.
+    let rendered = spawn_blocking(move || render(form, &all, stations, &findings, first, limit, &uri)).await;
+    rendered.map_err(|error| Problem::internal(error.to_string()))
+}
+
+fn render(
+    form: ProfilesForm,
+    all: &[Profile],
+    stations: Option<Range<usize>>,
+    findings: &Findings,
+    first: usize,
+    limit: usize,
+    uri: &Uri,
+) -> Response {
     let stations = stations.unwrap_or(0..all.len());
     let profiles = all.get(stations.clone()).unwrap_or_default();
-    let first = usize::try_from(query.cursor.unwrap_or(0)).unwrap_or(usize::MAX);
-    let part = documents(profiles, stations.start, &findings).skip(first).take(limit);
-    Ok(match form {
+    let part = documents(profiles, stations.start, findings).skip(first).take(limit);
+    match form {
         ProfilesForm::Csv => {
             ([(header::CONTENT_TYPE, "text/csv; charset=utf-8; header=present")], csv(part)).into_response()
         }
@@ -155,11 +170,11 @@ pub(in super::super) async fn list_profiles(
         ProfilesForm::Json => {
             let end = first.saturating_add(limit);
             let next_cursor = (end < profiles.len()).then(|| end.to_string());
-            let link = link_next(&uri, next_cursor.as_deref());
+            let link = link_next(uri, next_cursor.as_deref());
             let total_count = u64::try_from(profiles.len()).unwrap_or(u64::MAX);
             (link, Json(ProfileList { profiles: part.collect(), total_count, next_cursor })).into_response()
         }
-    })
+    }
 }
 
 impl ProfilesQuery {

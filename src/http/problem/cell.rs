@@ -62,7 +62,9 @@ impl From<Refusal> for Problem {
             R::DeviceFault { device, code } => {
                 Self::new(Code::DeviceFault, text).with("device", device).with("device_code", code)
             }
-            R::Closing => Self::new(Code::NotReady, text).with_header(header::RETRY_AFTER, RETRY_AFTER_S),
+            R::Closing | R::Unanswered => {
+                Self::new(Code::NotReady, text).with_header(header::RETRY_AFTER, RETRY_AFTER_S)
+            }
         }
     }
 }

@@ -162,6 +162,9 @@ codes! {
     PitchTooSmall         "pitch_too_small"         422 No  "The pitch makes more profiles than allowed"
     CompressionInvalid    "compression_invalid"     422 No  "The body does not unpack"
     // Us.
+    ScanFileMissing       "scan_file_missing"       500 No  "The file of the scan is missing in the data folder"
+    ScanFileDamaged       "scan_file_damaged"       500 No  "The file of the scan does not hold the bytes that were recorded"
+    RecordUnreadable      "record_unreadable"       500 No  "The stored record cannot be read"
     Internal              "internal"                500 No  "The service failed; the log says why, under the request id"
     TransferCodingUnsupported "transfer_coding_unsupported" 501 No "The transfer coding of the body is not decoded"
     // Later.

@@ -9,6 +9,7 @@ mod reasons;
 
 pub use code::Code;
 use code::Retry;
+pub(super) use reasons::records_lost;
 
 use axum::body::Body;
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};

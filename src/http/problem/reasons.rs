@@ -3,13 +3,25 @@
 use super::{Code, Problem};
 use crate::scan::slice::RegionError;
 use crate::service::{ComputeError, ContentError, MeasureError, RecipeError, ServiceError};
-use crate::store::StoreError;
+use crate::store::{Loss, StoreError};
 use axum::http::{HeaderValue, header};
 use serde_json::Value;
 use std::error::Error;
 
 /// After this a busy service is worth another try, seconds.
 const RETRY_AFTER_S: HeaderValue = HeaderValue::from_static("1");
+
+/// How the file of a scan is repaired.
+const REPAIR: &str =
+    "send the original file again with POST /v1/scans, which repairs it; `coaxis doctor --scrub` checks all files";
+
+/// What to do about lost records.
+pub(in super::super) fn records_lost(loss: &Loss) -> String {
+    format!(
+        "{loss}. Nothing is written until an operator has decided: stop the service, then restore the database, or accept the \
+         loss with `coaxis doctor --accept-loss`"
+    )
+}
 
 impl From<ServiceError> for Problem {
     fn from(error: ServiceError) -> Self {
@@ -29,7 +41,9 @@ impl From<ServiceError> for Problem {
             E::ScanUnknown { id } => {
                 Self::new(Code::ScanUnknown, format!("{text}; list them with GET /v1/scans")).with("scan_id", id)
             }
-            E::ScanFileMissing { id: _ } => Self::internal(text),
+            E::ScanFileMissing { id } => {
+                Self::new(Code::ScanFileMissing, format!("{text}; {REPAIR}")).with("scan_id", id)
+            }
             E::MeasurementUnknown { id } => {
                 Self::new(Code::MeasurementUnknown, format!("{text}; list them with GET /v1/measurements"))
                     .with("measurement_id", id)
@@ -68,9 +82,14 @@ impl From<ServiceError> for Problem {
             E::ProfileUnknown { index, profiles_count } => {
                 Self::new(Code::ProfileUnknown, text).with("index", index).with("profiles_count", profiles_count)
             }
-            E::RecordUnreadable { ref source, .. } | E::RecordUnwritable { ref source, .. } => {
-                Self::internal(format!("{text}: {source}"))
+            E::RecordUnreadable { what, id, .. } => {
+                let detail = format!("{text}; `coaxis doctor` checks all records");
+                Self::new(Code::RecordUnreadable, detail).with("record", what).with("record_id", id)
             }
+            E::RecordUnwritable { ref source, .. } => Self::internal(format!("{text}: {source}")),
+            E::EndsUnwritten { count } => Self::new(Code::StoreUnavailable, text)
+                .with("unwritten_count", wide(count))
+                .with_header(header::RETRY_AFTER, RETRY_AFTER_S),
             E::CellAbsent => Self::new(
                 Code::CellAbsent,
                 format!("{text}; give it one with cell.enabled = true in its configuration"),
@@ -138,8 +157,13 @@ impl From<StoreError> for Problem {
             )
             .with_header(header::RETRY_AFTER, RETRY_AFTER_S)
             .because(cause),
+            E::RecordsLost(loss) => Self::new(Code::NotReady, records_lost(&loss)).with("not_ready", vec!["store"]),
+            E::ScanDamaged { id, found_sha256 } => Self::new(Code::ScanFileDamaged, format!("{cause}; {REPAIR}"))
+                .with("scan_id", id)
+                .with("found_sha256", found_sha256),
             E::Damaged(_)
             | E::NewerSchema { .. }
+            | E::OlderSchema { .. }
             | E::MigrationDiffers { .. }
             | E::IdTaken { .. }
             | E::NumberTooLarge { .. } => Self::internal(cause),

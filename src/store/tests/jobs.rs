@@ -55,6 +55,10 @@ async fn a_request_and_a_plan_start_one_job() {
     let executed_again = JobRow { request: request("s", "same"), plan_id: Some("p-1".into()), ..job("v-4", 4) };
     assert_eq!(insert(&store, executed_again).await, InsertedJob::PlanUsed(Box::new(first.clone())));
     assert_eq!(store.job_of_plan("p-1").await.unwrap(), Some(first.clone()));
+    assert_eq!(store.insert_plan(plan("p-2")).await.unwrap(), InsertedPlan::New);
+    let plans = store.plans(&Page { limit: 10, before: None }).await.unwrap().rows;
+    let executed: Vec<_> = plans.iter().map(|listed| (listed.plan.id.as_str(), listed.job_id.as_deref())).collect();
+    assert_eq!(executed, [("p-2", None), ("p-1", Some("v-1"))], "one query finds the jobs of all");
     assert_eq!(store.job_by_request("r").await.unwrap(), Some(first));
 }
 
@@ -108,7 +112,7 @@ async fn a_measurement_ends_its_job_in_the_same_moment() {
         profiles: Vec::new(),
         request: None,
     };
-    assert_eq!(store.end_job_with(end("m-1", "done"), new, file).await.unwrap(), Inserted::New);
+    assert_eq!(store.end_job_with(end("m-1", "done"), new, Some(file.into())).await.unwrap(), Inserted::New);
     assert_eq!(store.job("m-1").await.unwrap().unwrap().state, "done");
     assert!(store.measurement("m-1").await.unwrap().is_some());
     assert_eq!(folder.scan_ids(), [row.id]);

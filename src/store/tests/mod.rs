@@ -1,5 +1,6 @@
 //! What the store promises, seen from outside: a file per promise. Rows are made here, on folders of their own.
 
+mod commits;
 mod crash;
 mod failures;
 mod following;
@@ -80,6 +81,7 @@ fn scan_row(digit: char) -> ScanRow {
         format: "ply".into(),
         points_count: Some(2_000_000),
         description: None,
+        arrival: None,
     }
 }
 

@@ -69,6 +69,52 @@ async fn a_file_cut_short_is_mended_by_the_same_bytes() {
 }
 
 #[tokio::test]
+async fn a_damaged_file_is_not_handed_out_and_the_same_bytes_repair_it() {
+    let folder = TempFolder::new();
+    let store = folder.open().await;
+    let stored = store_scan(&store, &content(1000), 1000).await;
+    let path = store.scan_path(&stored.id).unwrap();
+    let mut bytes = content(1000);
+    bytes[500] ^= 1;
+    fs::write(&path, &bytes).unwrap();
+    let refused = store.open_scan(&stored.id).await.unwrap_err();
+    let found = hex(&Sha256::digest(&bytes));
+    assert!(
+        matches!(&refused, StoreError::ScanDamaged { id, found_sha256 } if *id == stored.id && *found_sha256 == found)
+    );
+    store_scan(&store, &content(1000), 1000).await;
+    let mut read = Vec::new();
+    store.open_scan(&stored.id).await.unwrap().unwrap().read_to_end(&mut read).unwrap();
+    assert_eq!(read, content(1000));
+    fs::remove_file(&path).unwrap();
+    assert!(store.open_scan(&stored.id).await.unwrap().is_none());
+    store_scan(&store, &content(1000), 1000).await;
+    assert!(store.open_scan(&stored.id).await.unwrap().is_some());
+    assert!(folder.incoming().is_empty());
+}
+
+#[tokio::test]
+async fn a_scan_whose_commit_failed_can_be_kept_with_the_same_file_later() {
+    let folder = TempFolder::new();
+    let store = folder.open().await;
+    let mut writer = store.begin_scan(100).await.unwrap();
+    writer.write(b"points").await.unwrap();
+    let scan = std::sync::Arc::new(writer.complete().await.unwrap());
+    // The file has its place already when the count of the transaction fails.
+    let refuse =
+        "CREATE TRIGGER refuse BEFORE UPDATE ON commits WHEN NEW.count > 1 BEGIN SELECT RAISE(ABORT, 'no'); END";
+    store.writer.write(super::failures::Statement(refuse)).await.unwrap();
+    store.keep_scan(row_of(&scan), std::sync::Arc::clone(&scan)).await.unwrap_err();
+    assert_eq!(folder.scan_ids(), Vec::<String>::new());
+    let mut database = crate::store::connection::writer(&folder.path().join("coaxis.db"), None).await.unwrap();
+    sqlx::raw_sql("DROP TRIGGER refuse").execute(&mut database).await.unwrap();
+    store.keep_scan(row_of(&scan), std::sync::Arc::clone(&scan)).await.unwrap();
+    assert!(store.open_scan(&scan.id()).await.unwrap().is_some());
+    drop(scan);
+    assert!(folder.incoming().is_empty());
+}
+
+#[tokio::test]
 async fn what_is_not_a_scans_id_never_becomes_a_path() {
     let folder = TempFolder::new();
     let store = folder.open().await;

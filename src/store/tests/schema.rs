@@ -67,10 +67,11 @@ async fn a_migration_that_fails_leaves_the_database_as_it_was() {
     const BROKEN: &[Migration] = &[
         MIGRATIONS[0],
         MIGRATIONS[1],
-        Migration { version: 3, sql: "CREATE TABLE extra (id TEXT); INSERT INTO missing (id) VALUES (1)" },
+        MIGRATIONS[2],
+        Migration { version: 4, sql: "CREATE TABLE extra (id TEXT); INSERT INTO missing (id) VALUES (1)" },
     ];
     const MENDED: &[Migration] =
-        &[MIGRATIONS[0], MIGRATIONS[1], Migration { version: 3, sql: "CREATE TABLE extra (id TEXT)" }];
+        &[MIGRATIONS[0], MIGRATIONS[1], MIGRATIONS[2], Migration { version: 4, sql: "CREATE TABLE extra (id TEXT)" }];
     let folder = TempFolder::new();
     let store = folder.open().await;
     store.insert_measurement(new_measurement("m-1", 1)).await.unwrap();
@@ -89,4 +90,43 @@ async fn a_file_that_is_no_database_is_called_damaged() {
     let folder = TempFolder::new();
     fs::write(folder.path().join("coaxis.db"), "no database, but long enough to have a header ".repeat(100)).unwrap();
     assert!(matches!(Store::open(folder.path()).await, Err(StoreError::Damaged(_))));
+}
+
+#[tokio::test]
+async fn a_database_from_before_the_order_of_commits_lists_its_rows_by_their_times() {
+    let folder = TempFolder::new();
+    let mut old = database(&folder).await;
+    migrate(&mut old, MIGRATIONS.get(..2).unwrap()).await.unwrap();
+    let rows = "INSERT INTO recipes (name, revision, document, created_at, updated_at) VALUES \
+        ('second', 1, '{}', 20, 20), ('first', 1, '{}', 10, 10), ('third', 1, '{}', 30, 30)";
+    sqlx::raw_sql(rows).execute(&mut old).await.unwrap();
+    old.close().await.unwrap();
+    let store = folder.open().await;
+    store.put_recipe("fourth", "{}", at(0), crate::store::Precondition::None).await.unwrap();
+    let listed = store.recipes(&crate::store::Page { limit: 10, before: None }).await.unwrap().rows;
+    let names: Vec<_> = listed.iter().map(|row| row.name.as_str()).collect();
+    assert_eq!(names, ["fourth", "third", "second", "first"]);
+}
+
+#[tokio::test]
+async fn files_are_for_their_owner_and_his_group_alone() {
+    use std::os::unix::fs::PermissionsExt as _;
+    let folder = TempFolder::new();
+    let store = folder.open().await;
+    let scan = store.begin_scan(10).await.unwrap().complete().await.unwrap();
+    let scan_file = store.scan_path(&scan.id()).unwrap();
+    store.keep_scan(row_of(&scan), scan).await.unwrap();
+    let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode() & 0o777;
+    let names = ["coaxis.db", "coaxis.db-wal", "coaxis.db-shm", "coaxis.lock", "coaxis.commits"];
+    for path in names.map(|name| folder.path().join(name)).iter().chain([&scan_file]) {
+        assert_eq!(mode(path) & !0o640, 0, "{}: {:o}", path.display(), mode(path));
+    }
+    assert_eq!(mode(&folder.path().join("scans")) & !0o750, 0);
+    store.close().await;
+    drop(store);
+    // Files of an earlier version are closed to others at the next start.
+    let database = folder.path().join("coaxis.db");
+    fs::set_permissions(&database, fs::Permissions::from_mode(0o644)).unwrap();
+    folder.open().await;
+    assert_eq!(mode(&database), 0o640);
 }

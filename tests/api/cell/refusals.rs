@@ -212,6 +212,52 @@ fn a_plan_from_a_pose_that_something_moved_away_from_is_stale() {
 }
 
 #[test]
+fn homing_what_has_its_references_makes_no_plan_stale() {
+    let line = Line::ready(FAST);
+    let measured = line.measure();
+    let order = json!({"measurement_id": id(&measured),
+        "target": {"deflection_deg": 0.3, "pitch_deg": 1.0, "y_c0_mm": -7.0, "z_c0_mm": 6.0}});
+    let plan = line.service.post_json("/v1/plans", &order).expect(201);
+    let homed = line.act("/v1/manipulators/m1/home").expect(200);
+    assert_eq!(homed["result"], "already_so", "{homed}");
+    let begun = line.act(&format!("/v1/plans/{}/execute", id(&plan))).expect(201);
+    assert_eq!(line.wait_for(&begun)["state"], "done");
+    let stale = line.service.post_json("/v1/plans", &order).problem(409, "plan_stale");
+    assert!(stale["detail"].as_str().is_some_and(|text| text.contains("moved since")), "{stale}");
+}
+
+#[test]
+fn bytes_that_are_sent_again_are_as_fresh_as_their_last_upload() {
+    let folder = crate::harness::Folder::new();
+    let with_cell = |config: &mut coaxis::config::Config| {
+        config.cell.enabled = true;
+        config.cell.simulated.time_factor = FAST;
+    };
+    let csv = crate::bodies::exact_csv();
+    let order = |measured: &Value| {
+        json!({"measurement_id": id(measured),
+            "target": {"deflection_deg": 0.3, "pitch_deg": 1.0, "y_c0_mm": -7.0, "z_c0_mm": 6.0}})
+    };
+    let service = crate::harness::start_on(&folder, with_cell);
+    let before = service.post("/v1/measurements", &csv).expect(201);
+    service.stop();
+    let service = crate::harness::start_on(&folder, with_cell);
+    super::until(&service, "/v1/cell", |cell| cell["state"] == "idle");
+    let again = |service: &crate::harness::Running| {
+        service.post_json("/v1/measurements", &json!({"scan_id": before["provenance"]["scan_id"]})).expect(201)
+    };
+    for old in [&before, &again(&service)] {
+        let stale = service.post_json("/v1/plans", &order(old)).problem(409, "plan_stale");
+        assert!(stale["detail"].as_str().is_some_and(|text| text.contains("was restarted")), "{stale}");
+    }
+    let uploaded = service.post("/v1/measurements", &csv).expect(201);
+    for fresh in [&uploaded, &again(&service)] {
+        let answer = service.post_json("/v1/plans", &order(fresh));
+        assert!(!answer.text().contains("plan_stale"), "{}", answer.text());
+    }
+}
+
+#[test]
 fn a_scan_measured_again_makes_no_younger_pose() {
     let line = Line::ready(FAST);
     let measured = line.measure();

@@ -1,10 +1,14 @@
 //! Who has to wait for whom: replays, measurements, pictures and uploads when the pool is taken.
 
+mod cell;
+mod unreadable;
+
 use super::*;
 use crate::plot::Picture;
 use crate::scan::decode::Format;
 use crate::scan::encode::encode;
 use crate::scan::synthetic::{Part, make};
+use crate::store::{Filter, Page};
 use std::path::PathBuf;
 use std::sync::atomic::AtomicU32;
 use std::sync::mpsc;
@@ -69,7 +73,7 @@ fn order(request_id: &str) -> Order {
     Order { request_id: Some(request_id.to_owned()), ..Order::default() }
 }
 
-async fn measure_once(service: &Service, order: Order) -> Answer {
+async fn measure_once(service: &Arc<Service>, order: Order) -> Answer {
     let upload = begin(service, &ply(5), order).await.expect("room");
     let arrived = service.complete_upload(upload).await.expect("complete");
     service.measure_upload(arrived).await.expect("measured")

@@ -1,0 +1,329 @@
+//! A count of commits that is kept beside the database, so that a database that lost acknowledged records is noticed: one whose
+//! log was damaged, one that was replaced by an older copy, one that was removed. All calls on files block.
+//!
+//! ```text
+//! transaction: rows, count n and chain n ──> commit ──> coaxis.commits: n, chain n ──> acknowledged
+//!                                               │
+//!                                               └ process dies ──> the database is one commit ahead of the file
+//! ```
+//!
+//! chain n = SHA-256(chain n−1, n, a number drawn at the start). The file has two slots that are written in turn, each with its
+//! own checksum: where the last one was not written completely, the one before it is there.
+
+use std::{
+    fmt,
+    fs::{self, File, OpenOptions},
+    hash::{BuildHasher as _, Hasher as _, RandomState},
+    io,
+    os::unix::fs::{FileExt as _, MetadataExt as _, OpenOptionsExt as _},
+    path::{Path, PathBuf},
+    sync::{Mutex, MutexGuard, OnceLock, PoisonError},
+};
+
+use sha2::{Digest, Sha256};
+use sqlx::{Row, SqliteConnection};
+
+use super::{
+    StoreError, columns,
+    folder::{self, FILE_MODE},
+    hex, statements,
+};
+
+/// Bytes of a slot: a sector, so that one is written or not.
+const SLOT_BYTES: usize = 512;
+
+/// How acknowledged records were lost.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Loss {
+    /// The database is missing or empty beside scans that are kept.
+    Empty {
+        /// Scans in the folder.
+        scans_count: u64,
+    },
+    /// The database holds fewer commits than were acknowledged.
+    Behind {
+        /// Commits of the database.
+        found: u64,
+        /// Commits that were acknowledged.
+        acknowledged: u64,
+    },
+    /// The commits of the database are not those that were acknowledged.
+    Foreign {
+        /// Commits of the database.
+        found: u64,
+        /// Commits that were acknowledged.
+        acknowledged: u64,
+    },
+    /// The database file was removed or replaced while the service was running.
+    Replaced {
+        /// The file.
+        file: PathBuf,
+    },
+}
+
+impl fmt::Display for Loss {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Empty { scans_count } => {
+                write!(f, "the database is missing or empty, although the folder holds {scans_count} scans")
+            }
+            Self::Behind { found, acknowledged } => {
+                write!(f, "the database lost records: it holds {found} commits, and {acknowledged} were acknowledged")
+            }
+            Self::Foreign { found, acknowledged } => write!(
+                f,
+                "the database is not the one that was written last: its {found} commits do not continue the {acknowledged} \
+                 that were acknowledged"
+            ),
+            Self::Replaced { file } => {
+                write!(f, "the database file {} was removed or replaced while it was in use", file.display())
+            }
+        }
+    }
+}
+
+/// A number of commits, and what tells them apart from as many others.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub(super) struct Commits {
+    pub(super) count: u64,
+    pub(super) chain: String,
+}
+
+/// What the database says of its commits.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Counted {
+    pub(super) last: Commits,
+    /// The chain of the commit before.
+    pub(super) previous: String,
+}
+
+impl Counted {
+    /// Reads it from the database.
+    pub(super) async fn of(database: &mut SqliteConnection) -> Result<Self, StoreError> {
+        let row = sqlx::query(statements::COMMITS).fetch_one(database).await?;
+        let last = Commits { count: columns::count(&row, "count")?, chain: row.try_get("chain")? };
+        Ok(Self { last, previous: row.try_get("previous")? })
+    }
+
+    /// Whether these are the acknowledged commits, or one more: a process may die between a commit and its acknowledgement.
+    pub(super) fn check(&self, acknowledged: &Commits) -> Result<(), Loss> {
+        let (found, known) = (self.last.count, acknowledged.count);
+        let continues = match found.checked_sub(known) {
+            None => return Err(Loss::Behind { found, acknowledged: known }),
+            Some(0) => self.last.chain == acknowledged.chain,
+            Some(1) => self.previous == acknowledged.chain,
+            Some(_) => false,
+        };
+        if continues { Ok(()) } else { Err(Loss::Foreign { found, acknowledged: known }) }
+    }
+}
+
+/// The count of one store: what was acknowledged, and where that is written down.
+#[derive(Debug)]
+pub(super) struct CommitLog {
+    file: CommitFile,
+    database: PathBuf,
+    drawn: u64,
+    known: Mutex<Known>,
+    loss: OnceLock<Loss>,
+    /// Tests fill the disk by this.
+    #[cfg(test)]
+    pub(super) full: std::sync::atomic::AtomicBool,
+}
+
+#[derive(Debug)]
+struct Known {
+    last: Commits,
+    /// The file does not say `last` yet.
+    behind: bool,
+    /// Which files the database and its log are, as of the first commit of this connection.
+    identity: Option<Identity>,
+}
+
+/// Device and number of the database file and of its log.
+type Identity = [Option<(u64, u64)>; 2];
+
+impl CommitLog {
+    /// Of a database that was compared with its file.
+    pub(super) fn new(file: CommitFile, database: PathBuf, last: Commits, loss: Option<Loss>) -> Self {
+        let drawn = RandomState::new().build_hasher().finish();
+        let known = Mutex::new(Known { last, behind: false, identity: None });
+        Self {
+            file,
+            database,
+            drawn,
+            known,
+            loss: loss.map(OnceLock::from).unwrap_or_default(),
+            #[cfg(test)]
+            full: std::sync::atomic::AtomicBool::new(false),
+        }
+    }
+
+    /// Refuses where records were lost.
+    pub(super) fn check_loss(&self) -> Result<(), StoreError> {
+        self.loss.get().map_or(Ok(()), |loss| Err(StoreError::RecordsLost(loss.clone())))
+    }
+
+    /// Refuses where a test has filled the disk.
+    #[cfg(test)]
+    pub(super) fn check_room(&self) -> Result<(), StoreError> {
+        if self.full.load(std::sync::atomic::Ordering::SeqCst) { Err(StoreError::Full) } else { Ok(()) }
+    }
+
+    /// The database will be opened anew.
+    pub(super) fn forget_identity(&self) {
+        self.known().identity = None;
+    }
+
+    /// Refuses where records were lost, or the last commit cannot be written down.
+    pub(super) fn admit(&self) -> Result<(), StoreError> {
+        self.check_loss()?;
+        let mut known = self.known();
+        self.look_at_files(&mut known)?;
+        if known.behind {
+            self.file.write(&known.last)?;
+            known.behind = false;
+        }
+        Ok(())
+    }
+
+    /// Compares what the database says with what was acknowledged. Nothing may be
+    /// committed meanwhile.
+    pub(super) fn compare(&self, counted: &Counted) -> Result<(), StoreError> {
+        let checked = counted.check(&self.known().last);
+        checked.map_err(|loss| self.lose(loss))
+    }
+
+    /// Counts the transaction under way.
+    pub(super) async fn count(&self, database: &mut SqliteConnection) -> Result<Commits, StoreError> {
+        let counted = Counted::of(&mut *database).await?;
+        self.compare(&counted)?;
+        let count = counted.last.count.saturating_add(1);
+        let chain = Sha256::new()
+            .chain_update(&counted.last.chain)
+            .chain_update(count.to_le_bytes())
+            .chain_update(self.drawn.to_le_bytes())
+            .finalize();
+        let next = Commits { count, chain: hex(&chain) };
+        sqlx::query(statements::COUNT_COMMIT)
+            .bind(columns::integer(next.count)?)
+            .bind(&next.chain)
+            .bind(&counted.last.chain)
+            .execute(database)
+            .await?;
+        Ok(next)
+    }
+
+    /// Writes down a commit that is durable, before it is acknowledged.
+    pub(super) fn acknowledge(&self, commits: Commits) -> Result<(), StoreError> {
+        {
+            let mut known = self.known();
+            (known.last, known.behind) = (commits, true);
+        }
+        self.admit()
+    }
+
+    /// Where the names lead to other files than those that were opened, what is written is gone when they are closed.
+    fn look_at_files(&self, known: &mut Known) -> Result<(), StoreError> {
+        let mut log = self.database.clone().into_os_string();
+        log.push("-wal");
+        let now = [self.database.as_path(), Path::new(&log)].map(identity);
+        match known.identity {
+            Some(then) if then != now => Err(self.lose(Loss::Replaced { file: self.database.clone() })),
+            // The log is there from the first commit on.
+            None if now.iter().all(Option::is_some) => {
+                known.identity = Some(now);
+                Ok(())
+            }
+            Some(_) | None => Ok(()),
+        }
+    }
+
+    fn lose(&self, loss: Loss) -> StoreError {
+        tracing::error!("{loss}; nothing is written any more");
+        StoreError::RecordsLost(self.loss.get_or_init(|| loss).clone())
+    }
+
+    fn known(&self) -> MutexGuard<'_, Known> {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn identity(file: &Path) -> Option<(u64, u64)> {
+    fs::metadata(file).ok().map(|file| (file.dev(), file.ino()))
+}
+
+/// The file of the count.
+#[derive(Debug)]
+pub(super) struct CommitFile {
+    file: File,
+    path: PathBuf,
+}
+
+impl CommitFile {
+    /// Opens or creates the file, and says what it holds; `None` where that is nothing.
+    pub(super) fn open(path: PathBuf) -> Result<(Self, Option<Commits>), StoreError> {
+        let mut options = OpenOptions::new();
+        options.read(true).write(true).create(true).truncate(false).mode(FILE_MODE);
+        let file = options.open(&path).map_err(StoreError::of_file(&path))?;
+        // The room is taken now, so that a full disk does not prevent the counting.
+        let length = file.metadata().map_err(StoreError::of_file(&path))?.len();
+        if length < 2 * SLOT_BYTES as u64 {
+            file.write_all_at(&[b' '; 2 * SLOT_BYTES], 0)
+                .and_then(|()| file.sync_all())
+                .map_err(StoreError::of_file(&path))?;
+            folder::sync(path.parent().unwrap_or(Path::new(".")))?;
+        }
+        let held = Self::read_from(&file).map_err(StoreError::of_file(&path))?;
+        Ok((Self { file, path }, held))
+    }
+
+    /// Opens or creates the file, whatever it holds.
+    pub(super) fn create(path: PathBuf) -> Result<Self, StoreError> {
+        let file = Self::open(path)?.0;
+        file.file.write_all_at(&[b' '; 2 * SLOT_BYTES], 0).map_err(StoreError::of_file(&file.path))?;
+        Ok(file)
+    }
+
+    /// What the file of this path holds; `None` where it is not there or holds nothing.
+    pub(super) fn read(path: &Path) -> Result<Option<Commits>, StoreError> {
+        match File::open(path) {
+            Ok(file) => Self::read_from(&file).map_err(StoreError::of_file(path)),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(StoreError::of_file(path)(error)),
+        }
+    }
+
+    fn read_from(file: &File) -> io::Result<Option<Commits>> {
+        let mut bytes = [0; 2 * SLOT_BYTES];
+        let mut length = 0;
+        while let Some(rest) = bytes.get_mut(length..).filter(|rest| !rest.is_empty()) {
+            match file.read_at(rest, length as u64)? {
+                0 => break,
+                count => length += count,
+            }
+        }
+        Ok(bytes.chunks(SLOT_BYTES).filter_map(parse).max_by_key(|commits| commits.count))
+    }
+
+    /// Writes the count durably.
+    pub(super) fn write(&self, commits: &Commits) -> Result<(), StoreError> {
+        let Commits { count, chain } = commits;
+        let text = format!("{count} {chain}");
+        let slot = format!("{text} {}", checksum(&text));
+        let slot = format!("{slot:<width$}\n", width = SLOT_BYTES - 1);
+        let place = (count % 2) * SLOT_BYTES as u64;
+        let written = self.file.write_all_at(slot.as_bytes(), place).and_then(|()| self.file.sync_data());
+        written.map_err(StoreError::of_file(&self.path))
+    }
+}
+
+fn parse(slot: &[u8]) -> Option<Commits> {
+    let (text, sum) = std::str::from_utf8(slot).ok()?.trim_end().rsplit_once(' ')?;
+    let (count, chain) = text.split_once(' ').filter(|_| checksum(text) == sum)?;
+    Some(Commits { count: count.parse().ok()?, chain: chain.to_owned() })
+}
+
+fn checksum(text: &str) -> String {
+    hex(&Sha256::digest(text)).get(..16).unwrap_or_default().to_owned()
+}
