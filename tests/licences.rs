@@ -1,7 +1,5 @@
 //! The licence texts that the image carries.
 
-#![expect(clippy::expect_used, reason = "a test may fail")]
-
 use std::process::Command;
 
 #[test]

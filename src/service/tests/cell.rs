@@ -220,7 +220,7 @@ async fn a_start_that_the_closing_cell_refuses_is_refused_and_its_ids_are_free()
     let folder = TempFolder::new();
     let (service, lease) = ready(&folder, FAST).await;
     let order = MoveOrder {
-        by: service.commander(),
+        by: service.authorise(&lease, None).await.expect("it is held"),
         measurement_id: None,
         speed_ratio: 1.0,
         plan: crate::motion::plan_move(

@@ -217,7 +217,7 @@ async fn a_command_is_recorded_under_the_lease_that_authorised_it_and_a_stop_und
     assert!(service.authorise(&first.id, None).await.is_err());
     assert!(service.holds_lease(&second.id) && !service.holds_lease(&first.id));
     service.stop().await.expect("a cell");
-    service.followers.finish(FOLLOWERS_WAIT).await;
+    service.followers.finish(std::time::Duration::from_secs(10)).await;
     let page = crate::store::Page { limit: 10, before: None };
     let rows = service.store.jobs("act", None, &page).await.expect("readable").rows;
     let stop: serde_json::Value = serde_json::from_str(&rows[0].document).expect("JSON");
