@@ -125,7 +125,9 @@ fn commands_of(path: &[&str]) -> Vec<String> {
     assert!(help.status.success(), "{path:?}: {}", String::from_utf8_lossy(&help.stderr));
     let help = String::from_utf8(help.stdout).expect("text");
     let lines = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
-    lines.filter_map(|line| line.strip_prefix("  ")?.split_whitespace().next().map(str::to_owned)).collect()
+    // Lines that continue a text are indented further.
+    let names = lines.filter_map(|line| line.strip_prefix("  ").filter(|line| !line.starts_with(' ')));
+    names.filter_map(|line| line.split_whitespace().next().map(str::to_owned)).collect()
 }
 
 #[test]
@@ -162,8 +164,8 @@ fn a_wrong_value_is_answered_with_what_is_allowed() {
     }
     let said = complaint(&["simulate", "scan", &scan, "--radius-mm", "-3"]);
     assert!(said.contains("radius-mm must be between"), "{said}");
-    let said = complaint(&["serve", "--listen", "localhost:8080"]);
-    assert!(said.contains("127.0.0.1:8080"), "{said}");
+    let said = complaint(&["serve", "--listen", "line3.example:8080"]);
+    assert!(said.contains("localhost:8080"), "{said}");
 }
 
 #[test]

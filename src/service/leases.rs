@@ -99,7 +99,11 @@ impl Service {
     /// # Errors
     /// [`ServiceError::Cell`] where it is over or somebody else's.
     pub async fn release_lease(&self, id: &str) -> Result<(), ServiceError> {
-        self.cell_side()?.cell.release_lease(id).await.map_err(of_another)
+        let side = self.cell_side()?;
+        side.cell.release_lease(id).await.map_err(of_another)?;
+        // The cell publishes its state a moment after its answer.
+        side.newest_lease.lock().unwrap_or_else(PoisonError::into_inner).take_if(|(newest, _)| newest == id);
+        Ok(())
     }
 
     /// The lease of this id, renewed.
