@@ -109,7 +109,7 @@ impl Service {
     /// The bytes of a scan.
     ///
     /// # Errors
-    /// [`ServiceError::ScanUnknown`], and those of [`Service::scan_file`].
+    /// [`ServiceError::ScanUnknown`], [`ServiceError::ScanFileMissing`], [`ServiceError::Store`] where it cannot be read.
     pub async fn scan_content(&self, id: &str) -> Result<Content, ServiceError> {
         let row = self.scan(id).await?;
         Ok(Content { file: self.scan_file(id).await?, row })
