@@ -220,7 +220,8 @@ async fn a_command_is_recorded_under_the_lease_that_authorised_it_and_a_stop_und
     service.followers.finish(std::time::Duration::from_secs(10)).await;
     let page = crate::store::Page { limit: 10, before: None };
     let rows = service.store.jobs("act", None, &page).await.expect("readable").rows;
-    let stop: serde_json::Value = serde_json::from_str(&rows[0].document).expect("JSON");
+    let document: serde_json::Value = serde_json::from_str(&rows[0].document).expect("JSON");
+    let stop = &document["content"];
     assert_eq!((&stop["verb"], &stop["holder"], &stop["fence"]), (&"stop".into(), &().into(), &().into()), "{stop}");
     service.close().await;
 }
