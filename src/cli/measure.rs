@@ -1,7 +1,7 @@
 //! `coaxis measure`: scan files to poses, without a service. The same document as over HTTP, or a table for people.
 
 use super::config::Sources;
-use super::reading::ReadingArguments;
+use super::reading::{ReadingArguments, named};
 use super::{FAILED, Outcome, OutputClosed, REFUSED, bar, complain, print, table};
 use crate::estimation::{EndFaceRule, Method, Orientation};
 use crate::http::{MeasurementDocument, profiles_csv};
@@ -200,16 +200,13 @@ fn write(path: &Path, text: &str) -> Result<(), Box<dyn Error>> {
 }
 
 fn method(name: &str) -> Result<Method, String> {
-    let names = || Method::ALL.map(Method::name).join(", ");
-    Method::from_name(name).ok_or_else(|| format!("there is {}", names()))
+    named(Method::from_name(name), Method::ALL, Method::name)
 }
 
 fn orientation(name: &str) -> Result<Orientation, String> {
-    let names = || Orientation::ALL.map(Orientation::name).join(", ");
-    Orientation::from_name(name).ok_or_else(|| format!("there is {}", names()))
+    named(Orientation::from_name(name), Orientation::ALL, Orientation::name)
 }
 
 fn end_face(name: &str) -> Result<EndFaceRule, String> {
-    let names = || EndFaceRule::ALL.map(EndFaceRule::name).join(", ");
-    EndFaceRule::from_name(name).ok_or_else(|| format!("there is {}", names()))
+    named(EndFaceRule::from_name(name), EndFaceRule::ALL, EndFaceRule::name)
 }

@@ -42,17 +42,23 @@ impl ReadingArguments {
     }
 }
 
+/// The value of a name, or the names that there are.
+pub(super) fn named<T, const N: usize>(
+    found: Option<T>,
+    all: [T; N],
+    name: fn(T) -> &'static str,
+) -> Result<T, String> {
+    found.ok_or_else(|| format!("there is {}", all.map(name).join(", ")))
+}
+
 pub(super) fn format(name: &str) -> Result<Format, String> {
-    let names = || Format::ALL.map(Format::name).join(", ");
-    Format::from_name(name).ok_or_else(|| format!("there is {}", names()))
+    named(Format::from_name(name), Format::ALL, Format::name)
 }
 
 fn unit(name: &str) -> Result<Unit, String> {
-    let names = || Unit::ALL.map(Unit::name).join(", ");
-    Unit::from_name(name).ok_or_else(|| format!("there is {}", names()))
+    named(Unit::from_name(name), Unit::ALL, Unit::name)
 }
 
 fn decimal(name: &str) -> Result<Decimal, String> {
-    let names = || Decimal::ALL.map(Decimal::name).join(", ");
-    Decimal::from_name(name).ok_or_else(|| format!("there is {}", names()))
+    named(Decimal::from_name(name), Decimal::ALL, Decimal::name)
 }

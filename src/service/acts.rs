@@ -2,19 +2,14 @@
 //! of it is sent.
 
 use super::jobs::{Beginning, Ending, JobStanding, Kind};
+use super::unwritten::{PAUSE_FIRST, PAUSE_MAX};
 use super::{Commander, Service, ServiceError};
 use crate::cell::{Cell, Manual, Refusal, StopReport, Taken};
 use crate::motion::Carrier;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::time::Duration;
 use tokio::time::timeout;
-
-/// The first pause before stops that could not be recorded are tried again; each further one is twice as long.
-const STOP_PAUSE_FIRST: Duration = Duration::from_millis(250);
-/// The longest pause.
-const STOP_PAUSE_MAX: Duration = Duration::from_secs(30);
 
 /// A command to a single device, or the reset, as it is kept.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -46,7 +41,7 @@ impl Service {
 
     async fn record_stops(self: &Arc<Self>) {
         let Ok(side) = self.cell_side() else { return };
-        let mut pause = STOP_PAUSE_FIRST;
+        let mut pause = PAUSE_FIRST;
         loop {
             let count = side.stops.load(Ordering::Acquire);
             let order = ActOrder { count: (count > 1).then_some(count), ..act("stop", None, Commander::NOBODY) };
@@ -58,7 +53,7 @@ impl Service {
                 Err(error) => {
                     tracing::warn!(%error, "{count} stops are not recorded yet; it is tried again");
                     let _ = timeout(pause, self.closing.wait()).await;
-                    pause = (pause * 2).min(STOP_PAUSE_MAX);
+                    pause = (pause * 2).min(PAUSE_MAX);
                     continue;
                 }
             }

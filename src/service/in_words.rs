@@ -1,5 +1,4 @@
-//! What the deserializer says about a value, in words of a user: it speaks of variants, sequences and f64. Must not know what the value
-//! is for.
+//! What the deserializer says about a value, in words of a user: it speaks of variants, sequences and f64.
 
 /// Bytes that some programs write before a text in UTF-8.
 const MARK: &[u8] = b"\xef\xbb\xbf";

@@ -16,9 +16,9 @@ use tokio::time::sleep;
 const UNWRITTEN_MAX: usize = 64;
 
 /// The first pause before an end is tried again; each further one is twice as long.
-const PAUSE_FIRST: Duration = Duration::from_millis(250);
+pub(super) const PAUSE_FIRST: Duration = Duration::from_millis(250);
 /// The longest pause.
-const PAUSE_MAX: Duration = Duration::from_secs(30);
+pub(super) const PAUSE_MAX: Duration = Duration::from_secs(30);
 
 /// The end of a job with all that belongs into the same transaction.
 #[derive(Debug, Clone)]

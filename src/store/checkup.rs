@@ -1,5 +1,4 @@
-//! Examines the store of a folder without changing anything, beside a running service or without one. Must not know what a
-//! document says.
+//! Examines the store of a folder without changing anything, beside a running service or without one.
 
 use std::path::{Path, PathBuf};
 

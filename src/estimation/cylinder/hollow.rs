@@ -10,15 +10,14 @@ const POINTS_MAX: usize = 32_768;
 /// normal one.
 const NEAR: f64 = 0.5;
 pub(super) const WITHIN: f64 = 2.0;
-/// Standard deviations of chance.
+/// Standard deviations of the binomial count near the fit; chance exceeds them once in 3·10⁶.
 const CERTAIN: f64 = 5.0;
 
 /// The share of the points within two σ that are farther than half a σ, where that is more than in an even distribution.
 pub(super) fn share(scan: &Scan, solution: &Solution) -> Option<f64> {
     let step = scan.points().len().div_ceil(POINTS_MAX).max(1);
     let distance = |[x, y, z]: [f64; 3]| solution.cylinder.slice(x).distance(y, z).abs() / solution.sigma;
-    let points = scan.stations().iter().flat_map(|station| scan.points_of(station)).step_by(step);
-    let within: Vec<f64> = points.map(distance).filter(|distance| *distance < WITHIN).collect();
+    let within: Vec<f64> = scan.every_nth_point(step).map(distance).filter(|distance| *distance < WITHIN).collect();
     let (count, near) = (within.len() as f64, within.iter().filter(|distance| **distance < NEAR).count() as f64);
     let even = NEAR / WITHIN;
     let is_hollow = near < even * count - CERTAIN * (even * (1.0 - even) * count).sqrt();

@@ -1,4 +1,4 @@
-//! What a message shows of a file, and what it says is to be done about it. Must not know where in the file it was found.
+//! What a message shows of a file, and what it says is to be done about it.
 
 use std::fmt;
 

@@ -1,5 +1,5 @@
 //! A matrix of heights: no coordinates but z in its cells, perhaps y or x in its first column. From values in rows and the pitches
-//! that a caller declares to a cloud. Must not know about text or arrays.
+//! that a caller declares to a cloud.
 //!
 //! | declared | a profile is | x | y |
 //! |---|---|---|---|

@@ -1,4 +1,4 @@
-//! The header of a numpy array: the type of its elements, the order of its axes and its shape. Must not know about points.
+//! The header of a numpy array: the type of its elements, the order of its axes and its shape.
 //!
 //! The header is a Python literal with three keys in a fixed spelling, and is read here: the crate for this format
 //! recurses into nested brackets and multiplies sizes unchecked, either of which a hostile header turns into an abort.

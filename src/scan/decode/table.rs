@@ -1,4 +1,4 @@
-//! How the rows of a text table are built: its separator, its header, its columns, from the first lines. Must not know about points.
+//! How the rows of a text table are built: its separator, its header, its columns, from the first lines.
 
 use super::fields::Separator;
 use super::hints::shorten;

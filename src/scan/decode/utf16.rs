@@ -1,4 +1,4 @@
-//! Text in UTF-16 with its mark as UTF-8, block by block: spreadsheets save "Unicode text" so. Must not know what the text means.
+//! Text in UTF-16 with its mark as UTF-8, block by block: spreadsheets save "Unicode text" so.
 
 use std::io::{self, BufRead, Read};
 

@@ -1,10 +1,9 @@
 //! Groups the stripes of a cloud by key and puts the profiles in order of x. Columns that are in order already are handed over
 //! as they are: copying those of a large scan would cost more than everything else.
-
 //!
 //! In a cloud in no order every point is a stripe. Reading the stripes in the order of the file and writing each to the end of
 //! its profile touches as many places as there are profiles; visiting them in the order of the profiles touches as many as
-//! there are points, which took ten times as long.
+//! there are points, and most of those are not in the cache.
 
 use super::SliceError;
 use super::choose::Key;
