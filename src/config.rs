@@ -119,6 +119,10 @@ pub struct Limits {
     pub pictures_queue_max: u64,
     /// Threads that calculate; 0 takes one a core.
     pub threads: u64,
+    /// Memory that the points of all requests may take together, MiB: what a request can need is set aside before its scan is
+    /// read, and who finds too little free waits. Where a scan of `scan.points_max` can need more than five eighths of it, fewer
+    /// points are read.
+    pub memory_max_mb: u64,
 }
 
 /// What is refused because it takes too long.
@@ -133,6 +137,8 @@ pub struct Timeouts {
     pub body_total_ms: u64,
     /// For a client that takes nothing of an answer.
     pub response_idle_ms: u64,
+    /// For one calculation, from its turn on.
+    pub calculation_ms: u64,
     /// For the whole end, from the signal on: motion stops, requests under way are answered, what happened is written down.
     pub shutdown_ms: u64,
 }
@@ -178,6 +184,7 @@ impl Default for Limits {
             pictures_running_max: 1,
             pictures_queue_max: 64,
             threads: 0,
+            memory_max_mb: 4096,
         }
     }
 }
@@ -189,6 +196,7 @@ impl Default for Timeouts {
             body_idle_ms: 10_000,
             body_total_ms: 120_000,
             response_idle_ms: 10_000,
+            calculation_ms: 60_000,
             shutdown_ms: 12_000,
         }
     }
@@ -285,7 +293,7 @@ impl Config {
     }
 
     /// Every number of the configuration with its least and greatest value.
-    fn ranges(&self) -> [(&'static str, u64, u64, u64); 29] {
+    fn ranges(&self) -> [(&'static str, u64, u64, u64); 31] {
         let (limits, scan, timeouts) = (&self.limits, &self.scan, &self.timeouts);
         let wide = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
         let hour = 3_600_000;
@@ -314,10 +322,12 @@ impl Config {
             ("limits.pictures_running_max", limits.pictures_running_max, 1, 1024),
             ("limits.pictures_queue_max", limits.pictures_queue_max, 0, 100_000),
             ("limits.threads", limits.threads, 0, 1024),
+            ("limits.memory_max_mb", limits.memory_max_mb, 512, 1 << 20),
             ("timeouts.header_ms", timeouts.header_ms, 10, hour),
             ("timeouts.body_idle_ms", timeouts.body_idle_ms, 10, hour),
             ("timeouts.body_total_ms", timeouts.body_total_ms, 10, 24 * hour),
             ("timeouts.response_idle_ms", timeouts.response_idle_ms, 10, hour),
+            ("timeouts.calculation_ms", timeouts.calculation_ms, 10, hour),
             ("timeouts.shutdown_ms", timeouts.shutdown_ms, 1, hour),
         ]
     }

@@ -9,7 +9,7 @@
     reason = "a test that panics has failed, as it should"
 )]
 
-use coaxis::scan::decode::{Encoding, Format, FormatClaims, Limits, Request, decode, find_format, inflate};
+use coaxis::scan::decode::{Encoding, Format, FormatClaims, Limits, Request, Sent, decode, find_format, inflate};
 use coaxis::scan::encode::encode;
 use coaxis::scan::slice::{SliceRequest, slice};
 use coaxis::scan::{Columns, Scan, Station};
@@ -135,7 +135,9 @@ fn take_in(bytes: &[u8], declared: Option<Format>) -> Result<usize, String> {
     let limits = small_limits();
     let claims = FormatClaims { parameter: declared, ..FormatClaims::default() };
     let mut reader: Box<dyn BufRead + '_> = match Encoding::sniff(bytes) {
-        Some(encoding) => Box::new(inflate(encoding, bytes, &limits).map_err(|error| error.to_string())?),
+        Some(encoding) => {
+            Box::new(inflate(encoding, bytes, &limits, &Sent::default()).map_err(|error| error.to_string())?)
+        }
         None => Box::new(bytes),
     };
     let format = {

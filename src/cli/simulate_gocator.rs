@@ -7,7 +7,7 @@ use crate::device::gocator::server::{Form, ScanSource, Server, ServerSettings, T
 use crate::device::gocator::{Deadlines, Extrinsic, Settings, Travel};
 use crate::device::simulated::StageSettings;
 use crate::scan::Scan;
-use crate::scan::decode::{Encoding, FormatClaims, Limits, Request, decode, find_format, inflate};
+use crate::scan::decode::{Encoding, FormatClaims, Limits, Request, Sent, decode, find_format, inflate};
 use crate::scan::slice::{SliceRequest, slice};
 use crate::scan::synthetic::{Part, make};
 use std::collections::BTreeMap;
@@ -192,14 +192,17 @@ fn read(path: &Path) -> Result<Scan, Box<dyn Error>> {
     let limits = Limits::default();
     let mut packed = BufReader::with_capacity(READ_BLOCK_BYTES, File::open(path)?);
     let encoding = Encoding::sniff(packed.fill_buf()?);
+    let sent = Sent::default();
     let mut bytes: Box<dyn BufRead> = match encoding {
-        Some(encoding) => Box::new(BufReader::with_capacity(READ_BLOCK_BYTES, inflate(encoding, packed, &limits)?)),
+        Some(encoding) => {
+            Box::new(BufReader::with_capacity(READ_BLOCK_BYTES, inflate(encoding, packed, &limits, &sent)?))
+        }
         None => Box::new(packed),
     };
     let file_name = path.file_name().and_then(|name| name.to_str());
     let claims = FormatClaims { file_name, ..FormatClaims::default() };
     let format = find_format(&claims, bytes.fill_buf()?)?;
-    let request = Request::new(&limits);
+    let request = Request { sent: encoding.is_some().then_some(&sent), ..Request::new(&limits) };
     let cloud = decode(format, &mut bytes, &request)?;
     Ok(slice(cloud, &SliceRequest::default(), &limits)?)
 }

@@ -46,7 +46,7 @@ pub use estimate::{
 pub use least_squares::{GaussianCylinder, LeastSquaresError, basis, least_squares_cylinder};
 pub use parts::{ByGap, PARTS_MAX, PartEstimate, PartRule, Parts, PartsError, ScanEstimate, Window, estimate_parts};
 pub use placed::OnRail;
-pub use progress::Progress;
+pub use progress::{Progress, Stop};
 pub use refusal::{FoundCylinder, Refusal};
 pub use section_cut::SectionCut;
 pub use settings::{End, EndFaceRule, Method, Orientation, RadiusRule, SettingError, Settings};
@@ -68,7 +68,9 @@ fn in_frame(scan: &Scan, settings: &Settings, expected_radius: Option<f64>, prog
         Method::SectionLine | Method::SectionLinePlain => section_line::find(scan, settings, progress),
     };
     let mut estimate = conclude::conclude(settings, found);
-    end_face::complete(scan, settings, &mut estimate);
+    if !progress.is_stopped() {
+        end_face::complete(scan, settings, &mut estimate);
+    }
     estimate
 }
 

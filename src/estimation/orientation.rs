@@ -33,7 +33,7 @@ const CUT_AGAIN: f64 = 0.017;
 /// The whole measurement in the orientation that the settings ask for.
 pub(super) fn measure(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
     if settings.method == Method::LeastSquares {
-        return with_tilt(least_squares::method::measure(scan, settings), settings);
+        return with_tilt(least_squares::method::measure(scan, settings, progress), settings);
     }
     let mut estimate = in_orientation(scan, settings, progress);
     let reach = estimate.residuals.map_or(0.0, |residuals| robust::TUKEY_C * residuals.sigma);
@@ -54,10 +54,10 @@ fn in_orientation(scan: &Scan, settings: &Settings, progress: &Progress) -> Esti
     match &estimate.outcome {
         Outcome::Accepted(_) => with_tilt(estimate, settings),
         Outcome::Refused(refusal) if no_axis_along_x(refusal) && scan.grouping() == Grouping::SharedX => {
-            let found = anywhere(scan, settings, &Progress::default());
+            let found = anywhere(scan, settings, &progress.uncounted());
             if matches!(found.outcome, Outcome::Refused(Refusal::NoCylinder { .. })) { estimate } else { found }
         }
-        Outcome::Refused(refusal) if no_axis_along_x(refusal) => elsewhere(scan, estimate, settings),
+        Outcome::Refused(refusal) if no_axis_along_x(refusal) => elsewhere(scan, estimate, settings, progress),
         Outcome::Refused(_) => estimate,
     }
 }
@@ -98,7 +98,7 @@ fn no_axis_along_x(refusal: &Refusal) -> bool {
 }
 
 /// Looks elsewhere after no axis was found along the rail.
-fn elsewhere(scan: &Scan, along_rail: Estimate, settings: &Settings) -> Estimate {
+fn elsewhere(scan: &Scan, along_rail: Estimate, settings: &Settings, progress: &Progress) -> Estimate {
     let found = detection(scan, settings).map_or_else(Vec::new, |mut detection| detection.cylinders(None, 1));
     let explains_most = |found: &&Detected| found.share >= MAJORITY && tilt_deg(found) > settings.tilt_max_deg;
     let Some(found) = found.first().filter(explains_most) else { return along_rail };
@@ -109,7 +109,7 @@ fn elsewhere(scan: &Scan, along_rail: Estimate, settings: &Settings) -> Estimate
             Estimate { outcome, ..along_rail }
         }
         Orientation::Auto | Orientation::Any => {
-            let estimate = about(scan, found, settings, &Progress::default());
+            let estimate = about(scan, found, settings, &progress.uncounted());
             if matches!(estimate.outcome, Outcome::Accepted(_)) { estimate } else { along_rail }
         }
     }

@@ -1,20 +1,59 @@
-//! How far an estimation has come, for whoever waits. Must not know who looks.
+//! How far an estimation has come, and whether it is still wanted; shared by the threads that calculate and those that wait.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-/// Profiles done so far; shared between the threads that calculate and one that shows it.
+/// Tells a calculation that its result is not wanted any more. It ends soon, with a result that means nothing.
+#[derive(Debug, Clone, Default)]
+pub struct Stop(Arc<AtomicBool>);
+
+impl Stop {
+    /// The result is not wanted any more.
+    pub fn stop(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether that was said.
+    #[must_use]
+    pub fn is_stopped(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// Profiles done so far, and whether to go on.
 #[derive(Debug, Default)]
-pub struct Progress(AtomicUsize);
+pub struct Progress {
+    done_count: AtomicUsize,
+    stop: Stop,
+}
 
 impl Progress {
+    /// Of an estimation that ends when it is told to.
+    #[must_use]
+    pub fn until(stop: &Stop) -> Self {
+        Self { stop: stop.clone(), ..Self::default() }
+    }
+
+    /// For a part of the estimation that is not counted.
+    #[must_use]
+    pub fn uncounted(&self) -> Self {
+        Self::until(&self.stop)
+    }
+
     /// One more profile is done.
     pub fn advance(&self) {
-        self.0.fetch_add(1, Ordering::Relaxed);
+        self.done_count.fetch_add(1, Ordering::Relaxed);
     }
 
     /// Profiles done.
     #[must_use]
     pub fn done_count(&self) -> usize {
-        self.0.load(Ordering::Relaxed)
+        self.done_count.load(Ordering::Relaxed)
+    }
+
+    /// Whether the estimation is to end.
+    #[must_use]
+    pub fn is_stopped(&self) -> bool {
+        self.stop.is_stopped()
     }
 }

@@ -27,6 +27,7 @@ pub(super) struct Pieces {
     ahead: VecDeque<Bytes>,
     bytes_count: u64,
     bytes_max: u64,
+    announced_bytes: Option<u64>,
     idle: Duration,
     total: Duration,
     /// How fast it comes.
@@ -44,7 +45,9 @@ impl Pieces {
     /// # Errors
     /// [`Code::BodyTooLarge`] where the announced length is beyond; nothing is read then.
     pub(super) fn new(parts: &Parts, body: Body, app: &App, bytes_max: u64) -> Result<Self, Problem> {
+        let announced_bytes = announced_bytes(&parts.headers);
         let pieces = Self {
+            announced_bytes,
             peer: ConnectionInfo::of(&parts.extensions).peer,
             body: Some(body),
             ahead: VecDeque::new(),
@@ -57,7 +60,7 @@ impl Pieces {
             watch: app.service.start_stopwatch(),
             silent: parts.headers.contains_key(header::EXPECT),
         };
-        match announced_bytes(&parts.headers) {
+        match announced_bytes {
             Some(announced) if announced > bytes_max => Err(too_large(bytes_max).with("announced_bytes", announced)),
             _ => Ok(pieces),
         }
@@ -104,6 +107,11 @@ impl Pieces {
     /// Who sends it.
     pub(super) const fn peer(&self) -> Peer {
         self.peer
+    }
+
+    /// Bytes that were announced.
+    pub(super) const fn announced_bytes(&self) -> Option<u64> {
+        self.announced_bytes
     }
 
     /// Bytes received so far.

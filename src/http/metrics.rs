@@ -20,6 +20,8 @@ const CONNECTIONS_MAX: &str = "coaxis_connections_max";
 const CONNECTIONS_REFUSED: &str = "coaxis_connections_refused_total";
 const UPLOADS: &str = "coaxis_uploads";
 const UPLOADS_MAX: &str = "coaxis_uploads_max";
+const MEMORY: &str = "coaxis_memory_admitted_bytes";
+const MEMORY_MAX: &str = "coaxis_memory_admitted_bytes_max";
 const LISTENERS: &str = "coaxis_listeners";
 const LISTENERS_MAX: &str = "coaxis_listeners_max";
 const DATABASE_BYTES: &str = "coaxis_database_bytes";
@@ -47,6 +49,8 @@ pub(super) struct Levels {
     pub(super) connections_max: (u64, u64),
     /// Uploads that are coming in, and how many may.
     pub(super) uploads: (u64, u64),
+    /// Memory that is set aside for points, and how much may be, bytes.
+    pub(super) memory: (u64, u64),
     /// Clients that wait, and how many may.
     pub(super) listeners: (u64, u64),
     /// Room on the disk, where that could be found out.
@@ -113,7 +117,11 @@ impl Metrics {
         self.set_place(CONNECTIONS_MAX, "general", levels.connections_max.0);
         self.set_place(CONNECTIONS_MAX, "reserved", levels.connections_max.1);
         self.counter(CONNECTIONS_REFUSED, Vec::new()).absolute(levels.connections.refused);
-        let places = [(UPLOADS, UPLOADS_MAX, levels.uploads), (LISTENERS, LISTENERS_MAX, levels.listeners)];
+        let places = [
+            (UPLOADS, UPLOADS_MAX, levels.uploads),
+            (LISTENERS, LISTENERS_MAX, levels.listeners),
+            (MEMORY, MEMORY_MAX, levels.memory),
+        ];
         for (name, name_max, (count, most)) in places {
             self.set(name, count);
             self.set(name_max, most);
@@ -198,6 +206,7 @@ mod tests {
             connections_max: (512, 32),
             uploads: (4, 128),
             listeners: (5, 200),
+            memory: (1 << 20, 1 << 32),
             usage: Some(Usage { database_bytes: 4096, disk_free_bytes: 1 << 40, disk_total_bytes: 1 << 41 }),
         }
     }
@@ -213,6 +222,8 @@ mod tests {
             "coaxis_uploads 4",
             "coaxis_uploads_max 128",
             "coaxis_listeners 5",
+            "coaxis_memory_admitted_bytes 1048576",
+            "coaxis_memory_admitted_bytes_max 4294967296",
             "coaxis_database_bytes 4096",
             "coaxis_disk_free_bytes 1099511627776",
         ] {

@@ -91,6 +91,7 @@ const BODY: &[Code] = &[
 /// What one that reads a scan may refuse besides.
 const SCAN: &[Code] = &[
     Code::TooManyPoints,
+    Code::CalculationTooLong,
     Code::InflatedTooLarge,
     Code::InflateRatio,
     Code::FormatUnknown,
@@ -267,7 +268,11 @@ fn refusals(operation_id: &str) -> Vec<&'static [Code]> {
             vec![STORE, NOT_MEASURED, &[Code::PartUnknown, Code::NotAcceptable, Code::RouteUnknown]]
         }
         "get_plot" => {
-            vec![STORE, NOT_MEASURED, &[Code::PartUnknown, Code::ProfileUnknown, Code::RouteUnknown, Code::Busy]]
+            vec![
+                STORE,
+                NOT_MEASURED,
+                &[Code::PartUnknown, Code::ProfileUnknown, Code::RouteUnknown, Code::Busy, Code::CalculationTooLong],
+            ]
         }
         "get_scan" | "get_scan_content" => vec![STORE, &[Code::ScanUnknown, Code::RouteUnknown]],
         "get_recipe" => vec![STORE, &[Code::RecipeUnknown, Code::RouteUnknown]],

@@ -90,7 +90,7 @@ pub(super) async fn receive(
     accepted: Accepted,
 ) -> Result<Arrived, Problem> {
     let _place = upload_place(app, pieces.peer())?;
-    let mut upload = app.service.begin_upload(encoding, origin, accepted).await?;
+    let mut upload = app.service.begin_upload(encoding, pieces.announced_bytes(), origin, accepted).await?;
     if let Err(problem) = write_all(pieces, &mut upload).await {
         upload.abandon().await;
         return Err(problem);

@@ -172,6 +172,7 @@ pub(super) async fn get_metrics(State(app): State<App>) -> Response {
         connections: app.connections.count(),
         connections_max: (limits.connections_max, limits.connections_reserved),
         uploads: (app.service.uploads_count(), limits.uploads_max),
+        memory: app.service.memory_bytes(),
         listeners: (app.listeners.count(), app.listeners.most()),
         usage: usage.inspect_err(|error| tracing::warn!(%error, "the room of the data folder is not known")).ok(),
     };

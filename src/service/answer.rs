@@ -1,19 +1,16 @@
 //! Measures a scan and records the result once per request. Must not know HTTP.
 
-use super::reading::ReadScan;
+use super::points::{PointFile, Points, Turn};
 use super::sensor::TAKEN_BY_SENSOR;
-use super::tee::READ_BLOCK_BYTES;
 use super::{
-    Acquisition, Arrived, Identity, MeasureError, Measured, Measurement, Origin, Recipe, RecipeName, Resolved, Service,
-    ServiceError, document,
+    Acquisition, Arrived, Identity, Measured, Measurement, Origin, Recipe, RecipeName, Resolved, Service, ServiceError,
+    document,
 };
 use crate::estimation::{Progress, Settings};
-use crate::scan::decode::{Format, Limits};
+use crate::scan::decode::Format;
 use crate::store::{CompleteScan, Inserted, MeasurementRow, NewMeasurement, RequestKey, ScanRow};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
-use std::fs::File;
-use std::io::BufReader;
 use std::sync::Arc;
 use tokio::sync::OwnedSemaphorePermit;
 
@@ -58,14 +55,6 @@ pub(super) struct Calculated {
     pub(super) profiles: Vec<u8>,
 }
 
-/// Where the points of a scan are.
-enum Points {
-    /// In memory.
-    Read(Box<ReadScan>),
-    /// In its file.
-    InFile(File),
-}
-
 impl Service {
     /// Looks up the recipe, resolves it and sees whether there is room: what can be refused before the scan is sent. A
     /// request that was answered before needs no room.
@@ -74,10 +63,14 @@ impl Service {
     /// [`ServiceError::Option`], [`ServiceError::RecipeUnknown`], [`ServiceError::Recipe`], [`ServiceError::Compute`]
     /// where the queue is full.
     pub async fn accept(&self, order: Order) -> Result<Accepted, ServiceError> {
-        self.accept_with(order, &self.defaults).await
+        let accepted = self.accept_with(order, &self.defaults).await?;
+        if !accepted.answered {
+            self.compute.check_free()?;
+        }
+        Ok(accepted)
     }
 
-    /// The same with other defaults than those of the configuration.
+    /// The same with other defaults than those of the configuration, and whether there is room or not.
     pub(super) async fn accept_with(&self, order: Order, defaults: &Settings) -> Result<Accepted, ServiceError> {
         order.overrides.resolve(defaults).map_err(ServiceError::Option)?;
         let under = match &order.recipe {
@@ -86,9 +79,6 @@ impl Service {
         };
         let resolved = order.overrides.clone().over(&under).resolve(defaults)?;
         let answered = self.is_answered(order.request_id.as_deref()).await?;
-        if !answered {
-            self.compute.check_free()?;
-        }
         Ok(Accepted { order, resolved, answered, acquisition: self.acquisition_now() })
     }
 
@@ -102,7 +92,7 @@ impl Service {
     /// # Errors
     /// [`ServiceError`]; nothing is recorded then.
     pub async fn measure_upload(self: &Arc<Self>, arrived: Arrived) -> Result<Answer, ServiceError> {
-        let Arrived { scan, read, origin, accepted, place } = arrived;
+        let Arrived { scan, read, sent, origin, accepted, place } = arrived;
         let arrival = accepted.arrival()?;
         let request = request_key(&scan.id(), &accepted.order);
         if let Some(earlier) = self.earlier_answer(request.as_ref()).await? {
@@ -110,11 +100,17 @@ impl Service {
         }
         let points = match read {
             Some(read) => Points::Read(Box::new(read)),
-            None => Points::InFile(scan.open().await?),
+            None => Points::InFile(Box::new(PointFile {
+                file: scan.open().await?,
+                bytes_count: scan.bytes_count(),
+                points_count: None,
+                sent,
+                origin: origin.clone(),
+                resolved: accepted.resolved.clone(),
+            })),
         };
         let acquisition = Some(accepted.acquisition.clone());
-        let Calculated { measurement, profiles } =
-            self.calculate(&scan.id(), points, &origin, accepted, acquisition).await?;
+        let Calculated { measurement, profiles } = self.calculate(&scan.id(), points, accepted, acquisition).await?;
         let row = scan_row(&scan, &measurement, &origin, arrival);
         let new = new_measurement(&measurement, profiles, Some(row), request)?;
         // It holds its place among the uploads until it is kept.
@@ -132,7 +128,6 @@ impl Service {
             return Ok(earlier);
         }
         let file = self.scan_file(&row.id).await?;
-        let origin = Origin { parameter: Format::from_name(&row.format), ..Origin::default() };
         // A scan by the sensor has the same uncertainty whenever it is measured.
         let accepted = match row.description.as_deref() {
             Some(TAKEN_BY_SENSOR) => self.accept_with(accepted.order, &self.sensor_defaults()).await?,
@@ -140,8 +135,15 @@ impl Service {
         };
         // However often a scan is measured again, its pose gets no younger.
         let acquisition = row.arrival.as_deref().and_then(|arrival| serde_json::from_str(arrival).ok());
-        let Calculated { measurement, profiles } =
-            self.calculate(&row.id, Points::InFile(file), &origin, accepted, acquisition).await?;
+        let points = Points::InFile(Box::new(PointFile {
+            file,
+            bytes_count: row.bytes_count,
+            points_count: row.points_count,
+            sent: None,
+            origin: Origin { parameter: Format::from_name(&row.format), ..Origin::default() },
+            resolved: accepted.resolved.clone(),
+        }));
+        let Calculated { measurement, profiles } = self.calculate(&row.id, points, accepted, acquisition).await?;
         let new = new_measurement(&measurement, profiles, None, request)?;
         self.insert(measurement, new, None).await
     }
@@ -164,12 +166,11 @@ impl Service {
         &self,
         scan_id: &str,
         points: Points,
-        origin: &Origin,
         accepted: Accepted,
         acquisition: Option<Acquisition>,
     ) -> Result<Calculated, ServiceError> {
         let Accepted { order, resolved, .. } = accepted;
-        let (clock, origin, limits) = (self.clock, origin.clone(), self.capacity.scan.clone());
+        let (clock, limits) = (self.clock, self.capacity.scan.clone());
         let mut identity = Identity {
             id: clock.new_id("m-"),
             created_at: clock.now(),
@@ -178,14 +179,12 @@ impl Service {
             recipe_name: order.recipe.map(RecipeName::into_string),
             acquisition,
         };
-        self.compute
-            .run(move || {
-                let watch = clock.start();
-                let measured = points.measure(&origin, &resolved, &limits)?;
-                identity.duration_ms = watch.elapsed_ms();
-                Calculated::of(identity, measured, &resolved)
-            })
-            .await?
+        let work = move |decoded, turn: &Turn<'_>| {
+            let measured = super::measure(decoded, &resolved, &limits, &Progress::until(turn.stop))?;
+            identity.duration_ms = turn.watch.elapsed_ms();
+            Calculated::of(identity, measured, &resolved)
+        };
+        self.with_points(&self.compute, points, work).await
     }
 
     /// Records a measurement and remembers it, whoever hangs up meanwhile.
@@ -260,24 +259,6 @@ pub(super) fn new_measurement(
         document: document::write("measurement", measurement)?,
     };
     Ok(NewMeasurement { row, scan, profiles, request })
-}
-
-impl Points {
-    fn measure(self, origin: &Origin, resolved: &Resolved, limits: &Limits) -> Result<Measured, MeasureError> {
-        let decoded = match self {
-            Self::Read(read) => {
-                let ReadScan { decoded, place, unpacked: _ } = *read;
-                // From now on the place of the calculation stands for these points.
-                drop(place);
-                decoded?
-            }
-            Self::InFile(file) => {
-                let mut reader = BufReader::with_capacity(READ_BLOCK_BYTES, file);
-                super::read(&mut reader, &origin.claims(), resolved, limits)?
-            }
-        };
-        super::measure(decoded, resolved, limits, &Progress::default())
-    }
 }
 
 fn request_key(scan_id: &str, order: &Order) -> Option<RequestKey> {

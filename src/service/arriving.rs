@@ -1,5 +1,5 @@
 //! A scan that the sensor takes: profiles come in one after the other and become a cloud as they come, so that nothing is
-//! left to be done when the last one is here. What goes out is what the kept file reads back as. Must not know devices' links.
+//! left to be done when the last one is here. What goes out is what the kept file reads back as.
 
 use crate::device::Profile;
 use crate::scan::decode::{DecodeError, Format, Limits, Unit};

@@ -1,9 +1,13 @@
-//! The way to the processor: a pool of threads of its own behind doors, one for each kind of work; a door lets a few
-//! calculations run at a time, has a short queue, and answers at once when both are full. Async threads never calculate. Must not know what is calculated.
+//! The way to the processor: a pool of threads of its own behind doors, one for each kind of work. A door lets a few
+//! calculations run at a time, has a short queue, and answers at once when both are full. A calculation has a deadline, and
+//! is told to stop when the deadline passes or when nobody waits for it any more. Async threads never calculate.
 
+use crate::estimation::Stop;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
+use std::time::Duration;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
+use tokio::time::timeout;
 
 /// A door: a pool of threads behind a bounded queue.
 #[derive(Debug, Clone)]
@@ -13,8 +17,24 @@ pub struct Compute {
     places: Arc<Semaphore>,
     /// One permit for everybody who runs.
     turns: Arc<Semaphore>,
-    running_max: usize,
-    queue_max: usize,
+    bounds: Bounds,
+}
+
+/// What a door lets through.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Bounds {
+    /// Calculations that may run at a time.
+    pub running_max: usize,
+    /// Calculations that may wait.
+    pub queue_max: usize,
+    /// For a calculation, from its start on.
+    pub deadline: Duration,
+}
+
+/// A place before a door, for one request; kept while its calculation runs, whoever goes on waiting.
+#[derive(Debug, Clone)]
+pub struct Place {
+    _permit: Arc<OwnedSemaphorePermit>,
 }
 
 /// Why a calculation was not made, or not finished.
@@ -27,6 +47,12 @@ pub enum ComputeError {
         running_max: usize,
         /// Calculations that may wait.
         queue_max: usize,
+    },
+    /// It took too long and was told to stop.
+    #[error("the calculation did not end within {deadline_ms} ms and was stopped")]
+    TooLong {
+        /// What it may take, from its start on.
+        deadline_ms: u64,
     },
     /// The calculation panicked; the pool goes on.
     #[error("a calculation panicked")]
@@ -42,65 +68,77 @@ pub struct Load {
     pub queued_count: usize,
 }
 
+/// Tells a calculation to stop when nobody waits for it any more.
+struct StopWhenDropped(Stop);
+
+impl Drop for StopWhenDropped {
+    fn drop(&mut self) {
+        self.0.stop();
+    }
+}
+
 impl Compute {
-    /// A pool of `threads` threads (0: one a core) that runs `running_max` calculations at a time and lets
-    /// `queue_max` wait.
+    /// A pool of `threads` threads (0: one a core) behind a door.
     ///
     /// # Errors
     /// Where the threads cannot be started.
-    pub fn start(threads: usize, running_max: usize, queue_max: usize) -> Result<Self, rayon::ThreadPoolBuildError> {
+    pub fn start(threads: usize, bounds: Bounds) -> Result<Self, rayon::ThreadPoolBuildError> {
         let pool =
             rayon::ThreadPoolBuilder::new().num_threads(threads).thread_name(|i| format!("compute-{i}")).build()?;
-        Ok(Self::to(Arc::new(pool), running_max, queue_max))
+        Ok(Self::to(Arc::new(pool), bounds))
     }
 
     /// A further door to the same pool, with places of its own: neither is refused for what goes through the other.
     #[must_use]
     pub fn beside(&self, running_max: usize, queue_max: usize) -> Self {
-        Self::to(Arc::clone(&self.pool), running_max, queue_max)
+        Self::to(Arc::clone(&self.pool), Bounds { running_max, queue_max, ..self.bounds })
     }
 
-    fn to(pool: Arc<rayon::ThreadPool>, running_max: usize, queue_max: usize) -> Self {
-        Self {
-            pool,
-            places: Arc::new(Semaphore::new(running_max + queue_max)),
-            turns: Arc::new(Semaphore::new(running_max)),
-            running_max,
-            queue_max,
-        }
+    fn to(pool: Arc<rayon::ThreadPool>, bounds: Bounds) -> Self {
+        let places_count = bounds.running_max.saturating_add(bounds.queue_max).min(Semaphore::MAX_PERMITS);
+        let (places, turns) = (Semaphore::new(places_count), Semaphore::new(bounds.running_max));
+        Self { pool, places: Arc::new(places), turns: Arc::new(turns), bounds }
     }
 
-    /// Runs `work` on the pool. Whoever stops waiting while queued gives up the place; what runs, runs to its end.
+    /// A place in the queue.
     ///
     /// # Errors
-    /// [`ComputeError::Busy`] at once where there is no place; [`ComputeError::Panicked`] where `work` panicked.
-    pub async fn run<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Result<T, ComputeError> {
+    /// [`ComputeError::Busy`] at once where there is none.
+    pub fn take_place(&self) -> Result<Place, ComputeError> {
         let place = Arc::clone(&self.places).try_acquire_owned().map_err(|_| self.busy())?;
-        self.run_at(place, work).await
+        Ok(Place { _permit: Arc::new(place) })
     }
 
-    /// The same for what cannot be asked for again: where there is no place, it gets the next one that is free.
+    /// Runs `work` on the pool when it is its turn. It is told to stop, and nobody hears of it any more, where the caller stops
+    /// waiting or the deadline passes.
     ///
     /// # Errors
-    /// [`ComputeError::Panicked`] where `work` panicked.
-    pub async fn run_queued<T: Send + 'static>(
+    /// [`ComputeError::Busy`] at once where there is no place; [`ComputeError::TooLong`], [`ComputeError::Panicked`].
+    pub async fn run<T: Send + 'static>(
         &self,
-        work: impl FnOnce() -> T + Send + 'static,
+        work: impl FnOnce(&Stop) -> T + Send + 'static,
     ) -> Result<T, ComputeError> {
-        let place = Arc::clone(&self.places).acquire_owned().await.map_err(|_| self.busy())?;
-        self.run_at(place, work).await
+        self.run_at(&self.take_place()?, work).await
     }
 
-    async fn run_at<T: Send + 'static>(
+    /// The same from a place that was taken before.
+    ///
+    /// # Errors
+    /// [`ComputeError::TooLong`], [`ComputeError::Panicked`].
+    pub async fn run_at<T: Send + 'static>(
         &self,
-        place: OwnedSemaphorePermit,
-        work: impl FnOnce() -> T + Send + 'static,
+        place: &Place,
+        work: impl FnOnce(&Stop) -> T + Send + 'static,
     ) -> Result<T, ComputeError> {
         // The semaphores are never closed; should they be, nobody can be served.
         let turn = Arc::clone(&self.turns).acquire_owned().await.map_err(|_| self.busy())?;
         let (sender, receiver) = oneshot::channel();
-        self.pool.spawn(move || work_and_answer(work, sender, (place, turn)));
-        receiver.await.map_err(|_| ComputeError::Panicked)?
+        let stop = Stop::default();
+        let _stopped = StopWhenDropped(stop.clone());
+        let place = place.clone();
+        self.pool.spawn(move || work_and_answer(|| work(&stop), sender, (place, turn)));
+        let outcome = timeout(self.bounds.deadline, receiver).await.map_err(|_| self.too_long())?;
+        outcome.map_err(|_| ComputeError::Panicked)?
     }
 
     /// Refuses where a calculation asked for now would be refused, so that nobody sends a large body in vain.
@@ -114,20 +152,25 @@ impl Compute {
     /// What runs and waits right now.
     #[must_use]
     pub fn load(&self) -> Load {
-        let running_count = self.running_max.saturating_sub(self.turns.available_permits());
-        let taken = (self.running_max + self.queue_max).saturating_sub(self.places.available_permits());
+        let Bounds { running_max, queue_max, .. } = self.bounds;
+        let running_count = running_max.saturating_sub(self.turns.available_permits());
+        let taken = running_max.saturating_add(queue_max).saturating_sub(self.places.available_permits());
         Load { running_count, queued_count: taken.saturating_sub(running_count) }
     }
 
     const fn busy(&self) -> ComputeError {
-        ComputeError::Busy { running_max: self.running_max, queue_max: self.queue_max }
+        ComputeError::Busy { running_max: self.bounds.running_max, queue_max: self.bounds.queue_max }
+    }
+
+    fn too_long(&self) -> ComputeError {
+        ComputeError::TooLong { deadline_ms: u64::try_from(self.bounds.deadline.as_millis()).unwrap_or(u64::MAX) }
     }
 }
 
 fn work_and_answer<T>(
     work: impl FnOnce() -> T,
     sender: oneshot::Sender<Result<T, ComputeError>>,
-    permits: (OwnedSemaphorePermit, OwnedSemaphorePermit),
+    permits: (Place, OwnedSemaphorePermit),
 ) {
     // A panic must not take the pool's thread with it. Nothing that `work` borrows is used again after one.
     let result = catch_unwind(AssertUnwindSafe(work)).map_err(|_| ComputeError::Panicked);
@@ -141,6 +184,10 @@ mod tests {
     use super::*;
     use std::sync::mpsc;
 
+    fn bounds(queue_max: usize) -> Bounds {
+        Bounds { running_max: 1, queue_max, deadline: Duration::from_secs(60) }
+    }
+
     /// Starts a calculation that runs until told to end; returns once it runs.
     async fn occupy(compute: &Compute) -> (mpsc::Sender<()>, tokio::task::JoinHandle<Result<(), ComputeError>>) {
         let (end, ended) = mpsc::channel::<()>();
@@ -148,7 +195,7 @@ mod tests {
         let compute = compute.clone();
         let task = tokio::spawn(async move {
             compute
-                .run(move || {
+                .run(move |_| {
                     let _ = start.send(());
                     let _ = ended.recv();
                 })
@@ -160,28 +207,68 @@ mod tests {
 
     #[tokio::test]
     async fn beyond_running_and_queue_the_answer_is_busy_at_once_and_a_hung_up_client_frees_its_place() {
-        let compute = Compute::start(1, 1, 1).expect("threads");
+        let compute = Compute::start(1, bounds(1)).expect("threads");
         let (end, running) = occupy(&compute).await;
 
-        let mut queued = Box::pin(compute.run(|| 1));
+        let mut queued = Box::pin(compute.run(|_| 1));
         assert!(futures_poll_once(&mut queued).await.is_none(), "it waits for its turn");
         assert_eq!(compute.load(), Load { running_count: 1, queued_count: 1 });
         assert_eq!(compute.check_free(), Err(ComputeError::Busy { running_max: 1, queue_max: 1 }));
-        assert_eq!(compute.run(|| 2).await, Err(ComputeError::Busy { running_max: 1, queue_max: 1 }));
+        assert_eq!(compute.run(|_| 2).await, Err(ComputeError::Busy { running_max: 1, queue_max: 1 }));
 
         drop(queued);
         assert_eq!(compute.load(), Load { running_count: 1, queued_count: 0 });
         end.send(()).expect("it still runs");
         running.await.expect("joined").expect("no panic");
-        assert_eq!(compute.run(|| 3).await, Ok(3));
+        assert_eq!(compute.run(|_| 3).await, Ok(3));
     }
 
     #[tokio::test]
     async fn a_panic_is_an_error_of_its_own_calculation_only() {
-        let compute = Compute::start(1, 1, 0).expect("threads");
-        let panicked: Result<(), _> = compute.run(|| panic!("made to")).await;
+        let compute = Compute::start(1, bounds(0)).expect("threads");
+        let panicked: Result<(), _> = compute.run(|_| panic!("made to")).await;
         assert_eq!(panicked, Err(ComputeError::Panicked));
-        assert_eq!(compute.run(|| 4).await, Ok(4));
+        assert_eq!(compute.run(|_| 4).await, Ok(4));
+    }
+
+    #[tokio::test]
+    async fn what_takes_longer_than_its_deadline_is_told_to_stop_and_keeps_its_place_until_it_has() {
+        let deadline = Duration::from_millis(20);
+        let compute = Compute::start(1, Bounds { running_max: 1, queue_max: 0, deadline }).expect("threads");
+        let (end, ended) = mpsc::channel::<()>();
+        let (told, was_told) = oneshot::channel();
+        let outcome: Result<(), _> = compute
+            .run(move |stop| {
+                while !stop.is_stopped() {
+                    std::thread::yield_now();
+                }
+                let _ = told.send(());
+                let _ = ended.recv();
+            })
+            .await;
+        assert_eq!(outcome, Err(ComputeError::TooLong { deadline_ms: 20 }));
+        was_told.await.expect("it was told to stop");
+        assert!(matches!(compute.run(|_| 1).await, Err(ComputeError::Busy { .. })), "it still runs");
+        end.send(()).expect("it waits for this");
+        while compute.load().running_count > 0 {
+            tokio::task::yield_now().await;
+        }
+        assert_eq!(compute.run(|_| 2).await, Ok(2));
+    }
+
+    #[tokio::test]
+    async fn what_nobody_waits_for_any_more_is_told_to_stop() {
+        let compute = Compute::start(1, bounds(0)).expect("threads");
+        let (told, was_told) = oneshot::channel();
+        let mut running = Box::pin(compute.run(move |stop| {
+            while !stop.is_stopped() {
+                std::thread::yield_now();
+            }
+            let _ = told.send(());
+        }));
+        assert!(futures_poll_once(&mut running).await.is_none(), "it runs");
+        drop(running);
+        was_told.await.expect("it was told to stop");
     }
 
     async fn futures_poll_once<F: Future + Unpin>(future: &mut F) -> Option<F::Output> {

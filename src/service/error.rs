@@ -20,6 +20,9 @@ pub enum ServiceError {
         /// Uploads that may be under way.
         uploads_max: usize,
     },
+    /// The points of earlier scans by the sensor, which are still calculated with, take the memory for those.
+    #[error("scans by the sensor are still being calculated, and their points take the memory that there is for them")]
+    ScansBusy,
     /// The store did not do its part.
     #[error(transparent)]
     Store(#[from] StoreError),

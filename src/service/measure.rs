@@ -3,7 +3,7 @@
 
 use super::Resolved;
 use crate::estimation::{Progress, ScanEstimate, Warning, estimate_parts};
-use crate::scan::decode::{DecodeError, Format, FormatClaims, Limits, Request, Unit, decode, find_format};
+use crate::scan::decode::{DecodeError, Format, FormatClaims, Limits, Request, Sent, Unit, decode, find_format};
 use crate::scan::missing::{MissingKind, Removed, clean};
 use crate::scan::slice::{SliceError, slice};
 use crate::scan::{Cloud, Scan};
@@ -55,7 +55,7 @@ pub struct Decoded {
     pub cloud: Cloud,
 }
 
-/// Bytes to points.
+/// Bytes to points; `sent` counts the bytes as they were sent, where they were unpacked on the way.
 ///
 /// # Errors
 /// [`DecodeError`] with what is wrong with the bytes.
@@ -64,28 +64,19 @@ pub fn read(
     claims: &FormatClaims<'_>,
     resolved: &Resolved,
     limits: &Limits,
+    sent: Option<&Sent>,
 ) -> Result<Decoded, DecodeError> {
     let format = find_format(claims, reader.fill_buf()?)?;
     let Resolved { unit, decimal, grid, .. } = *resolved;
-    let request = Request { unit, profile_column: resolved.profile_column(), decimal, grid, limits };
+    let request = Request { unit, profile_column: resolved.profile_column(), decimal, grid, limits, sent };
     Ok(Decoded { format, cloud: decode(format, reader, &request)? })
 }
 
-/// Bytes to profiles.
+/// Points to profiles.
 ///
 /// # Errors
-/// [`MeasureError`] with what is wrong with the bytes or with the way they are to be cut.
-pub fn prepare(
-    reader: &mut dyn BufRead,
-    claims: &FormatClaims<'_>,
-    resolved: &Resolved,
-    limits: &Limits,
-) -> Result<Prepared, MeasureError> {
-    cut(read(reader, claims, resolved, limits)?, resolved, limits)
-}
-
-/// Points to profiles.
-fn cut(decoded: Decoded, resolved: &Resolved, limits: &Limits) -> Result<Prepared, MeasureError> {
+/// [`MeasureError`] with what is wrong with the way they are to be cut.
+pub(super) fn cut(decoded: Decoded, resolved: &Resolved, limits: &Limits) -> Result<Prepared, MeasureError> {
     let Decoded { format, cloud } = decoded;
     let (cloud, removed) = clean(cloud, resolved.missing_values.as_deref());
     let points_count = u64::try_from(cloud.columns.len()).unwrap_or(u64::MAX);

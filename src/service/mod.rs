@@ -27,11 +27,13 @@ mod leases;
 mod live;
 mod measure;
 mod measurement;
+mod memory;
 mod moves;
 mod offline;
 mod pictures;
 mod plain;
 mod plans;
+mod points;
 mod propose;
 mod reading;
 mod recipe;
@@ -51,7 +53,7 @@ mod view;
 pub use acquisition::Acquisition;
 pub use answer::{Accepted, Answer, Order, RequestId};
 pub use clock::Stopwatch;
-pub use compute::{Compute, ComputeError, Load};
+pub use compute::{Bounds, Compute, ComputeError, Load, Place};
 pub use doctor::{Examined, accept_loss, examine};
 pub use document::{Entry, Unreadable, UnreadableRecord};
 pub use equipment::{Equipment, EquipmentError};
@@ -62,7 +64,7 @@ pub use in_words::{in_words, without_mark};
 pub use jobs::{Commander, Ending, JobStanding, Recorded, Started, stop_code};
 pub use leases::{HOLDER_CHARACTERS_MAX, HeldLease};
 pub use live::CellView;
-pub use measure::{Decoded, MeasureError, Measured, Prepared, measure, prepare, read};
+pub use measure::{Decoded, MeasureError, Measured, Prepared, measure, read};
 pub use measurement::{Identity, Measurement, SOFTWARE, Tally, Verdict};
 pub use moves::{Move, MoveOrder, MoveRequest};
 pub use offline::{Offline, measure_offline};
@@ -87,6 +89,8 @@ use closing::{Closing, Stage};
 use events::EventLog;
 use followers::Followers;
 use jiff::Timestamp;
+use measure::cut;
+use memory::MemoryShares;
 use side::CellSide;
 use std::path::Path;
 use std::sync::Arc;
@@ -116,6 +120,10 @@ pub struct Capacity {
     pub pictures_running_max: usize,
     /// Pictures that wait.
     pub pictures_queue_max: usize,
+    /// Memory that points may take, MiB.
+    pub memory_mib: u64,
+    /// For one calculation.
+    pub calculation: Duration,
     /// For everything that has to be done when the service is told to end.
     pub shutdown: Duration,
 }
@@ -135,6 +143,8 @@ impl Capacity {
             uploads_max: count(limits.uploads_max),
             pictures_running_max: count(limits.pictures_running_max),
             pictures_queue_max: count(limits.pictures_queue_max),
+            memory_mib: limits.memory_max_mb,
+            calculation: Duration::from_millis(config.timeouts.calculation_ms),
             shutdown: Duration::from_millis(config.timeouts.shutdown_ms),
         }
     }
@@ -150,6 +160,10 @@ pub struct Service {
     drawing: Compute,
     /// The door of packed uploads. There is room for each of them to wait.
     unpacking: Compute,
+    /// Threads of their own for scans by the sensor, so that the line waits neither for uploads nor for what was asked to be
+    /// measured again.
+    line: Compute,
+    memory: MemoryShares,
     uploads: Uploads,
     capacity: Capacity,
     /// What holds where neither request nor recipe says otherwise.
@@ -191,12 +205,18 @@ impl Service {
         equipment: Option<Equipment>,
     ) -> Result<Arc<Self>, ServiceError> {
         let store = Store::open(folder).await?;
-        let compute = Compute::start(capacity.threads, capacity.running_max, capacity.queue_max)
-            .map_err(|source| ServiceError::Threads(Arc::new(source)))?;
+        let start = |running_max, queue_max| {
+            let bounds = Bounds { running_max, queue_max, deadline: capacity.calculation };
+            Compute::start(capacity.threads, bounds).map_err(|source| ServiceError::Threads(Arc::new(source)))
+        };
+        let compute = start(capacity.running_max, capacity.queue_max)?;
+        // Memory is set aside for each before it begins, so there are few.
+        let line = start(1, usize::MAX)?;
+        let memory = MemoryShares::of(capacity.memory_mib, &capacity.scan);
         let drawing = compute.beside(capacity.pictures_running_max, capacity.pictures_queue_max);
         let unpacking = compute.beside(capacity.running_max, capacity.uploads_max);
         // Points that wait in memory are bounded as those that are calculated with are.
-        let uploads = Uploads::new(capacity.uploads_max, capacity.running_max);
+        let uploads = Uploads::new(capacity.uploads_max, capacity.running_max, memory.readers.clone());
         let (clock, closing) = (Clock, Closing::new(capacity.shutdown));
         let cell = match equipment {
             Some(equipment) => {
@@ -210,6 +230,8 @@ impl Service {
             compute,
             drawing,
             unpacking,
+            line,
+            memory,
             uploads,
             capacity,
             defaults,
@@ -241,6 +263,12 @@ impl Service {
     #[must_use]
     pub fn uploads_count(&self) -> u64 {
         u64::try_from(self.uploads.count()).unwrap_or(u64::MAX)
+    }
+
+    /// Memory that is set aside for points now, and how much may be, bytes.
+    #[must_use]
+    pub fn memory_bytes(&self) -> (u64, u64) {
+        (self.memory.taken_bytes(), self.capacity.memory_mib << 20)
     }
 
     /// How much room the store takes and has left.

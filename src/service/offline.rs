@@ -6,7 +6,7 @@ use super::tee::{READ_BLOCK_BYTES, Tee};
 use super::{Identity, MeasureError, Measurement, Origin, Resolved, measure, read};
 use crate::estimation::{Profile, Progress};
 use crate::scan::Scan;
-use crate::scan::decode::{DecodeError, Encoding, Limits, inflate};
+use crate::scan::decode::{DecodeError, Encoding, Limits, Sent, inflate};
 use sha2::{Digest, Sha256};
 use std::io::{self, BufReader, Cursor, Read};
 use std::sync::mpsc;
@@ -45,8 +45,9 @@ pub fn measure_offline(
     let created_at = Clock.now();
     let watch = Clock.start();
     let (digest, hand_on) = hash_along().map_err(DecodeError::from)?;
-    let mut bytes = Tee::new(unpacked(source, limits)?, hand_on);
-    let decoded = match read(&mut bytes, &origin.claims(), resolved, limits) {
+    let (source, sent) = unpacked(source, limits)?;
+    let mut bytes = Tee::new(source, hand_on);
+    let decoded = match read(&mut bytes, &origin.claims(), resolved, limits, sent.as_ref()) {
         Ok(decoded) => decoded,
         Err(error) => return Err(bytes.into_failure().map_or(error, DecodeError::from).into()),
     };
@@ -66,15 +67,21 @@ pub fn measure_offline(
     Ok(Offline { measurement, profiles, scan: measured.prepared.scan })
 }
 
-/// The source without its packing, if its first bytes give one away.
-pub(super) fn unpacked<'a>(mut source: Box<dyn Read + 'a>, limits: &Limits) -> Result<Box<dyn Read + 'a>, DecodeError> {
+/// The source without its packing, if its first bytes give one away, and then how much was read of it.
+pub(super) fn unpacked<'a>(
+    mut source: Box<dyn Read + 'a>,
+    limits: &Limits,
+) -> Result<(Box<dyn Read + 'a>, Option<Sent>), DecodeError> {
     let mut head = Vec::new();
     source.by_ref().take(HEAD_BYTES).read_to_end(&mut head)?;
     let encoding = Encoding::sniff(&head);
     let whole = Cursor::new(head).chain(source);
     Ok(match encoding {
-        Some(encoding) => Box::new(inflate(encoding, BufReader::with_capacity(READ_BLOCK_BYTES, whole), limits)?),
-        None => Box::new(whole),
+        Some(encoding) => {
+            let (packed, sent) = (BufReader::with_capacity(READ_BLOCK_BYTES, whole), Sent::default());
+            (Box::new(inflate(encoding, packed, limits, &sent)?), Some(sent))
+        }
+        None => (Box::new(whole), None),
     })
 }
 

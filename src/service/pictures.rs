@@ -1,11 +1,10 @@
 //! Pictures of recorded measurements, drawn anew from the kept scan. Must not know how a picture looks.
 
-use super::{Measurement, Origin, Resolved, Service, ServiceError, View};
+use super::points::{PointFile, Points};
+use super::{Decoded, Measurement, Origin, Resolved, Service, ServiceError, View};
 use crate::estimation::Profile;
 use crate::plot::{Picture, Subject, draw};
 use crate::scan::decode::Limits;
-use std::fs::File;
-use std::io::BufReader;
 
 impl Service {
     /// Draws a picture of a measurement, or of a part of it; `profile` is the index of the one that a section shows.
@@ -32,9 +31,17 @@ impl Service {
         let profiles = self.profiles(id).await?;
         let resolved = measurement.recipe.resolve(&self.defaults)?;
         let file = self.scan_file(&measurement.scan_id()).await?;
+        let points = Points::InFile(Box::new(PointFile {
+            bytes_count: file.metadata().map_or(0, |metadata| metadata.len()),
+            file,
+            points_count: Some(measurement.points_count),
+            sent: None,
+            origin: Origin { parameter: Some(measurement.format), ..Origin::default() },
+            resolved: resolved.clone(),
+        }));
         let limits = self.capacity.scan.clone();
         let wanted = Wanted { measurement, profiles, resolved, picture, part, profile };
-        self.drawing.run(move || wanted.draw(file, &limits)).await?
+        self.with_points(&self.drawing, points, move |decoded, _| wanted.draw(decoded, &limits)).await
     }
 }
 
@@ -48,11 +55,9 @@ struct Wanted {
 }
 
 impl Wanted {
-    fn draw(self, file: File, limits: &Limits) -> Result<String, ServiceError> {
+    fn draw(self, decoded: Decoded, limits: &Limits) -> Result<String, ServiceError> {
         let Self { measurement, profiles, resolved, picture, part, profile } = self;
-        let origin = Origin { parameter: Some(measurement.format), ..Origin::default() };
-        let mut reader = BufReader::with_capacity(super::tee::READ_BLOCK_BYTES, file);
-        let prepared = super::prepare(&mut reader, &origin.claims(), &resolved, limits)?;
+        let prepared = super::cut(decoded, &resolved, limits)?;
         let chosen = measurement.findings.choose(part.as_deref())?;
         let View { scan, estimate, first_profile, part } = measurement.view(&prepared.scan, &profiles, chosen, profile);
         let title = part.map_or_else(|| measurement.id.clone(), |part| format!("{}, part {part}", measurement.id));

@@ -51,8 +51,9 @@ pub fn read_cloud(
     resolved: &Resolved,
     limits: &Limits,
 ) -> Result<Cloud, DecodeError> {
-    let mut reader = BufReader::with_capacity(READ_BLOCK_BYTES, unpacked(source, limits)?);
-    let decoded = read(&mut reader, &origin.claims(), resolved, limits)?;
+    let (source, sent) = unpacked(source, limits)?;
+    let mut reader = BufReader::with_capacity(READ_BLOCK_BYTES, source);
+    let decoded = read(&mut reader, &origin.claims(), resolved, limits, sent.as_ref())?;
     let (cloud, _) = clean(decoded.cloud, resolved.missing_values.as_deref());
     match cloud.columns.is_empty() {
         true => Err(DecodeError::NoPoints { missing_count: cloud.missing_count }),

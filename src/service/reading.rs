@@ -4,19 +4,27 @@
 //! Such a reader waits for a client, so it has a thread of its own and not one of those that calculate; and it holds the
 //! points in memory until their turn comes, so there are few. A scan that finds no place is read from its file later.
 
+use super::memory::{Claim, Memory, points_expected};
+use super::points::ReadPoints;
 use super::tee::{READ_BLOCK_BYTES, Tee};
-use super::{ComputeError, ContentError, Decoded, Origin, Resolved, ServiceError, read};
-use crate::scan::decode::{DecodeError, Encoding, Limits, inflate};
+use super::{ComputeError, ContentError, Origin, Resolved, ServiceError, read};
+use crate::scan::decode::{Encoding, Limits, Sent, inflate};
 use crate::store::{CompleteScan, ScanPart, ScanTrail, StoreError};
 use std::io::{self, BufRead, BufReader};
 use std::sync::Arc;
 use std::thread;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
+use tokio::sync::{Semaphore, oneshot};
 
-/// Places for scans that are read while they come in.
+/// Points that are expected of a body whose length is not announced.
+const POINTS_UNANNOUNCED: usize = 1_000_000;
+/// What a packed scan is expected to unpack to, times its size.
+const PACKED_TO: u64 = 4;
+
+/// Places for scans that are read while they come in, and memory for their points.
 #[derive(Debug, Clone)]
 pub(super) struct Readers {
     places: Arc<Semaphore>,
+    memory: Memory,
 }
 
 /// What has to be known to read a scan.
@@ -26,6 +34,8 @@ pub(super) struct Wanted {
     pub(super) origin: Origin,
     pub(super) resolved: Resolved,
     pub(super) limits: Limits,
+    /// Bytes that will come, where that was said.
+    pub(super) bytes_expected: Option<u64>,
 }
 
 /// A scan that is being read.
@@ -34,30 +44,32 @@ pub(super) struct Reading {
     outcome: oneshot::Receiver<Result<ReadScan, ServiceError>>,
 }
 
-/// A scan that was read while it came in. It holds its place until its points are let go.
+/// A scan that was read while it came in.
 #[derive(Debug)]
 pub(super) struct ReadScan {
     /// The content, where it came packed.
     pub(super) unpacked: Option<CompleteScan>,
-    /// The points. Bytes that are no scan are told when it is their turn, as they would be if they were read then.
-    pub(super) decoded: Result<Decoded, DecodeError>,
-    pub(super) place: OwnedSemaphorePermit,
+    /// The points; `None` where they need more memory than was set aside for them. Bytes that are no scan are told when it is
+    /// their turn, as they would be if they were read then.
+    pub(super) points: Option<ReadPoints>,
 }
 
 impl Readers {
-    pub(super) fn new(places_count: usize) -> Self {
-        Self { places: Arc::new(Semaphore::new(places_count.min(Semaphore::MAX_PERMITS))) }
+    pub(super) fn new(places_count: usize, memory: Memory) -> Self {
+        Self { places: Arc::new(Semaphore::new(places_count.min(Semaphore::MAX_PERMITS))), memory }
     }
 
-    /// Begins to read; `None` where there is no place, or no thread.
+    /// Begins to read; `None` where there is no place, no memory, or no thread.
     pub(super) fn begin(&self, trail: &ScanTrail, wanted: impl FnOnce() -> Wanted) -> Option<Reading> {
         let place = Arc::clone(&self.places).try_acquire_owned().ok()?;
-        let (sender, outcome) = oneshot::channel();
         let (trail, wanted) = (trail.clone(), wanted());
+        let claim = self.memory.try_claim(wanted.points_expected())?;
+        let (sender, outcome) = oneshot::channel();
         let work = move || {
-            let read = take_in(&trail, &wanted);
+            let read = take_in(&trail, &wanted, claim);
+            drop(place);
             // Nobody listens any more where the upload was given up.
-            let _ = sender.send(read.map(|(unpacked, decoded)| ReadScan { unpacked, decoded, place }));
+            let _ = sender.send(read);
         };
         thread::Builder::new().name("read".to_owned()).spawn(work).ok().map(|_| Reading { outcome })
     }
@@ -75,23 +87,42 @@ impl Reading {
     }
 }
 
+impl Wanted {
+    fn points_expected(&self) -> usize {
+        let Some(bytes_count) = self.bytes_expected else { return POINTS_UNANNOUNCED };
+        points_expected(if self.encoding.is_some() { bytes_count.saturating_mul(PACKED_TO) } else { bytes_count })
+    }
+}
+
 /// Bytes to points, and to the file that holds them unpacked, where they came packed.
-fn take_in(
-    trail: &ScanTrail,
-    wanted: &Wanted,
-) -> Result<(Option<CompleteScan>, Result<Decoded, DecodeError>), ServiceError> {
-    let Wanted { encoding, origin, resolved, limits } = wanted;
-    let points_of = |bytes: &mut dyn BufRead| read(bytes, &origin.claims(), resolved, limits);
-    let mut sent = BufReader::with_capacity(READ_BLOCK_BYTES, trail.follow()?);
-    let Some(encoding) = *encoding else { return Ok((None, points_of(&mut sent))) };
-    let (scan, decoded) = unpack_seen(encoding, sent, trail.begin_another()?, limits, points_of)?;
-    Ok((Some(scan), decoded))
+fn take_in(trail: &ScanTrail, wanted: &Wanted, mut claim: Claim) -> Result<ReadScan, ServiceError> {
+    let Wanted { encoding, origin, resolved, limits, .. } = wanted;
+    let within = claim.limits(limits);
+    let counted = Sent::default();
+    let sent = encoding.map(|_| &counted);
+    let points_of = |bytes: &mut dyn BufRead| read(bytes, &origin.claims(), resolved, &within, sent);
+    let mut bytes = BufReader::with_capacity(READ_BLOCK_BYTES, trail.follow()?);
+    let (unpacked, decoded) = match *encoding {
+        None => (None, points_of(&mut bytes)),
+        Some(encoding) => {
+            let (scan, decoded) = unpack_seen(encoding, bytes, trail.begin_another()?, limits, &counted, points_of)?;
+            (Some(scan), decoded)
+        }
+    };
+    let points = match decoded {
+        Err(error) if claim.is_outgrown(&error) => None,
+        decoded => {
+            claim.keep_for(decoded.as_ref().map_or(0, |decoded| decoded.cloud.columns.len()));
+            Some(ReadPoints { decoded, claim })
+        }
+    };
+    Ok(ReadScan { unpacked, points })
 }
 
 /// Undoes the packing of a scan into a file of its own.
 pub(super) fn unpack(trail: &ScanTrail, encoding: Encoding, limits: &Limits) -> Result<CompleteScan, ServiceError> {
-    let sent = BufReader::with_capacity(READ_BLOCK_BYTES, trail.follow()?);
-    Ok(unpack_seen(encoding, sent, trail.begin_another()?, limits, |_| ())?.0)
+    let bytes = BufReader::with_capacity(READ_BLOCK_BYTES, trail.follow()?);
+    Ok(unpack_seen(encoding, bytes, trail.begin_another()?, limits, &Sent::default(), |_| ())?.0)
 }
 
 /// Undoes a packing into `part`, to its end; `look` sees the bytes on the way, as far as it likes.
@@ -100,9 +131,10 @@ fn unpack_seen<T>(
     packed: impl BufRead,
     mut part: ScanPart,
     limits: &Limits,
+    sent: &Sent,
     look: impl FnOnce(&mut dyn BufRead) -> T,
 ) -> Result<(CompleteScan, T), ServiceError> {
-    let unpacked = inflate(encoding, packed, limits).map_err(ContentError::Packing)?;
+    let unpacked = inflate(encoding, packed, limits, sent).map_err(ContentError::Packing)?;
     let mut kept = Tee::new(unpacked, |block: Vec<u8>| match part.append(&block) {
         Ok(()) => Ok(block),
         Err(error) => Err(io::Error::other(error)),

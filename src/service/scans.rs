@@ -1,11 +1,10 @@
 //! Raw scans: kept under their content, looked up, handed out byte for byte. Must not know what is measured from them.
 
-use super::tee::READ_BLOCK_BYTES;
-use super::{Arrived, Decoded, MeasureError, Resolved, Service, ServiceError};
-use crate::scan::decode::{Format, FormatClaims, Limits};
+use super::points::{PointFile, Points};
+use super::{Arrived, Decoded, MeasureError, Service, ServiceError};
+use crate::scan::decode::{Format, FormatClaims};
 use crate::store::{Listing, Page, RecordedScan, ScanRow};
 use std::fs::File;
-use std::io::BufReader;
 use std::sync::Arc;
 
 /// What is said about the bytes of a scan besides themselves.
@@ -55,14 +54,21 @@ impl Service {
     /// # Errors
     /// [`ServiceError`]; nothing is recorded then.
     pub async fn store_scan(self: &Arc<Self>, arrived: Arrived) -> Result<Kept, ServiceError> {
-        let Arrived { scan, read, origin, accepted, place } = arrived;
+        let Arrived { scan, read, sent, origin, accepted, place } = arrived;
         let arrival = accepted.arrival()?;
         let file_name = origin.file_name.clone();
         let (format, points_count) = match read {
             Some(read) => read.decoded.map(|decoded| count_points(&decoded)).map_err(MeasureError::from)?,
             None => {
-                let (file, limits) = (scan.open().await?, self.capacity.scan.clone());
-                self.compute.run(move || look_through(file, &origin, &accepted.resolved, &limits)).await??
+                let points = Points::InFile(Box::new(PointFile {
+                    file: scan.open().await?,
+                    bytes_count: scan.bytes_count(),
+                    points_count: None,
+                    sent,
+                    origin,
+                    resolved: accepted.resolved,
+                }));
+                self.with_points(&self.compute, points, |decoded, _| Ok(count_points(&decoded))).await?
             }
         };
         let created_at = self.clock.now();
@@ -122,16 +128,6 @@ impl Service {
     pub(super) async fn scan_file(&self, id: &str) -> Result<File, ServiceError> {
         self.store.open_scan(id).await?.ok_or_else(|| ServiceError::ScanFileMissing { id: id.to_owned() })
     }
-}
-
-fn look_through(
-    file: File,
-    origin: &Origin,
-    resolved: &Resolved,
-    limits: &Limits,
-) -> Result<(Format, u64), MeasureError> {
-    let mut reader = BufReader::with_capacity(READ_BLOCK_BYTES, file);
-    Ok(count_points(&super::read(&mut reader, &origin.claims(), resolved, limits)?))
 }
 
 fn count_points(decoded: &Decoded) -> (Format, u64) {

@@ -6,16 +6,18 @@ use super::answer::{Calculated, fingerprint_of, new_measurement};
 use super::arriving::Arriving;
 use super::followers::aside;
 use super::jobs::{Beginning, Ending, JobStanding, Kind, Recorded, Started, read_back};
+use super::memory::Claim;
 use super::scan_order::{SensorOrder, SensorRequest, check, misplaced};
 use super::unwritten::{End, MeasuredScan, Points};
 use super::{
-    Accepted, Acquisition, Commander, Decoded, Entry, Happening, Identity, Measurement, RecipeName, Service,
-    ServiceError,
+    Accepted, Acquisition, Commander, ComputeError, Decoded, Entry, Happening, Identity, Measurement, RecipeName,
+    Service, ServiceError,
 };
 use crate::cell::{Job, JobEnd, ScanOrder};
 use crate::device::Profile;
 use crate::estimation::{Progress, Settings};
 use crate::scan::Cloud;
+use crate::scan::decode::Limits;
 use crate::scan::encode::encode_cloud;
 use crate::store::{Listing, Page, RequestKey, ScanRow};
 use sha2::{Digest, Sha256};
@@ -45,6 +47,8 @@ struct Task {
     job: SensorScan,
     accepted: Accepted,
     acquisition: Acquisition,
+    /// What the points may have in it.
+    limits: Limits,
 }
 
 /// A scan whose profiles are all here; not recorded before the cell says that it is whole.
@@ -175,6 +179,8 @@ impl Service {
         order.by = self.authorise(&lease_id, request.as_ref()).await?;
         let id = self.clock.new_id("m-");
         let beginning = Beginning { kind: Kind::Scan, id, plan_id: None, request, order: &order };
+        // What is taken can be calculated with: memory is set aside for it before anything moves.
+        let claim = self.memory.sensor.claim_free().ok_or(ServiceError::ScansBusy)?;
         let started = self.write_down(beginning).await?;
         if started.replayed {
             return Ok(started);
@@ -185,8 +191,10 @@ impl Service {
             Ok((job, profiles)) => {
                 // While the stage scans, nothing moves the part.
                 let acquisition = Acquisition { positions: order.positions, ..self.acquisition_now() };
-                let (follower, task) = (Arc::clone(self), Task { job: started.job.clone(), accepted, acquisition });
-                self.followers.add(async move { follower.follow_scan(job, profiles, task).await });
+                let limits = claim.limits(&self.capacity.scan);
+                let task = Task { job: started.job.clone(), accepted, acquisition, limits };
+                let follower = Arc::clone(self);
+                self.followers.add(async move { follower.follow_scan(job, profiles, task, claim).await });
                 Ok(started)
             }
             Err(refusal) => {
@@ -199,9 +207,9 @@ impl Service {
 
     /// Waits for the cell's last word on the scan, and calculates meanwhile: when the last profile is here the sensor and the
     /// stage are still to be asked whether all is well, and the pose need not wait for that.
-    async fn follow_scan(self: &Arc<Self>, job: Job, profiles: mpsc::Receiver<Vec<Profile>>, task: Task) {
+    async fn follow_scan(self: &Arc<Self>, job: Job, profiles: mpsc::Receiver<Vec<Profile>>, task: Task, claim: Claim) {
         let id = task.job.id.clone();
-        let (arrived, ()) = tokio::join!(self.take_in(profiles, &task), self.tell_progress(&job));
+        let (arrived, ()) = tokio::join!(self.take_in(profiles, &task, claim), self.tell_progress(&job));
         let outcome = match (job.ended().await, arrived) {
             (JobEnd::Done, Ok(arrived)) => self.finish(arrived, &task).await,
             (JobEnd::Done, Err(ending)) => self.give_up(&task.job, JobStanding::Failed, ending).await,
@@ -216,15 +224,26 @@ impl Service {
     }
 
     /// Takes the profiles; when all are here, their calculation waits for its turn while they are written to a file.
-    async fn take_in(self: &Arc<Self>, profiles: mpsc::Receiver<Vec<Profile>>, task: &Task) -> Result<Arrived, Ending> {
-        let arriving = self.collect(profiles).await.map_err(|error| ending_of(&error))?;
+    async fn take_in(
+        self: &Arc<Self>,
+        profiles: mpsc::Receiver<Vec<Profile>>,
+        task: &Task,
+        mut claim: Claim,
+    ) -> Result<Arrived, Ending> {
+        let arriving = collect(profiles, &task.limits).await.map_err(|error| ending_of(&error))?;
         let decoded = arriving.finish().map_err(|error| ending_of(&super::MeasureError::from(error).into()))?;
         let tolerance_mm = self.cell_side().map_err(|error| ending_of(&error))?.config.scan.place_tolerance_mm;
         misplaced(&decoded.cloud, &task.job.order, tolerance_mm).map_or(Ok(()), Err)?;
-        self.begin_calculation(decoded, task).await.map_err(|error| ending_of(&error))
+        claim.keep_for(decoded.cloud.columns.len());
+        self.begin_calculation(decoded, task, claim).await.map_err(|error| ending_of(&error))
     }
 
-    async fn begin_calculation(self: &Arc<Self>, decoded: Decoded, task: &Task) -> Result<Arrived, ServiceError> {
+    async fn begin_calculation(
+        self: &Arc<Self>,
+        decoded: Decoded,
+        task: &Task,
+        claim: Claim,
+    ) -> Result<Arrived, ServiceError> {
         let arrival = serde_json::to_string(&task.acquisition)
             .map_err(|source| ServiceError::RecordUnwritable { what: "scan", source: Arc::new(source) })?;
         let (format, points_count) = (decoded.format, u64::try_from(decoded.cloud.columns.len()).unwrap_or(u64::MAX));
@@ -240,7 +259,7 @@ impl Service {
         };
         let mut calculation = JoinSet::new();
         let (service, accepted) = (Arc::clone(self), task.accepted.clone());
-        calculation.spawn(async move { service.calculate_queued(decoded, identity, accepted).await });
+        calculation.spawn(async move { service.calculate_for_line(decoded, identity, accepted, claim).await });
         let (bytes, scan_sha256) = encoded(cloud).await?;
         let row = ScanRow {
             id: format!("s-{scan_sha256}"),
@@ -261,20 +280,6 @@ impl Service {
         Ok(Arrived { row, points, calculation })
     }
 
-    /// Takes the profiles as they come; after one that cannot be used the others are let pass.
-    async fn collect(&self, mut profiles: mpsc::Receiver<Vec<Profile>>) -> Result<Arriving, ServiceError> {
-        let mut collected = Ok(Arriving::new(self.capacity.scan.clone()));
-        while let Some(new) = profiles.recv().await {
-            for profile in &new {
-                collected = collected.and_then(|mut arriving: Arriving| {
-                    arriving.take(profile).map_err(super::MeasureError::from)?;
-                    Ok(arriving)
-                });
-            }
-        }
-        collected
-    }
-
     /// The scan is whole: records what was measured. Where that is not there yet, or failed, the raw points are kept first.
     async fn finish(self: &Arc<Self>, arrived: Arrived, task: &Task) -> Happening {
         let Arrived { row, mut points, mut calculation } = arrived;
@@ -283,7 +288,7 @@ impl Service {
             other => {
                 points = self.keep_points(&row, points).await;
                 let joined = if other.is_some() { other } else { calculation.join_next().await };
-                joined.and_then(Result::ok).unwrap_or_else(|| Err(super::ComputeError::Panicked.into()))
+                joined.and_then(Result::ok).unwrap_or_else(|| Err(ComputeError::Panicked.into()))
             }
         };
         match calculated.and_then(|calculated| self.end_with(calculated, row, points, task)) {
@@ -328,23 +333,38 @@ impl Service {
         Happening::NotMeasured { measurement_id: job.id.clone(), code, text }
     }
 
-    /// Waits for its turn as long as it takes: the scan is taken, and cannot be asked for again as a file can.
-    async fn calculate_queued(
+    /// On threads of its own: uploads and what is measured again do not delay the line.
+    async fn calculate_for_line(
         &self,
         decoded: Decoded,
         mut identity: Identity,
         accepted: Accepted,
+        claim: Claim,
     ) -> Result<Calculated, ServiceError> {
         let (limits, clock) = (self.capacity.scan.clone(), self.clock);
-        self.compute
-            .run_queued(move || {
-                let watch = clock.start();
-                let measured = super::measure(decoded, &accepted.resolved, &limits, &Progress::default())?;
+        self.line
+            .run(move |stop| {
+                let (watch, _claim) = (clock.start(), claim);
+                let measured = super::measure(decoded, &accepted.resolved, &limits, &Progress::until(stop))?;
                 identity.duration_ms = watch.elapsed_ms();
                 Calculated::of(identity, measured, &accepted.resolved)
             })
             .await?
     }
+}
+
+/// Takes the profiles as they come; after one that cannot be used the others are let pass.
+async fn collect(mut profiles: mpsc::Receiver<Vec<Profile>>, limits: &Limits) -> Result<Arriving, ServiceError> {
+    let mut collected = Ok(Arriving::new(limits.clone()));
+    while let Some(new) = profiles.recv().await {
+        for profile in &new {
+            collected = collected.and_then(|mut arriving: Arriving| {
+                arriving.take(profile).map_err(super::MeasureError::from)?;
+                Ok(arriving)
+            });
+        }
+    }
+    collected
 }
 
 /// The points as the bytes of a file, and their SHA-256.
@@ -363,6 +383,7 @@ fn ending_of(error: &ServiceError) -> Ending {
     let code = match error {
         ServiceError::Content(_) => "scan_unusable",
         ServiceError::Store(cause) => cause.code(),
+        ServiceError::Compute(ComputeError::TooLong { .. }) => "calculation_too_long",
         ServiceError::Compute(_) => "calculation_failed",
         _ => "failed",
     };

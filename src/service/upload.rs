@@ -5,10 +5,13 @@
 //! Nothing but memory and disk is waited for here, and no thread that others need is held while a client sends: as many
 //! uploads as may be under way go on beside each other on however few threads.
 
-use super::reading::{ReadScan, Readers, Reading, Wanted, unpack};
+use super::memory::Memory;
+use super::points::ReadPoints;
+use super::reading::{Readers, Reading, Wanted, unpack};
 use super::tee::READ_BLOCK_BYTES;
 use super::{Accepted, Origin, Service, ServiceError};
-use crate::scan::decode::{Encoding, Limits};
+use crate::estimation::Stop;
+use crate::scan::decode::{Encoding, Limits, Sent};
 use crate::store::{CompleteScan, ScanWriter};
 use std::sync::Arc;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
@@ -41,6 +44,7 @@ pub struct Upload {
 #[derive(Debug)]
 struct Said {
     encoding: Option<Encoding>,
+    bytes_expected: Option<u64>,
     origin: Origin,
     accepted: Accepted,
 }
@@ -51,16 +55,18 @@ struct Said {
 pub struct Arrived {
     pub(super) scan: CompleteScan,
     /// What it holds, where it was read on the way.
-    pub(super) read: Option<ReadScan>,
+    pub(super) read: Option<ReadPoints>,
+    /// How much was sent, where it was unpacked.
+    pub(super) sent: Option<Sent>,
     pub(super) origin: Origin,
     pub(super) accepted: Accepted,
     pub(super) place: OwnedSemaphorePermit,
 }
 
 impl Uploads {
-    pub(super) fn new(uploads_max: usize, readers_max: usize) -> Self {
+    pub(super) fn new(uploads_max: usize, readers_max: usize, memory: Memory) -> Self {
         let uploads_max = uploads_max.min(Semaphore::MAX_PERMITS);
-        let readers = Readers::new(readers_max.min(uploads_max));
+        let readers = Readers::new(readers_max.min(uploads_max), memory);
         Self { places: Arc::new(Semaphore::new(uploads_max)), uploads_max, readers }
     }
 
@@ -76,14 +82,15 @@ impl Uploads {
 }
 
 impl Service {
-    /// Begins an upload; `encoding` is how its pieces are packed, where that is said. What is packed without a word is
-    /// known by its first bytes.
+    /// Begins an upload; `encoding` is how its pieces are packed and `bytes_expected` how many bytes they are together, where that
+    /// is said. What is packed without a word is known by its first bytes.
     ///
     /// # Errors
     /// [`ServiceError::UploadsBusy`], [`ServiceError::Store`] where there is no room for it.
     pub async fn begin_upload(
         &self,
         encoding: Option<Encoding>,
+        bytes_expected: Option<u64>,
         origin: Origin,
         accepted: Accepted,
     ) -> Result<Upload, ServiceError> {
@@ -91,7 +98,7 @@ impl Service {
         let writer = self.store.begin_scan(self.capacity.body_bytes_max).await?;
         Ok(Upload {
             writer,
-            said: Said { encoding, origin, accepted },
+            said: Said { encoding, bytes_expected, origin, accepted },
             head: Vec::with_capacity(HEAD_BYTES),
             bytes_count: 0,
             readers: self.uploads.readers.clone(),
@@ -107,7 +114,7 @@ impl Service {
     /// [`ServiceError::Store`] where there is no room, [`ServiceError::Content`] where it cannot be unpacked.
     pub async fn complete_upload(&self, upload: Upload) -> Result<Arrived, ServiceError> {
         let encoding = upload.encoding();
-        let Upload { writer, said, reading, limits, place, .. } = upload;
+        let Upload { writer, said, reading, limits, place, bytes_count, .. } = upload;
         let trail = writer.trail();
         let sent = writer.complete().await;
         // Its reader ends with it, however that went.
@@ -119,7 +126,7 @@ impl Service {
         let scan = match (&mut read, encoding) {
             (Some(read), _) => read.unpacked.take().unwrap_or(sent),
             (None, Some(encoding)) => {
-                let work = move || {
+                let work = move |_: &Stop| {
                     let unpacked = unpack(&trail, encoding, &limits);
                     // What was sent lies there until here.
                     drop(sent);
@@ -130,7 +137,9 @@ impl Service {
             (None, None) => sent,
         };
         let Said { origin, accepted, .. } = said;
-        Ok(Arrived { scan, read, origin, accepted, place })
+        let sent = encoding.map(|_| Sent::of(u64::try_from(bytes_count).unwrap_or(u64::MAX)));
+        let read = read.and_then(|read| read.points);
+        Ok(Arrived { scan, read, sent, origin, accepted, place })
     }
 }
 
@@ -175,8 +184,14 @@ impl Upload {
     }
 
     fn wanted(&self) -> Wanted {
-        let Said { origin, accepted, .. } = &self.said;
+        let Said { bytes_expected, origin, accepted, .. } = &self.said;
         let (origin, resolved) = (origin.clone(), accepted.resolved.clone());
-        Wanted { encoding: self.encoding(), origin, resolved, limits: self.limits.clone() }
+        Wanted {
+            encoding: self.encoding(),
+            origin,
+            resolved,
+            limits: self.limits.clone(),
+            bytes_expected: *bytes_expected,
+        }
     }
 }

@@ -159,6 +159,81 @@ fn beyond_running_and_queue_the_answer_is_busy_and_tells_when_to_come_back() {
     service.post("/v1/measurements", &body).expect(201);
 }
 
+/// A matrix of z as half-precision numbers: two bytes a point, far fewer than the file's length lets expect.
+fn height_map(rows: usize, columns: usize) -> Vec<u8> {
+    // 42.0: a flat surface.
+    half_precision(rows, columns, std::iter::repeat_n([0x40, 0x51], rows * columns).flatten())
+}
+
+/// A NumPy file of half-precision numbers.
+fn half_precision(rows: usize, columns: usize, content: impl Iterator<Item = u8>) -> Vec<u8> {
+    let header = format!("{{'descr': '<f2', 'fortran_order': False, 'shape': ({rows}, {columns}), }}");
+    let header = format!("{header:117}\n");
+    let length = u16::try_from(header.len()).expect("short").to_le_bytes();
+    [&b"\x93NUMPY\x01\x00"[..], &length, header.as_bytes()].concat().into_iter().chain(content).collect()
+}
+
+/// An archive that unpacks to some fifty times its size and repeats itself so far apart that only a second packing finds it.
+fn packed_once() -> Vec<u8> {
+    const PERIOD: usize = 96 << 10;
+    const REPEATS: usize = 64;
+    let noise = |place: usize| place.wrapping_mul(2_654_435_761).to_le_bytes()[3];
+    let byte = |place: usize| if place % 120 == 0 { noise(place % PERIOD) } else { 0 };
+    let array = half_precision(PERIOD * REPEATS / 6, 3, (0..PERIOD * REPEATS).map(byte));
+    let mut zip = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    zip.start_file("scan.npy", zip::write::SimpleFileOptions::default()).expect("begun");
+    zip.write_all(&array).expect("memory takes it");
+    zip.finish().expect("ended").into_inner()
+}
+
+#[test]
+fn a_file_with_more_points_than_its_length_lets_expect_is_read_all_the_same() {
+    let (service, _folder) = start();
+    let body = height_map(400, 2000);
+    let answer = service.post("/v1/measurements?format=npy&x_pitch_mm=1&y_pitch_mm=0.1", &body).expect(201);
+    assert_eq!(answer["points_count"], 800_000);
+    let text = String::from_utf8(service.get("/metrics").body).expect("text");
+    assert!(text.contains("coaxis_memory_admitted_bytes 0"), "all of it is given back");
+}
+
+#[test]
+fn the_memory_that_points_may_take_bounds_how_many_are_read() {
+    let (service, _folder) = start_with(|config| config.limits.memory_max_mb = 512);
+    let body = height_map(2000, 2000);
+    let refused = service.post("/v1/measurements?format=npy&x_pitch_mm=1&y_pitch_mm=0.1", &body);
+    let points_max = refused.problem(413, "too_many_points")["points_max"].as_u64().expect("a number");
+    assert!((1_500_000..2_300_000).contains(&points_max), "{points_max}: five eighths of 512 MiB at 128 bytes a point");
+}
+
+#[test]
+fn a_calculation_that_takes_longer_than_it_may_is_ended_and_said_so() {
+    let (service, _folder) = start_with(|config| {
+        config.timeouts.calculation_ms = 10;
+        config.limits.measurements_running_max = 1;
+        config.limits.queue_max = 0;
+    });
+    let body = large_npy();
+    let problem = service.post("/v1/measurements", &body).problem(422, "calculation_too_long");
+    assert_eq!((problem["deadline_ms"].as_u64(), problem["retryable"].as_bool()), (Some(10), Some(false)));
+    // Its place is free again soon: it was told to stop.
+    let deadline = std::time::Instant::now() + std::time::Duration::from_secs(10);
+    while service.post("/v1/measurements", &exact_csv()).status == 503 {
+        assert!(std::time::Instant::now() < deadline, "the calculation goes on");
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+}
+
+#[test]
+fn what_is_packed_twice_is_judged_by_what_was_sent() {
+    let (service, _folder) = start();
+    let once = packed_once();
+    let twice = zstd::encode_all(once.as_slice(), 19).expect("packed");
+    assert!(twice.len() * 5 < once.len(), "{} of {}", twice.len(), once.len());
+    let read = service.post("/v1/scans?format=npz", &once);
+    assert!(matches!(read.status, 200 | 201), "{} {}", read.status, read.text());
+    assert_eq!(service.post("/v1/scans?format=npz", &twice).problem(413, "inflate_ratio")["ratio_max"], 100);
+}
+
 /// The head of a packed upload and the first half of its body, and the other half.
 fn packed_upload() -> (Vec<u8>, Vec<u8>) {
     let body = gzip(&exact_csv());

@@ -15,7 +15,7 @@ use super::rest::Rest;
 use super::settle::Settled;
 use super::smooth;
 use super::solve::{self, Problem, Solution};
-use crate::estimation::{Progress, robust};
+use crate::estimation::robust;
 use crate::scan::Scan;
 
 /// Points within so many cut-offs of the fit are averaged.
@@ -181,8 +181,8 @@ fn refit(problem: &Problem<'_>, fit: &Solution, part: &Settled, averages: &Avera
         }
     })?;
     let sigma = scatter(&rest.scan, &part.cylinder, fit.sigma);
-    let silent = Progress::default();
-    let rest_problem = Problem { scan: &rest.scan, used: &rest.used, progress: &silent, ..*problem };
+    let uncounted = problem.progress.uncounted();
+    let rest_problem = Problem { scan: &rest.scan, used: &rest.used, progress: &uncounted, ..*problem };
     let mut solution = solve::solve(&rest_problem, &Settled { cylinder: part.cylinder, sigma })?;
     solution.field = look(&rest_problem, &solution).and_then(|left| field::covariance(&left, &solution, hold));
     Some(rest.restore(solution))

@@ -80,7 +80,7 @@ pub(super) fn search(
         });
         let rest = rest.ok_or_else(|| search.no_cylinder())?;
         let used = enough(&rest.scan, settings);
-        match search.round(&rest.scan, &used, &Progress::default())? {
+        match search.round(&rest.scan, &used, &progress.uncounted())? {
             Round::Found(solution) => return Ok(rest.restore(*solution)),
             Round::Within(cylinder, directions) => within.push((cylinder, directions)),
         }
@@ -204,8 +204,8 @@ fn free_radius(problem: &Problem<'_>, solution: &Solution) -> Option<f64> {
         return Some(solution.cylinder.radius);
     }
     let start = Settled { cylinder: solution.cylinder, sigma: solution.sigma };
-    let silent = Progress::default();
-    let free = solve::solve(&Problem { hold: Hold::Free, progress: &silent, ..*problem }, &start)?;
+    let uncounted = problem.progress.uncounted();
+    let free = solve::solve(&Problem { hold: Hold::Free, progress: &uncounted, ..*problem }, &start)?;
     Some(free.cylinder.radius)
 }
 

@@ -91,6 +91,9 @@ pub(super) fn solve(problem: &Problem<'_>, start: &Settled) -> Option<Solution> 
     let mut cylinder = start.cylinder.about(x_ref);
     cylinder = nearer(problem, &stations, cylinder.facing(facing), sigma).unwrap_or(cylinder);
     for passes_count in 1..=STEPS_MAX {
+        if problem.progress.is_stopped() {
+            return None;
+        }
         let progress = (passes_count == 1).then_some(problem.progress);
         let (mut profiles, inner) = pass(problem, &cylinder.facing(facing), sigma, progress);
         let mut sums = Sums::zero();
@@ -173,7 +176,7 @@ fn pass(problem: &Problem<'_>, view: &View, sigma: f64, progress: Option<&Progre
             if let Some(progress) = progress {
                 progress.advance();
             }
-            if *used { profile(station) } else { (Sums::zero(), Inner::none()) }
+            if *used && !problem.progress.is_stopped() { profile(station) } else { (Sums::zero(), Inner::none()) }
         };
         stations.iter().zip(used).map(one).collect::<Vec<_>>()
     };

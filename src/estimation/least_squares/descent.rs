@@ -2,6 +2,7 @@
 
 use super::axis::{Cylinder, Sums};
 use super::points::Points;
+use crate::estimation::Progress;
 
 /// Rounds of a descent; one that needs more creeps along a valley that another start leaves sooner.
 const ROUNDS_MAX: usize = 100;
@@ -35,10 +36,13 @@ impl Minimum {
 }
 
 /// Descends by Newton's method, damped as by Levenberg and Marquardt.
-pub(super) fn descend(points: &Points<'_>, start: &Cylinder) -> Option<Minimum> {
+pub(super) fn descend(points: &Points<'_>, start: &Cylinder, progress: &Progress) -> Option<Minimum> {
     let mut at = Minimum::new(*start, points);
     let mut damping = DAMPING_START;
     for _ in 0..ROUNDS_MAX {
+        if progress.is_stopped() {
+            return None;
+        }
         if damping <= DAMPING_START && at.step < NEAR {
             break;
         }

@@ -1,19 +1,19 @@
 //! The Gaussian associated cylinder as a measurement: all points of a scan, none of them judged.
 
-use super::{GaussianCylinder, basis, least_squares_cylinder};
+use super::{GaussianCylinder, basis, cylinder_of};
 use crate::estimation::budget::Line;
 use crate::estimation::{
-    Conditioning, EndFaces, Estimate, Outcome, Pose, Profile, RadiusSource, Refusal, Residuals, SectionCut, Settings,
-    Uncertainty, Warning, limits, type_b,
+    Conditioning, EndFaces, Estimate, Outcome, Pose, Profile, Progress, RadiusSource, Refusal, Residuals, SectionCut,
+    Settings, Uncertainty, Warning, limits, type_b,
 };
 use crate::geometry::{Axis, AxisLine};
 use crate::scan::{Scan, Station};
 use nalgebra::{Matrix3, Matrix5, Vector3, Vector5};
 
 /// The whole measurement.
-pub(in crate::estimation) fn measure(scan: &Scan, settings: &Settings) -> Estimate {
+pub(in crate::estimation) fn measure(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
     let points: Vec<[f64; 3]> = scan.stations().iter().flat_map(|station| scan.points_of(station)).collect();
-    let (outcome, residuals, axial_length) = match least_squares_cylinder(&points) {
+    let (outcome, residuals, axial_length) = match cylinder_of(&points, progress) {
         Err(error) => {
             let refusal = Refusal::PointsUndetermined { points_count: points.len(), detail: error.to_string() };
             (Outcome::Refused(refusal), None, 0.0)

@@ -15,6 +15,7 @@ mod starts;
 
 pub use error::LeastSquaresError;
 
+use super::Progress;
 use axis::{Cylinder, basis_of};
 use descent::{Minimum, descend};
 use nalgebra::{Matrix5, Vector3, Vector5};
@@ -68,6 +69,10 @@ pub fn basis(direction: [f64; 3]) -> [[f64; 3]; 2] {
 /// # Errors
 /// [`LeastSquaresError`] where the points determine no cylinder, or more than one.
 pub fn least_squares_cylinder(points: &[[f64; 3]]) -> Result<GaussianCylinder, LeastSquaresError> {
+    cylinder_of(points, &Progress::default())
+}
+
+fn cylinder_of(points: &[[f64; 3]], progress: &Progress) -> Result<GaussianCylinder, LeastSquaresError> {
     let points_count = points.len();
     let (low, high) = bounds(points)?;
     let distinct_count = count_distinct(points);
@@ -90,7 +95,8 @@ pub fn least_squares_cylinder(points: &[[f64; 3]]) -> Result<GaussianCylinder, L
             _ => {}
         }
     }
-    let minima = distinct(starts::starts(&sample).par_iter().filter_map(|start| descend(&sample, start)).collect());
+    let minima =
+        distinct(starts::starts(&sample).par_iter().filter_map(|start| descend(&sample, start, progress)).collect());
     // Over all points another of the minima may be the least: the sum of squares of a sample scatters by √(2/count), which
     // is 5 of these standard deviations at most.
     let scatter = if all.count() > sample.count() { 5.0 * (2.0 / sample.count() as f64).sqrt() } else { 0.0 };
@@ -99,7 +105,7 @@ pub fn least_squares_cylinder(points: &[[f64; 3]]) -> Result<GaussianCylinder, L
         minimum.sums.squares <= least * (1.0 + scatter) + 2.0 * uncertainty_of_sum(minimum, &sample, rounding)
     };
     let compared = minima.iter().filter(margin).take(COMPARED_MAX);
-    let minima = distinct(compared.filter_map(|minimum| descend(&all, &minimum.cylinder)).collect());
+    let minima = distinct(compared.filter_map(|minimum| descend(&all, &minimum.cylinder, progress)).collect());
     let best = minima.first().ok_or(LeastSquaresError::NoCurvature { points_count })?;
     // Newton's steps that stop to shrink at this size creep along a valley.
     let settled = best.step < SAME;

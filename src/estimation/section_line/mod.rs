@@ -46,7 +46,7 @@ pub(super) fn find(scan: &Scan, settings: &Settings, progress: &Progress) -> Fou
         }
         along = axis.map_or(along, |axis| Slopes { p: axis.p, q: axis.q });
     }
-    let profiles = fit_sections(scan, along, settings, &Progress::default());
+    let profiles = fit_sections(scan, along, settings, &progress.uncounted());
     Found { outcome: Outcome::Refused(Refusal::ProfilesNotPlanar { thickness_mm }), profiles, warnings: Vec::new() }
 }
 
@@ -80,7 +80,12 @@ fn load(scan: &Scan, station: &Station, along: Slopes, y: &mut Vec<f64>, z: &mut
 
 fn fit_sections(scan: &Scan, along: Slopes, settings: &Settings, progress: &Progress) -> Vec<Profile> {
     let fit = |bench: &mut section::Bench, station: &Station| {
-        load(scan, station, along, &mut bench.y, &mut bench.z);
+        if progress.is_stopped() {
+            bench.y.clear();
+            bench.z.clear();
+        } else {
+            load(scan, station, along, &mut bench.y, &mut bench.z);
+        }
         let section = bench.fit(settings);
         progress.advance();
         verdict::profile(station, section, settings)

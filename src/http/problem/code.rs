@@ -126,6 +126,7 @@ codes! {
     PathTooLong           "path_too_long"           422 No  "The way has more set-points than are kept"
     ScanOutOfRange        "scan_out_of_range"       422 No  "The stage cannot go there, or not as fast"
     // The scan.
+    CalculationTooLong    "calculation_too_long"    422 No  "The calculation took longer than it may"
     FileEmpty             "file_empty"              422 No  "The body holds no scan"
     FileTruncated         "file_truncated"          422 No  "The scan ends before it is whole"
     FileDamaged           "file_damaged"            422 No  "The scan is damaged"

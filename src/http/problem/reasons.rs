@@ -33,6 +33,10 @@ impl From<ServiceError> for Problem {
             E::Content(cause) => cause.into(),
             E::Recipe(cause) => recipe_problem(Code::RecipeInvalid, &cause),
             E::Option(cause) => recipe_problem(Code::OptionInvalid, &cause),
+            E::ScansBusy => {
+                Self::new(Code::Busy, format!("{text}; nothing was moved, try again after the time in Retry-After"))
+                    .with_header(header::RETRY_AFTER, RETRY_AFTER_S)
+            }
             E::UploadsBusy { uploads_max } => {
                 Self::new(Code::Busy, format!("{text}; nothing was recorded, try again after the time in Retry-After"))
                     .with("uploads_max_count", wide(uploads_max))
@@ -137,6 +141,12 @@ impl From<ComputeError> for Problem {
                     .with("running_max_count", wide(running_max))
                     .with("queue_max_count", wide(queue_max))
                     .with_header(header::RETRY_AFTER, RETRY_AFTER_S)
+            }
+            ComputeError::TooLong { deadline_ms } => {
+                let detail = format!(
+                    "{error}; nothing was recorded. Thin the scan out, restrict it to a region, or raise timeouts.calculation_ms"
+                );
+                Self::new(Code::CalculationTooLong, detail).with("deadline_ms", deadline_ms)
             }
             ComputeError::Panicked => Self::internal(error.to_string()),
         }

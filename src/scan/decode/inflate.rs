@@ -4,6 +4,8 @@
 use super::{DecodeError, Limits};
 use flate2::bufread::MultiGzDecoder;
 use std::io::{self, BufRead, BufReader, ErrorKind, Read};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Bytes out before the ratio is judged: a short file of equal lines may well shrink to a hundredth.
 const RATIO_FROM: u64 = 1 << 20;
@@ -43,7 +45,30 @@ impl Encoding {
     }
 }
 
-/// Undoes a compression. The stream fails with a [`DecodeError`] inside its `io::Error`, which
+/// Bytes of a file as it was sent, counted while they come in. Formats that are packed themselves are judged by them: what is
+/// packed in several layers unpacks by the product of the ratios of all of them.
+#[derive(Debug, Clone, Default)]
+pub struct Sent(Arc<AtomicU64>);
+
+impl Sent {
+    /// A file that is here as a whole.
+    #[must_use]
+    pub fn of(bytes_count: u64) -> Self {
+        Self(Arc::new(AtomicU64::new(bytes_count)))
+    }
+
+    /// Bytes so far.
+    #[must_use]
+    pub fn bytes_count(&self) -> u64 {
+        self.0.load(Ordering::Relaxed)
+    }
+
+    fn add(&self, bytes_count: usize) {
+        self.0.fetch_add(bytes_count as u64, Ordering::Relaxed);
+    }
+}
+
+/// Undoes a compression, and counts in `sent` what goes in. The stream fails with a [`DecodeError`] inside its `io::Error`, which
 /// [`decode`](super::decode) takes out again, as soon as it is too long, too long for what went in, or damaged.
 ///
 /// # Errors
@@ -52,8 +77,9 @@ pub fn inflate<'a, R: BufRead + 'a>(
     encoding: Encoding,
     reader: R,
     limits: &Limits,
+    sent: &Sent,
 ) -> Result<impl BufRead + use<'a, R>, DecodeError> {
-    let reader = Counted { inner: reader, count: 0 };
+    let reader = Counted { inner: reader, sent: sent.clone() };
     let inflater = match encoding {
         Encoding::Gzip => Inflater::Gzip(Box::new(MultiGzDecoder::new(reader))),
         Encoding::Zstd => {
@@ -62,21 +88,13 @@ pub fn inflate<'a, R: BufRead + 'a>(
             Inflater::Zstd(Box::new(decoder))
         }
     };
-    Ok(BufReader::with_capacity(1 << 16, Capped::new(inflater, limits, Inflater::packed)))
+    let sent = sent.clone();
+    Ok(BufReader::with_capacity(1 << 16, Capped::new(inflater, limits, move || sent.bytes_count())))
 }
 
 enum Inflater<'a, R: BufRead> {
     Gzip(Box<MultiGzDecoder<Counted<R>>>),
     Zstd(Box<zstd::Decoder<'a, Counted<R>>>),
-}
-
-impl<R: BufRead> Inflater<'_, R> {
-    fn packed(&self) -> u64 {
-        match self {
-            Self::Gzip(decoder) => decoder.get_ref().count,
-            Self::Zstd(decoder) => decoder.get_ref().count,
-        }
-    }
 }
 
 impl<R: BufRead> Read for Inflater<'_, R> {
@@ -91,13 +109,13 @@ impl<R: BufRead> Read for Inflater<'_, R> {
 /// Counts what is taken from a reader.
 struct Counted<R> {
     inner: R,
-    count: u64,
+    sent: Sent,
 }
 
 impl<R: BufRead> Read for Counted<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let read = self.inner.read(buffer)?;
-        self.count += read as u64;
+        self.sent.add(read);
         Ok(read)
     }
 }
@@ -108,7 +126,7 @@ impl<R: BufRead> BufRead for Counted<R> {
     }
 
     fn consume(&mut self, used: usize) {
-        self.count += used as u64;
+        self.sent.add(used);
         self.inner.consume(used);
     }
 }
@@ -122,24 +140,30 @@ pub(super) struct Capped<R, F> {
     ratio_max: u64,
 }
 
-impl<R: Read, F: Fn(&R) -> u64> Capped<R, F> {
+impl<R: Read, F: Fn() -> u64> Capped<R, F> {
     pub(super) fn new(inner: R, limits: &Limits, packed: F) -> Self {
         Self { inner, packed, out: 0, bytes_max: limits.inflated_bytes_max, ratio_max: limits.inflate_ratio_max }
     }
 }
 
-impl<R: Read, F: Fn(&R) -> u64> Read for Capped<R, F> {
+impl<R: Read, F: Fn() -> u64> Read for Capped<R, F> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let read = self.inner.read(buffer).map_err(name_damage)?;
         self.out += read as u64;
         if self.out > self.bytes_max {
             return Err(DecodeError::InflatedTooLarge { limit: self.bytes_max }.into());
         }
-        if self.out > RATIO_FROM && self.out / self.ratio_max.max(1) > (self.packed)(&self.inner) {
-            return Err(DecodeError::InflateRatio { limit: self.ratio_max }.into());
-        }
+        check_ratio(self.out, (self.packed)(), self.ratio_max)?;
         Ok(read)
     }
+}
+
+/// Refuses what unpacks to too many times what was sent.
+pub(super) fn check_ratio(unpacked: u64, packed: u64, ratio_max: u64) -> Result<(), DecodeError> {
+    if unpacked > RATIO_FROM && unpacked / ratio_max.max(1) > packed {
+        return Err(DecodeError::InflateRatio { limit: ratio_max });
+    }
+    Ok(())
 }
 
 /// Tells damage, which decompressors report under these kinds, from a source that failed.
@@ -171,7 +195,7 @@ mod tests {
     fn read(packed: &[u8], limits: &Limits) -> Result<Vec<u8>, DecodeError> {
         let encoding = Encoding::sniff(packed).expect("a known encoding");
         let mut out = Vec::new();
-        inflate(encoding, packed, limits)?.read_to_end(&mut out)?;
+        inflate(encoding, packed, limits, &Sent::default())?.read_to_end(&mut out)?;
         Ok(out)
     }
 
@@ -208,10 +232,10 @@ mod tests {
         let request = crate::scan::decode::Request::new(&limits);
         let packed = gzip(&b"0 1 2\n".repeat(1 << 20));
         for (format, code) in [(Format::Csv, "inflate_ratio"), (Format::Npz, "inflate_ratio")] {
-            let mut reader = inflate(Encoding::Gzip, packed.as_slice(), &limits).expect("begins");
+            let mut reader = inflate(Encoding::Gzip, packed.as_slice(), &limits, &Sent::default()).expect("begins");
             assert_eq!(decode(format, &mut reader, &request).expect_err("bomb").code(), code, "{format}");
         }
-        let mut reader = inflate(Encoding::Gzip, &packed[..20], &limits).expect("begins");
+        let mut reader = inflate(Encoding::Gzip, &packed[..20], &limits, &Sent::default()).expect("begins");
         assert_eq!(decode(Format::Csv, &mut reader, &request).expect_err("cut").code(), "compression_invalid");
     }
 }

@@ -47,7 +47,7 @@ mod utf16;
 pub use error::DecodeError;
 pub use format::{Format, FormatClaims, find_format};
 pub use hints::{NumberHint, Pitches};
-pub use inflate::{Encoding, inflate};
+pub use inflate::{Encoding, Sent, inflate};
 pub use limits::Limits;
 pub use matrix::Grid;
 pub use number::Decimal;
@@ -70,13 +70,20 @@ pub struct Request<'a> {
     pub grid: Grid,
     /// What the file may cost.
     pub limits: &'a Limits,
+    /// The file as it was sent, where it was unpacked on the way.
+    pub sent: Option<&'a Sent>,
 }
 
 impl<'a> Request<'a> {
     /// Nothing but the limits.
     #[must_use]
     pub fn new(limits: &'a Limits) -> Self {
-        Self { unit: None, profile_column: None, decimal: None, grid: Grid::default(), limits }
+        Self { unit: None, profile_column: None, decimal: None, grid: Grid::default(), limits, sent: None }
+    }
+
+    /// Of the bytes of a file, how many were sent at most.
+    fn sent_bytes(&self, here: u64) -> u64 {
+        self.sent.map_or(here, |sent| sent.bytes_count().min(here))
     }
 }
 

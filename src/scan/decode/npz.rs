@@ -20,15 +20,15 @@ const FORMAT: Format = Format::Npz;
 /// Names that a message lists.
 const NAMES_SHOWN_MAX: usize = 16;
 
-/// An archive and its size.
+/// An archive, and how many bytes were sent for it.
 struct Archive {
     zip: ZipArchive<Cursor<Vec<u8>>>,
-    bytes: u64,
+    sent_bytes: u64,
 }
 
 /// Reads an archive.
 pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<Cloud, DecodeError> {
-    let mut archive = open(reader, request.limits)?;
+    let mut archive = open(reader, request)?;
     let names = archive.zip.file_names().map(|name| name.map(|name| name.into_owned()));
     let names = names.collect::<Result<Vec<String>, _>>().map_err(|error| refuse(&error))?;
     check_places(&mut archive)?;
@@ -51,18 +51,19 @@ pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<
     }
 }
 
-fn open(reader: &mut dyn BufRead, limits: &Limits) -> Result<Archive, DecodeError> {
+fn open(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<Archive, DecodeError> {
+    let limits = request.limits;
     let mut bytes = Vec::new();
     reader.take(limits.inflated_bytes_max.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > limits.inflated_bytes_max {
         return Err(DecodeError::InflatedTooLarge { limit: limits.inflated_bytes_max });
     }
-    let size = bytes.len() as u64;
+    let sent_bytes = request.sent_bytes(bytes.len() as u64);
     let zip = ZipArchive::new(Cursor::new(bytes)).map_err(|error| refuse(&error))?;
     if zip.len() > limits.npz_entries_max {
         return Err(DecodeError::TooManyEntries { found: zip.len(), limit: limits.npz_entries_max });
     }
-    Ok(Archive { zip, bytes: size })
+    Ok(Archive { zip, sent_bytes })
 }
 
 /// What the reader of archives says, in our words: none of it is the store's matter, for the archive is in memory.
@@ -117,9 +118,9 @@ fn read_entry<T>(
     read: impl FnOnce(&mut dyn BufRead) -> Result<T, DecodeError>,
 ) -> Result<T, DecodeError> {
     // The ratio is judged against the whole archive: x that repeats along a profile shrinks to almost nothing.
-    let packed = archive.bytes;
+    let packed = archive.sent_bytes;
     let entry = archive.zip.by_name(name).map_err(|error| refuse(&error))?;
-    let mut reader = BufReader::with_capacity(1 << 16, Capped::new(entry, limits, move |_: &_| packed));
+    let mut reader = BufReader::with_capacity(1 << 16, Capped::new(entry, limits, move || packed));
     let outcome = read(&mut reader).map_err(name_damage);
     let rest = io::copy(&mut reader, &mut io::sink()).map_err(|error| name_damage(error.into()));
     match (outcome, rest) {

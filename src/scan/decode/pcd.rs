@@ -6,6 +6,7 @@
 
 use super::gather::Gather;
 use super::hints::shorten;
+use super::inflate::check_ratio;
 use super::lines::{Lines, words};
 use super::lzf;
 use super::names::{self, ColumnMap};
@@ -13,7 +14,7 @@ use super::number::Numbers;
 use super::pcd_header::{Body, Field, Header, read_header};
 use super::records::{Layout, Place, read_records, take_points};
 use super::scalar::{Endian, Scalar};
-use super::{DecodeError, Format, Limits, Request, ends_early, settle_unit};
+use super::{DecodeError, Format, Request, ends_early, settle_unit};
 use crate::scan::{Cloud, Labels};
 use std::io::{BufRead, Read};
 
@@ -38,7 +39,7 @@ pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<
             read_records(lines.into_reader(), &layout, header.stride(), header.points(), &mut gather)?;
         }
         Body::Compressed => {
-            let unpacked = unpack(lines.into_reader(), &header, request.limits)?;
+            let unpacked = unpack(lines.into_reader(), &header, request)?;
             take_points(&unpacked, &layout, header.points(), &mut gather)?;
         }
     }
@@ -100,14 +101,14 @@ fn read_lines(
 }
 
 /// The unpacked body of a compressed file; reserves what the packed bytes that are really there can become.
-fn unpack(reader: &mut dyn BufRead, header: &Header, limits: &Limits) -> Result<Vec<u8>, DecodeError> {
+fn unpack(reader: &mut dyn BufRead, header: &Header, request: &Request<'_>) -> Result<Vec<u8>, DecodeError> {
     let packed_size = read_size(reader)?;
     let stated = read_size(reader)?;
     let expected = (header.points() as u64).saturating_mul(header.stride() as u64);
     if stated != expected {
         return Err(DecodeError::SizeMismatch { format: FORMAT, field: "the unpacked size", stated, expected });
     }
-    let limit = limits.inflated_bytes_max;
+    let limit = request.limits.inflated_bytes_max;
     let size = usize::try_from(stated).ok().filter(|_| stated <= limit);
     let size = size.ok_or(DecodeError::InflatedTooLarge { limit })?;
     let mut packed = Vec::new();
@@ -115,6 +116,7 @@ fn unpack(reader: &mut dyn BufRead, header: &Header, limits: &Limits) -> Result<
     if (packed.len() as u64) < packed_size {
         return Err(DecodeError::Truncated { expected: header.points() as u64, found: 0 });
     }
+    check_ratio(stated, request.sent_bytes(packed_size), request.limits.inflate_ratio_max)?;
     lzf::unpack(&packed, size).ok_or(DecodeError::DamagedPoints { format: FORMAT })
 }
 
@@ -127,6 +129,7 @@ fn read_size(reader: &mut dyn BufRead) -> Result<u64, DecodeError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scan::decode::Limits;
     use crate::scan::{Columns, Stripe};
 
     fn read(bytes: &[u8]) -> Result<Cloud, DecodeError> {

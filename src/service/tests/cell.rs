@@ -173,11 +173,11 @@ async fn a_repeated_request_finds_its_measurement_by_the_sensor_although_the_poo
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_scan_that_is_taken_while_the_pool_is_full_waits_for_its_turn_and_its_points_are_kept_first() {
+async fn a_scan_that_is_taken_while_another_is_calculated_waits_for_its_turn_and_its_points_are_kept_first() {
     let folder = TempFolder::new();
     let (service, lease) = ready(&folder, FAST).await;
+    let (end, held) = occupy(&service.line).await;
     let begun = service.measure_from_sensor(scan_request(&lease, "scan-1")).await.expect("begun").job;
-    let (end, held) = occupy(&service.compute).await;
     let page = Page { limit: 10, before: None };
     while service.scans(&page).await.expect("a list").rows.is_empty() {
         tokio::time::sleep(Duration::from_millis(10)).await;
@@ -190,6 +190,34 @@ async fn a_scan_that_is_taken_while_the_pool_is_full_waits_for_its_turn_and_its_
     held.await.expect("joined");
     let measurement = measured(&service, &begun.id).await;
     assert_eq!(service.scans(&page).await.expect("a list").rows[0].id, measurement.scan_id());
+    service.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn uploads_and_their_memory_neither_refuse_nor_delay_a_scan_by_the_sensor() {
+    let folder = TempFolder::new();
+    let (service, lease) = ready(&folder, FAST).await;
+    let (end, held) = occupy(&service.compute).await;
+    let all = service.memory.rest.claim(usize::MAX).await.expect("free");
+    assert!(matches!(service.accept(order("upload")).await, Err(ServiceError::Compute(_))), "no place for an upload");
+    let begun = service.measure_from_sensor(scan_request(&lease, "scan-1")).await.expect("begun").job;
+    measured(&service, &begun.id).await;
+    drop((all, end));
+    held.await.expect("joined");
+    service.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn no_scan_by_the_sensor_begins_for_whose_points_there_is_no_memory() {
+    let folder = TempFolder::new();
+    let (service, lease) = ready(&folder, FAST).await;
+    let all = service.memory.sensor.claim_free().expect("free");
+    let refused = service.measure_from_sensor(scan_request(&lease, "scan-1")).await.expect_err("no memory");
+    assert!(matches!(refused, ServiceError::ScansBusy), "{refused}");
+    drop(all);
+    let begun =
+        service.measure_from_sensor(scan_request(&lease, "scan-1")).await.expect("nothing was written down").job;
+    measured(&service, &begun.id).await;
     service.close().await;
 }
 

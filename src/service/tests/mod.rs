@@ -64,7 +64,7 @@ fn large_ply() -> Vec<u8> {
 
 async fn begin(service: &Service, bytes: &[u8], order: Order) -> Result<Upload, ServiceError> {
     let accepted = service.accept(order).await.expect("a free place");
-    let mut upload = service.begin_upload(None, Origin::default(), accepted).await?;
+    let mut upload = service.begin_upload(None, None, Origin::default(), accepted).await?;
     upload.write(bytes).await.expect("room");
     Ok(upload)
 }
@@ -84,7 +84,7 @@ async fn occupy(door: &Compute) -> (mpsc::Sender<()>, JoinHandle<()>) {
     let (end, ended) = mpsc::channel::<()>();
     let held = door.clone();
     let held = tokio::spawn(async move {
-        let _ = held.run(move || ended.recv()).await;
+        let _ = held.run(move |_| ended.recv()).await;
     });
     while door.load().running_count == 0 {
         tokio::task::yield_now().await;

@@ -1,0 +1,129 @@
+//! The points of a kept or uploaded file, in memory: how they get there within what is set aside for them, and what is made of them.
+
+use super::compute::Compute;
+use super::memory::{Claim, points_expected};
+use super::tee::READ_BLOCK_BYTES;
+use super::{Decoded, MeasureError, Origin, Resolved, Service, ServiceError, Stopwatch};
+use crate::estimation::Stop;
+use crate::scan::decode::{DecodeError, Limits, Sent};
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek};
+
+/// A file of points, and what is known of it.
+#[derive(Debug)]
+pub(super) struct PointFile {
+    pub(super) file: File,
+    pub(super) bytes_count: u64,
+    /// Points of it, where it was read before.
+    pub(super) points_count: Option<u64>,
+    /// Bytes as they were sent, where they were unpacked.
+    pub(super) sent: Option<Sent>,
+    pub(super) origin: Origin,
+    pub(super) resolved: Resolved,
+}
+
+/// Where the points of a scan are.
+#[derive(Debug)]
+pub(super) enum Points {
+    /// In memory that is set aside for them.
+    Read(Box<ReadPoints>),
+    /// In their file.
+    InFile(Box<PointFile>),
+}
+
+/// Points that were read on the way, or why they cannot be.
+#[derive(Debug)]
+pub(super) struct ReadPoints {
+    pub(super) decoded: Result<Decoded, DecodeError>,
+    pub(super) claim: Claim,
+}
+
+/// The turn of a calculation.
+#[derive(Debug)]
+pub(super) struct Turn<'a> {
+    pub(super) stop: &'a Stop,
+    /// When it began.
+    pub(super) watch: Stopwatch,
+}
+
+/// What became of the reading of a file.
+enum Attempt<T, W> {
+    /// It was read, or cannot be.
+    Over(Result<T, ServiceError>),
+    /// More has to be set aside.
+    Outgrown(Box<PointFile>, W),
+}
+
+/// A file that ends with an error when its points are not wanted any more.
+struct Wanted<'a> {
+    file: &'a File,
+    stop: &'a Stop,
+}
+
+impl Read for Wanted<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if self.stop.is_stopped() {
+            return Err(io::Error::other("nobody waits for these points any more"));
+        }
+        self.file.read(buffer)
+    }
+}
+
+impl PointFile {
+    fn decode(&mut self, limits: &Limits, stop: &Stop) -> Result<Decoded, DecodeError> {
+        self.file.rewind()?;
+        let mut reader = BufReader::with_capacity(READ_BLOCK_BYTES, Wanted { file: &self.file, stop });
+        super::read(&mut reader, &self.origin.claims(), &self.resolved, limits, self.sent.as_ref())
+    }
+
+    /// A file that was read before has as many points as then; of any other its length says more or less how many.
+    fn points_expected(&self) -> usize {
+        let known = self.points_count.map_or(0, |count| usize::try_from(count).unwrap_or(usize::MAX));
+        known.max(points_expected(self.bytes_count))
+    }
+}
+
+impl Service {
+    /// Has `work` done on points, when it is their turn and there is memory for them: first as much as a file of this size mostly
+    /// needs, and where it needs more, as much as any may.
+    pub(super) async fn with_points<T: Send + 'static>(
+        &self,
+        door: &Compute,
+        points: Points,
+        work: impl FnOnce(Decoded, &Turn<'_>) -> Result<T, ServiceError> + Send + 'static,
+    ) -> Result<T, ServiceError> {
+        let (place, clock) = (door.take_place()?, self.clock);
+        let (mut file, mut work) = match points {
+            Points::InFile(file) => (file, work),
+            Points::Read(read) => {
+                let ReadPoints { decoded, claim } = *read;
+                let work = move |stop: &Stop| {
+                    let _claim = claim;
+                    work(decoded.map_err(MeasureError::from)?, &Turn { stop, watch: clock.start() })
+                };
+                return door.run_at(&place, work).await?;
+            }
+        };
+        let mut points_count = file.points_expected();
+        loop {
+            // Memory before a turn: whoever has a turn goes on to the end without waiting.
+            let mut claim = self.memory.rest.claim(points_count).await?;
+            let limits = claim.limits(&self.capacity.scan);
+            let attempt = move |stop: &Stop| {
+                let turn = Turn { stop, watch: clock.start() };
+                match file.decode(&limits, stop) {
+                    Err(error) if claim.is_outgrown(&error) => Attempt::Outgrown(file, work),
+                    Err(error) => Attempt::Over(Err(MeasureError::from(error).into())),
+                    Ok(decoded) => {
+                        claim.keep_for(decoded.cloud.columns.len());
+                        Attempt::Over(work(decoded, &turn))
+                    }
+                }
+            };
+            match door.run_at(&place, attempt).await? {
+                Attempt::Over(outcome) => return outcome,
+                Attempt::Outgrown(back, again) => (file, work, points_count) = (back, again, usize::MAX),
+            }
+        }
+    }
+}
