@@ -35,6 +35,8 @@ pub(super) struct Memory {
     /// Points for which all of it is enough, and no more than a scan may have.
     points_max: usize,
     profiles_max: usize,
+    /// Whether a file for which it is too little has no other share to be read with.
+    is_last: bool,
 }
 
 /// The shares.
@@ -51,7 +53,7 @@ pub(super) struct Claim {
     permit: OwnedSemaphorePermit,
     points_max: usize,
     profiles_max: usize,
-    /// Whether no request may have more points.
+    /// Whether no file may have more points.
     is_most: bool,
 }
 
@@ -59,9 +61,9 @@ impl MemoryShares {
     /// Of so many MiB, for scans within these limits.
     pub(super) fn of(whole_mib: u64, limits: &Limits) -> Self {
         Self {
-            sensor: Memory::new(whole_mib / 8, limits),
-            readers: Memory::new(whole_mib / 4, limits),
-            rest: Memory::new(whole_mib / 8 * 5, limits),
+            sensor: Memory::new(whole_mib / 8, limits, true),
+            readers: Memory::new(whole_mib / 4, limits, false),
+            rest: Memory::new(whole_mib / 8 * 5, limits, true),
         }
     }
 
@@ -72,7 +74,7 @@ impl MemoryShares {
 }
 
 impl Memory {
-    fn new(whole_mib: u64, limits: &Limits) -> Self {
+    fn new(whole_mib: u64, limits: &Limits, is_last: bool) -> Self {
         let whole_mib = u32::try_from(whole_mib).unwrap_or(u32::MAX);
         let (mut points_max, profiles_max) = (limits.points_max, limits.profiles_max);
         if need_mib(points_max, profiles_max) > whole_mib {
@@ -82,7 +84,7 @@ impl Memory {
             points_max = usize::try_from(points).unwrap_or(usize::MAX);
         }
         let free = Arc::new(Semaphore::new(usize::try_from(whole_mib).unwrap_or(Semaphore::MAX_PERMITS)));
-        Self { free, whole_mib, points_max, profiles_max }
+        Self { free, whole_mib, points_max, profiles_max, is_last }
     }
 
     /// Sets aside what so many points need, as soon as it is free.
@@ -119,7 +121,8 @@ impl Memory {
     }
 
     fn claimed(&self, permit: OwnedSemaphorePermit, points_max: usize) -> Claim {
-        Claim { permit, points_max, profiles_max: self.profiles_max, is_most: points_max >= self.points_max }
+        let is_most = self.is_last && points_max >= self.points_max;
+        Claim { permit, points_max, profiles_max: self.profiles_max, is_most }
     }
 }
 
@@ -195,7 +198,7 @@ mod tests {
         assert!(first.is_most);
         assert!(memory.claim_free().is_none(), "the first one may need all");
         let mut first = first;
-        first.keep_for(1_000_000);
+        first.keep_for(500_000);
         let second = memory.claim_free().expect("half");
         assert!(!second.is_most && second.points_max > 1_000_000, "{}", second.points_max);
     }
@@ -207,6 +210,8 @@ mod tests {
         let refused = DecodeError::TooManyPoints { limit: 0 };
         assert!(memory.claim(points_expected(4_000_000)).await.expect("free").is_outgrown(&refused));
         assert!(!memory.claim(usize::MAX).await.expect("free").is_outgrown(&refused), "no scan may have more");
+        let reader = MemoryShares::of(4096, &limits).readers.try_claim(usize::MAX).expect("free");
+        assert!(reader.is_outgrown(&refused), "it can be read later");
         assert!(!memory.claim(0).await.expect("free").is_outgrown(&DecodeError::Empty));
     }
 }
