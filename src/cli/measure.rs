@@ -5,9 +5,12 @@ use super::reading::{ReadingArguments, named};
 use super::{FAILED, Outcome, OutputClosed, REFUSED, bar, complain, print, table};
 use crate::estimation::{EndFaceRule, Method, Orientation};
 use crate::http::{MeasurementDocument, profiles_csv};
-use crate::plot::{Picture, Subject, draw};
+use crate::plot::Picture;
 use crate::scan::decode::Limits;
-use crate::service::{Offline, Origin, Recipe, Resolved, Verdict, View, in_words, measure_offline, without_mark};
+use crate::service::{
+    Measurement, Offline, Origin, PictureRequest, Recipe, Resolved, Verdict, View, in_words, measure_offline,
+    without_mark,
+};
 use std::collections::HashSet;
 use std::error::Error;
 use std::ffi::OsStr;
@@ -137,7 +140,7 @@ impl Arguments {
         if let Some(folder) = &self.plots {
             let folder = if self.files.len() > 1 { folder.join(own_name(path)) } else { folder.clone() };
             for view in measurement.views(&scan, &profiles) {
-                draw_all(&folder, &name, &view, resolved.settings.epsilon_mm)?;
+                self.draw_all(&folder, &name, &measurement, &view, resolved.settings.epsilon_mm)?;
             }
         }
         let document = MeasurementDocument::from(&measurement);
@@ -148,20 +151,25 @@ impl Arguments {
         }
         Ok(measurement.verdict())
     }
-}
 
-/// Every picture of a part, in a folder of its own where there are parts.
-fn draw_all(folder: &Path, name: &str, view: &View, epsilon_mm: f64) -> Result<(), Box<dyn Error>> {
-    let (folder, title) = match &view.part {
-        Some(part) => (folder.join(part), format!("{name}, part {part}")),
-        None => (folder.to_owned(), name.to_owned()),
-    };
-    let subject = Subject { title: &title, epsilon_mm, profile: None, first_profile: view.first_profile };
-    for picture in Picture::ALL {
-        let place = folder.join(picture.name()).with_extension("svg");
-        write(&place, &draw(picture, &view.scan, &view.estimate, &subject))?;
+    /// Every picture of a part, in a folder of its own where there are parts.
+    fn draw_all(
+        &self,
+        folder: &Path,
+        name: &str,
+        measurement: &Measurement,
+        view: &View,
+        epsilon_mm: f64,
+    ) -> Result<(), Box<dyn Error>> {
+        let folder = view.part.as_ref().map_or_else(|| folder.to_owned(), |part| folder.join(part));
+        let recipe = self.recipe.as_deref().and_then(Path::file_name).map(OsStr::to_string_lossy);
+        for picture in Picture::ALL {
+            let request = PictureRequest { picture, name, recipe: recipe.as_deref(), epsilon_mm, profile: None };
+            let place = folder.join(picture.name()).with_extension("svg");
+            write(&place, &measurement.draw(view, request))?;
+        }
+        Ok(())
     }
-    Ok(())
 }
 
 /// The name that stands for standard input among the files.

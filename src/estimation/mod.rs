@@ -37,6 +37,7 @@ mod type_b;
 mod unusable;
 mod warning;
 
+pub use budget::COVERAGE_FACTOR;
 #[doc(hidden)]
 pub use detect::{Detected, Request as DetectRequest, detect};
 pub use estimate::{
@@ -48,6 +49,7 @@ pub use parts::{ByGap, PARTS_MAX, PartEstimate, PartRule, Parts, PartsError, Sca
 pub use placed::OnRail;
 pub use progress::{Progress, Stop};
 pub use refusal::{FoundCylinder, Refusal};
+pub use robust::TUKEY_C;
 pub use section_cut::SectionCut;
 pub use settings::{End, EndFaceRule, Method, Orientation, RadiusRule, SettingError, Settings};
 pub use type_b::TypeB;

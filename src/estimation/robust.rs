@@ -6,8 +6,8 @@
 //!
 //! Everything here works on squared residuals: they order like the absolute ones and cost no square root.
 
-/// Tukey's tuning constant.
-pub(super) const TUKEY_C: f64 = 4.6851;
+/// Tukey's tuning constant: the weight is zero from this many standard deviations on.
+pub const TUKEY_C: f64 = 4.6851;
 /// Makes the median absolute residual a standard deviation on normal noise.
 const MAD_TO_SIGMA: f64 = 1.4826;
 

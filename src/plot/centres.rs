@@ -1,24 +1,31 @@
 //! The picture of the centres: where each profile's centre lies along x with the fitted axis (above), and how far it
-//! lies from the axis (below), in y and in z. Must not know the points of the scan.
+//! lies from the axis (below), in y and in z. Where the scan is refused, or no profile has a centre, the points of the scan
+//! are shown from above and from the side.
 //!
 //! A rejected centre may lie tens of millimetres away while the valid ones scatter by hundredths, so the scales follow
 //! the valid ones and everything else becomes an arrow at the border.
 
 use super::Subject;
-use super::about_axis::pose;
+use super::about_axis::{Names, names, pose};
 use super::area::Area;
+use super::end_faces;
+use super::header::{BODY_TOP, page};
 use super::legend::{Entry, legend};
 use super::marks::{Marks, Symbol, stride};
-use super::notice::{MARGIN, page, paragraph};
-use super::palette::{EXCLUDED, FAINT_INK, FITTED, VALID, reason_colour};
+use super::notice::MARGIN;
+use super::palette::{FAINT_INK, FITTED, VALID, reason_colour};
 use super::panel::Panel;
+use super::points::{self, Point};
 use super::spread::{half_width, quantile};
 use super::svg::{Anchor, Svg, Type};
 use super::ticks::{Range, fixed};
-use crate::estimation::{Estimate, Outcome, Pose, Profile, Reason};
+use crate::estimation::{Estimate, Pose, Profile, Reason};
+use crate::scan::Scan;
 
 /// Most markers of one kind on one panel.
 const MARKS_MAX: usize = 2500;
+/// Most points on one panel.
+const POINTS_MAX: usize = 4000;
 /// The scale never gets finer than ± this, mm: below it one would look at rounding.
 const DEVIATION_LEAST: f64 = 5e-4;
 
@@ -34,57 +41,84 @@ struct Centre {
 /// One of the two directions in which a centre is looked at.
 #[derive(Clone, Copy)]
 struct Direction {
-    name: &'static str,
     /// Its place in (y, z).
     index: usize,
     left: f64,
 }
 
-const DIRECTIONS: [Direction; 2] =
-    [Direction { name: "y", index: 0, left: 80.0 }, Direction { name: "z", index: 1, left: 576.0 }];
+const DIRECTIONS: [Direction; 2] = [Direction { index: 0, left: 80.0 }, Direction { index: 1, left: 576.0 }];
 const WIDTH: f64 = 400.0;
+const TOP: f64 = BODY_TOP + 24.0;
+const BOTTOM: f64 = 580.0;
+const LEGEND: Area = Area::new(MARGIN, 626.0, 952.0, 60.0);
 
 impl Direction {
     fn of(self, at: [f64; 2]) -> f64 {
         at.get(self.index).copied().unwrap_or(0.0)
     }
+
+    fn name(self, names: Names) -> &'static str {
+        if self.index == 0 { names.y } else { names.z }
+    }
+
+    fn area(self, top: f64, height: f64) -> Area {
+        Area::new(self.left, top, WIDTH, height)
+    }
+}
+
+/// What is drawn.
+struct Drawing<'a> {
+    svg: Svg,
+    names: Names,
+    x: Range,
+    pose: Option<&'a Pose>,
+    centres: Vec<Centre>,
+    points: Vec<Point>,
+    /// Marks that lie off the scale of their panel.
+    beyond: usize,
 }
 
 /// Draws the centres of the profiles, their axis and their deviation from it.
-pub(super) fn centres(estimate: &Estimate, subject: &Subject<'_>) -> String {
+pub(super) fn centres(scan: &Scan, estimate: &Estimate, subject: &Subject<'_>) -> String {
+    let pose = pose(estimate);
     let centres: Vec<Centre> = estimate.profiles.iter().filter_map(centre).collect();
-    let x = Range::around(estimate.profiles.iter().map(|profile| profile.x)).padded(0.03);
-    let mut svg = page("Profile centres", subject.title, &caption(estimate));
-    let mut beyond = 0;
-    match &estimate.outcome {
-        Outcome::Accepted(pose) => {
-            if !pose.uncertainty.includes_calibration() {
-                let words = "calibration not stated: the uncertainty covers the repeatability alone";
-                svg.text([MARGIN, 67.0], Type::sized(11.0).colour(FAINT_INK), words);
-            }
-            for direction in DIRECTIONS {
-                beyond +=
-                    trend(&mut svg, direction, Area::new(direction.left, 92.0, WIDTH, 150.0), x, &centres, Some(pose));
-                beyond += deviation(&mut svg, direction, x, &centres, pose);
-            }
-        }
-        Outcome::Refused(refusal) => {
-            let look = Type::sized(13.0).colour(EXCLUDED);
-            let words = format!("Refused ({}): {refusal}.", refusal.code());
-            let end = paragraph(&mut svg, Area::new(MARGIN, 64.0, 952.0, 60.0), look, &words);
-            if centres.is_empty() {
-                let words = "No profile has a centre that could be drawn.";
-                paragraph(&mut svg, Area::new(MARGIN, 280.0, 952.0, 40.0), Type::sized(16.0), words);
-            } else {
-                for direction in DIRECTIONS {
-                    let area = Area::new(direction.left, end + 32.0, WIDTH, 496.0 - end - 32.0);
-                    beyond += trend(&mut svg, direction, area, x, &centres, None);
-                }
-            }
+    let with_deviation = pose.is_some() && !centres.is_empty();
+    let points = if with_deviation { Vec::new() } else { points::points(scan, estimate, POINTS_MAX) };
+    let faces = pose.map(end_faces::places).unwrap_or_default();
+    let profiles = estimate.profiles.iter().map(|profile| profile.x);
+    let x = Range::around(profiles.chain(points.iter().map(|point| point.at[0])).chain(faces)).padded(0.03);
+    let (what, caption) = words(pose, &centres);
+    let (svg, names) = (page(what, caption, estimate, subject), names(estimate));
+    let mut drawing = Drawing { svg, names, x, pose, centres, points, beyond: 0 };
+    for direction in DIRECTIONS {
+        if with_deviation {
+            drawing.trend(direction, direction.area(TOP, 150.0));
+            drawing.deviation(direction, direction.area(TOP + 210.0, BOTTOM - TOP - 210.0));
+        } else if drawing.centres.is_empty() {
+            drawing.overview(direction, direction.area(TOP, BOTTOM - TOP));
+        } else {
+            drawing.overview(direction, direction.area(TOP, 168.0));
+            drawing.trend(direction, direction.area(TOP + 238.0, BOTTOM - TOP - 238.0));
         }
     }
-    legend(&mut svg, Area::new(MARGIN, 548.0, 952.0, 40.0), &entries(estimate, beyond));
-    svg.finish()
+    let entries = drawing.entries(estimate, scan.points().len());
+    legend(&mut drawing.svg, LEGEND, &entries);
+    drawing.svg.finish()
+}
+
+fn words(pose: Option<&Pose>, centres: &[Centre]) -> (&'static str, &'static str) {
+    match (pose, centres.is_empty()) {
+        (Some(_), false) => {
+            ("Profile centres", "centres of the fitted sections and the axis; the scales follow the valid profiles")
+        }
+        (Some(_), true) => ("Points and axis", "this method fits all points at once and gives profiles no centres"),
+        (None, false) => {
+            ("Points and profile centres", "no pose: the points of the scan and the centres of its fitted sections")
+        }
+        (None, true) => {
+            ("Points of the scan", "no pose, and no profile has a centre: the points from above and from the side")
+        }
+    }
 }
 
 fn centre(profile: &Profile) -> Option<Centre> {
@@ -94,91 +128,133 @@ fn centre(profile: &Profile) -> Option<Centre> {
     finite.then_some(Centre { x: profile.x, at, rejected: profile.rejected })
 }
 
-/// The pose in a line of words.
-fn caption(estimate: &Estimate) -> String {
-    let valid = estimate.profiles.iter().filter(|profile| profile.rejected.is_none()).count();
-    let counts = format!("{valid} of {} profiles valid", estimate.profiles.len());
-    let Some(Pose { axis, radius, .. }) = pose(estimate) else {
-        return format!("no pose · {counts} · {}", estimate.method.name());
-    };
-    format!(
-        "deflection {}° · pitch {}° · y_c0 {} mm · z_c0 {} mm · radius {} mm · {counts} · {}",
-        fixed(axis.deflection().degrees(), 4),
-        fixed(axis.pitch().degrees(), 4),
-        fixed(axis.y0, 3),
-        fixed(axis.z0, 3),
-        fixed(*radius, 3),
-        estimate.method.name()
-    )
-}
-
-/// The centres along x and the axis; returns how many lie off the scale.
-fn trend(svg: &mut Svg, direction: Direction, area: Area, x: Range, centres: &[Centre], pose: Option<&Pose>) -> usize {
-    let line = |x: f64| pose.map(|pose| direction.of(pose.axis.at(x)));
-    let panel = Panel::new(area, x, trend_range(direction, x, centres, pose));
-    let words = if pose.is_some() { "Centres and axis" } else { "Centres" };
-    heading(svg, area, &format!("{words}, X{}", direction.name.to_uppercase()), "");
-    panel.draw(svg, if pose.is_some() { "" } else { "x (mm)" }, &format!("{} (mm)", direction.name));
-    let beyond = marks(svg, &panel, centres, |centre| direction.of(centre.at));
-    if let (Some(from), Some(to)) = (line(x.lo), line(x.hi)) {
-        let paint = format!("stroke=\"{FITTED}\" stroke-width=\"1.2\"");
-        svg.line(panel.place([x.lo, from]), panel.place([x.hi, to]), paint);
+impl Drawing<'_> {
+    /// The points of the scan along x, with the axis where there is one.
+    fn overview(&mut self, direction: Direction, area: Area) {
+        let name = direction.name(self.names);
+        let value = |[_, y, z]: [f64; 3]| direction.of([y, z]);
+        let mut values: Vec<f64> = self.points.iter().map(|point| value(point.at)).collect();
+        let bulk = [0.005, 0.995].map(|part| quantile(&mut values, part).unwrap_or(0.0));
+        let axis = self.pose.map(|pose| [self.x.lo, self.x.hi].map(|x| direction.of(pose.axis.at(x))));
+        let range = Range::around(bulk.into_iter().chain(axis.into_iter().flatten())).padded(0.12);
+        let panel = Panel::new(area, self.x, range);
+        let side = if direction.index == 0 { "from above" } else { "from the side" };
+        heading(&mut self.svg, area, &format!("Points {side}: {name} against {}", self.names.x), "");
+        panel.draw(&mut self.svg, self.names.x_label, &format!("{name} (mm)"));
+        self.beyond += points::draw(&mut self.svg, &panel, &self.points, |point| [point.at[0], value(point.at)]);
+        self.draw_axis(&panel, direction);
     }
-    beyond
-}
 
-/// Room for the whole axis and the valid centres; where there is no axis, for most of the centres.
-fn trend_range(direction: Direction, x: Range, centres: &[Centre], pose: Option<&Pose>) -> Range {
-    let valid = || centres.iter().filter(|centre| centre.rejected.is_none());
-    if let Some(pose) = pose {
-        let half = half_width(valid().map(|c| direction.of(c.at) - direction.of(pose.axis.at(c.x))), DEVIATION_LEAST);
-        let ends = [x.lo, x.hi].map(|x| direction.of(pose.axis.at(x)));
-        return Range::around(ends.into_iter().flat_map(|v| [v - half, v + half])).padded(0.12);
+    /// The centres along x and the axis.
+    fn trend(&mut self, direction: Direction, area: Area) {
+        let name = direction.name(self.names);
+        let panel = Panel::new(area, self.x, self.trend_range(direction));
+        let (words, x_label) = match self.pose {
+            Some(_) => ("Centres and axis", ""),
+            None => ("Centres", self.names.x_label),
+        };
+        heading(&mut self.svg, area, &format!("{words}: {name} against {}", self.names.x), "");
+        panel.draw(&mut self.svg, x_label, &format!("{name} (mm)"));
+        self.draw_marks(&panel, |centre| direction.of(centre.at));
+        self.draw_axis(&panel, direction);
     }
-    let mut values: Vec<f64> = valid().map(|centre| direction.of(centre.at)).collect();
-    if values.is_empty() {
-        values = centres.iter().map(|centre| direction.of(centre.at)).collect();
-    }
-    let middle = quantile(&mut values, 0.5).unwrap_or(0.0);
-    let half = half_width(values.iter().map(|v| v - middle), DEVIATION_LEAST);
-    Range::new(middle - half, middle + half)
-}
 
-/// How far the centres lie from the axis; returns how many lie off the scale.
-fn deviation(svg: &mut Svg, direction: Direction, x: Range, centres: &[Centre], pose: &Pose) -> usize {
-    let from_axis = |centre: &Centre| direction.of(centre.at) - direction.of(pose.axis.at(centre.x));
-    let valid: Vec<f64> = centres.iter().filter(|centre| centre.rejected.is_none()).map(from_axis).collect();
-    let area = Area::new(direction.left, 300.0, WIDTH, 196.0);
-    let panel = Panel::new(area, x, Range::about_zero(half_width(valid.iter().copied(), DEVIATION_LEAST)));
-    let rms = (valid.iter().map(|v| v * v).sum::<f64>() / valid.len().max(1) as f64).sqrt();
-    let note = if valid.is_empty() { String::new() } else { format!("rms of the valid {} mm", fixed(rms, 4)) };
-    heading(svg, area, &format!("Deviation from the axis in {}", direction.name), &note);
-    panel.draw(svg, "x (mm)", &format!("{} less axis (mm)", direction.name));
-    let paint = format!("stroke=\"{FITTED}\" stroke-width=\"1.2\"");
-    svg.line(panel.place([x.lo, 0.0]), panel.place([x.hi, 0.0]), paint);
-    marks(svg, &panel, centres, from_axis)
-}
-
-/// What a panel shows, above it; arrows of what lies beyond the border keep clear of it.
-fn heading(svg: &mut Svg, area: Area, words: &str, note: &str) {
-    svg.text([area.left, area.top - 12.0], Type::sized(12.0).bold(), words);
-    let look = Type::sized(11.0).colour(FAINT_INK).anchor(Anchor::End);
-    svg.text([area.right(), area.top - 12.0], look, note);
-}
-
-/// The markers of all kinds, the rejected ones on top because they are few; returns how many lie off the scale.
-fn marks(svg: &mut Svg, panel: &Panel, centres: &[Centre], value: impl Fn(&Centre) -> f64) -> usize {
-    let mut beyond = 0;
-    for kind in [None].into_iter().chain(Reason::ALL.map(Some)) {
-        let (symbol, colour) = look(kind);
-        let of_kind = || centres.iter().filter(|centre| centre.rejected == kind);
-        let mut marks = Marks::new(symbol, colour);
-        for centre in of_kind().step_by(stride(of_kind().count(), MARKS_MAX)) {
-            marks.add(panel, [centre.x, value(centre)]);
+    /// Room for the whole axis and the valid centres; where there is no axis, for most of the centres.
+    fn trend_range(&self, direction: Direction) -> Range {
+        let valid = || self.centres.iter().filter(|centre| centre.rejected.is_none());
+        if let Some(pose) = self.pose {
+            let off = |centre: &Centre| direction.of(centre.at) - direction.of(pose.axis.at(centre.x));
+            let half = half_width(valid().map(off), DEVIATION_LEAST);
+            let ends = [self.x.lo, self.x.hi].map(|x| direction.of(pose.axis.at(x)));
+            return Range::around(ends.into_iter().flat_map(|v| [v - half, v + half])).padded(0.12);
         }
-        beyond += marks.draw(svg);
+        let mut values: Vec<f64> = valid().map(|centre| direction.of(centre.at)).collect();
+        if values.is_empty() {
+            values = self.centres.iter().map(|centre| direction.of(centre.at)).collect();
+        }
+        let middle = quantile(&mut values, 0.5).unwrap_or(0.0);
+        let half = half_width(values.iter().map(|v| v - middle), DEVIATION_LEAST);
+        Range::new(middle - half, middle + half)
     }
-    beyond
+
+    /// How far the centres lie from the axis.
+    fn deviation(&mut self, direction: Direction, area: Area) {
+        let Some(pose) = self.pose else { return };
+        let name = direction.name(self.names);
+        let from_axis = |centre: &Centre| direction.of(centre.at) - direction.of(pose.axis.at(centre.x));
+        let of_valid = self.centres.iter().filter(|centre| centre.rejected.is_none());
+        let valid: Vec<f64> = of_valid.map(from_axis).collect();
+        let panel = Panel::new(area, self.x, Range::about_zero(half_width(valid.iter().copied(), DEVIATION_LEAST)));
+        let rms = (valid.iter().map(|v| v * v).sum::<f64>() / valid.len().max(1) as f64).sqrt();
+        let note = if valid.is_empty() { String::new() } else { format!("RMS of valid: {} mm", fixed(rms, 4)) };
+        heading(&mut self.svg, area, &format!("Centres relative to the axis: {name}"), &note);
+        panel.draw(&mut self.svg, self.names.x_label, &format!("{name} of centre − {name} of axis (mm)"));
+        let paint = format!("stroke=\"{FITTED}\" stroke-width=\"1.2\"");
+        self.svg.line(panel.place([self.x.lo, 0.0]), panel.place([self.x.hi, 0.0]), paint);
+        self.draw_marks(&panel, from_axis);
+        end_faces::draw_across(&mut self.svg, &panel, pose);
+    }
+
+    /// The axis and the end faces.
+    fn draw_axis(&mut self, panel: &Panel, direction: Direction) {
+        let Some(pose) = self.pose else { return };
+        let place = |x: f64| panel.place([x, direction.of(pose.axis.at(x))]);
+        let paint = format!("stroke=\"{FITTED}\" stroke-width=\"1.2\"");
+        self.svg.line(place(self.x.lo), place(self.x.hi), paint);
+        end_faces::draw_across(&mut self.svg, panel, pose);
+    }
+
+    /// The markers of all kinds, the rejected ones on top because they are few.
+    fn draw_marks(&mut self, panel: &Panel, value: impl Fn(&Centre) -> f64) {
+        for kind in [None].into_iter().chain(Reason::ALL.map(Some)) {
+            let (symbol, colour) = look(kind);
+            let of_kind = || self.centres.iter().filter(|centre| centre.rejected == kind);
+            let mut marks = Marks::new(symbol, colour);
+            for centre in of_kind().step_by(stride(of_kind().count(), MARKS_MAX)) {
+                marks.add(panel, [centre.x, value(centre)]);
+            }
+            self.beyond += marks.draw(&mut self.svg);
+        }
+    }
+
+    /// The legend with how many profiles of each kind there are, and how many of them have no centre to be drawn.
+    fn entries(&self, estimate: &Estimate, points_count: usize) -> Vec<Entry> {
+        let mut entries = Vec::new();
+        for kind in [None].into_iter().chain(Reason::ALL.map(Some)).filter(|_| !self.centres.is_empty()) {
+            let of_kind = || estimate.profiles.iter().filter(|profile| profile.rejected == kind);
+            let (count, missing) = (of_kind().count(), of_kind().filter(|profile| centre(profile).is_none()).count());
+            if count == 0 && kind.is_some() {
+                continue;
+            }
+            let name = kind.map_or_else(|| "valid".to_owned(), |reason| format!("rejected, {}", reason.name()));
+            let mut text = format!("{name}: {count}");
+            if missing > 0 {
+                text += &format!(" ({missing} without centre)");
+            }
+            let every = stride(count - missing, MARKS_MAX);
+            if every > 1 {
+                text += &format!(" (1 in {every} drawn)");
+            }
+            let (symbol, colour) = look(kind);
+            entries.push(Entry::new(symbol, colour, text));
+        }
+        if !self.points.is_empty() {
+            entries.extend(points::entries(&self.points, points_count));
+        }
+        if let Some(pose) = self.pose {
+            entries.push(Entry::new(Symbol::Stroke, FITTED, "fitted axis"));
+            entries.extend(end_faces::entries(pose));
+        }
+        entries.extend(points::off_scale(self.beyond));
+        entries
+    }
+}
+
+/// What a panel shows, above it.
+fn heading(svg: &mut Svg, area: Area, words: &str, note: &str) {
+    svg.text([area.left, area.top - 8.0], Type::sized(12.0).bold(), words);
+    let look = Type::sized(11.0).colour(FAINT_INK).anchor(Anchor::End);
+    svg.text([area.right(), area.top - 8.0], look, note);
 }
 
 /// Shape and colour of the valid ones (`None`) and of each reason.
@@ -189,38 +265,9 @@ const fn look(kind: Option<Reason>) -> (Symbol, &'static str) {
     let symbol = match reason {
         Reason::OutsideParts | Reason::TooFewPoints => Symbol::Cross,
         Reason::NotConverged => Symbol::Plus,
-        Reason::LowInlierRatio => Symbol::Triangle,
+        Reason::LowInlierRatio => Symbol::Ring,
         Reason::ArcTooShort => Symbol::Square,
         Reason::OffAxis => Symbol::Diamond,
     };
     (symbol, reason_colour(reason))
-}
-
-/// The legend with how many of each kind there are, and how many of them have no centre to be drawn.
-fn entries(estimate: &Estimate, beyond: usize) -> Vec<Entry> {
-    let mut entries = Vec::new();
-    for kind in [None].into_iter().chain(Reason::ALL.map(Some)) {
-        let of_kind = || estimate.profiles.iter().filter(|profile| profile.rejected == kind);
-        let (count, missing) = (of_kind().count(), of_kind().filter(|profile| centre(profile).is_none()).count());
-        if count == 0 && kind.is_some() {
-            continue;
-        }
-        let mut text = format!("{}: {count}", kind.map_or("valid", Reason::name));
-        if missing > 0 {
-            text += &format!(" ({missing} without centre)");
-        }
-        let every = stride(count - missing, MARKS_MAX);
-        if every > 1 {
-            text += &format!(" (1 in {every} drawn)");
-        }
-        let (symbol, colour) = look(kind);
-        entries.push(Entry::new(symbol, colour, text));
-    }
-    if pose(estimate).is_some() {
-        entries.push(Entry::new(Symbol::Stroke, FITTED, "fitted axis"));
-    }
-    if beyond > 0 {
-        entries.push(Entry::new(Symbol::Arrow, FAINT_INK, "off the scale"));
-    }
-    entries
 }

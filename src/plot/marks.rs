@@ -3,6 +3,7 @@
 
 use super::panel::{Panel, Spot};
 use super::svg::{Px, Svg};
+use std::collections::HashSet;
 use std::fmt::Write as _;
 
 /// The shape of a marker.
@@ -12,7 +13,7 @@ pub(super) enum Symbol {
     Speck,
     /// A dot of four pixels.
     Dot,
-    Triangle,
+    Ring,
     Square,
     Diamond,
     Cross,
@@ -23,7 +24,7 @@ pub(super) enum Symbol {
     Dashes,
     /// A filled field.
     Field,
-    /// The arrow head of what lies beyond the border.
+    /// The arrow of a value that lies off the scale.
     Arrow,
 }
 
@@ -34,27 +35,27 @@ impl Symbol {
         match self {
             // A line of no length with round ends: by far the shortest way to write a dot.
             Self::Speck | Self::Dot => at(0.0, 0.0) + "h0",
-            Self::Triangle => at(0.0, -3.6) + "l3.6 6.4h-7.2z",
+            Self::Ring => at(-3.2, 0.0) + "a3.2 3.2 0 1 0 6.4 0a3.2 3.2 0 1 0-6.4 0",
             Self::Square => at(-2.8, -2.8) + "h5.6v5.6h-5.6z",
             Self::Diamond => at(0.0, -4.0) + "l4 4l-4 4l-4-4z",
             Self::Cross => at(-2.8, -2.8) + "l5.6 5.6m0-5.6l-5.6 5.6",
             Self::Plus => at(-3.6, 0.0) + "h7.2m-3.6-3.6v7.2",
             Self::Stroke | Self::Dashes => at(-9.0, 0.0) + "h18",
             Self::Field => at(-9.0, -5.0) + "h18v10h-18z",
-            Self::Arrow => at(0.0, -3.0) + "l3.4 5.4h-6.8z",
+            Self::Arrow => arrow([x, y - 5.5], [0.0, -1.0]),
         }
     }
 
     /// The attributes that give a marker its colour.
-    fn paint(self, colour: &str) -> String {
+    pub(super) fn paint(self, colour: &str) -> String {
         let stroke =
             |width: f64, more: &str| format!("fill=\"none\" stroke=\"{colour}\" stroke-width=\"{width}\"{more}");
         match self {
             Self::Speck => stroke(2.0, " stroke-linecap=\"round\""),
             Self::Dot => stroke(4.0, " stroke-linecap=\"round\""),
-            Self::Triangle | Self::Square | Self::Diamond | Self::Field | Self::Arrow => format!("fill=\"{colour}\""),
-            Self::Cross | Self::Plus => stroke(1.4, ""),
-            Self::Stroke => stroke(1.4, ""),
+            Self::Square | Self::Diamond | Self::Field => format!("fill=\"{colour}\""),
+            Self::Cross | Self::Plus | Self::Ring | Self::Stroke => stroke(1.4, ""),
+            Self::Arrow => stroke(1.2, ""),
             Self::Dashes => stroke(1.2, " stroke-dasharray=\"4 3\""),
         }
     }
@@ -71,31 +72,32 @@ pub(super) struct Marks {
     colour: &'static str,
     inside: String,
     arrows: String,
+    /// Pieces of the border that have an arrow: side by side arrows would merge into a block.
+    taken: HashSet<(i32, i32)>,
     beyond_count: usize,
 }
 
+/// Length of the border that has room for one arrow, pixels.
+const ARROW_ROOM: f64 = 7.0;
+
 impl Marks {
     pub(super) fn new(symbol: Symbol, colour: &'static str) -> Self {
-        Self { symbol, colour, inside: String::new(), arrows: String::new(), beyond_count: 0 }
+        let (inside, arrows) = (String::new(), String::new());
+        Self { symbol, colour, inside, arrows, taken: HashSet::new(), beyond_count: 0 }
     }
 
-    /// One more marker. Beyond the border it stands just inside of it, with an arrow head outside.
+    /// One more marker. Beyond the border it is an arrow in its colour that points to the border: its own shape there would
+    /// pass for a value.
     pub(super) fn add(&mut self, panel: &Panel, values: [f64; 2]) {
         match panel.spot(values) {
             Spot::Inside(at) => self.inside += &self.symbol.data(at),
-            Spot::Beyond([x, y], [dx, dy]) => {
+            Spot::Beyond(at, outwards) => {
                 self.beyond_count += 1;
-                self.inside += &self.symbol.data([x - 6.0 * dx, y - 6.0 * dy]);
-                self.arrows += &head([x, y], [dx, dy]);
+                let [x, y] = at.map(|pixels| (pixels / ARROW_ROOM) as i32);
+                if self.taken.insert((x, y)) {
+                    self.arrows += &arrow(at, outwards);
+                }
             }
-        }
-    }
-
-    /// One more marker where it lies inside; beyond the border it is only counted.
-    pub(super) fn add_inside(&mut self, panel: &Panel, values: [f64; 2]) {
-        match panel.spot(values) {
-            Spot::Inside(at) => self.inside += &self.symbol.data(at),
-            Spot::Beyond(..) => self.beyond_count += 1,
         }
     }
 
@@ -107,13 +109,14 @@ impl Marks {
     }
 }
 
-/// An arrow head on the border, pointing along the unit vector (dx, dy).
-fn head([x, y]: [f64; 2], [dx, dy]: [f64; 2]) -> String {
-    let corner = |along: f64, across: f64| (Px(x + along * dx - across * dy), Px(y + along * dy + across * dx));
-    let ((ax, ay), (bx, by), (cx, cy)) = (corner(6.5, 0.0), corner(1.0, 3.2), corner(1.0, -3.2));
+/// An arrow with its tip at (x, y), pointing along the unit vector (dx, dy).
+fn arrow([x, y]: [f64; 2], [dx, dy]: [f64; 2]) -> String {
+    let place = |along: f64, across: f64| (Px(x + along * dx - across * dy), Px(y + along * dy + across * dx));
+    let ((ax, ay), (bx, by), (cx, cy)) = (place(-11.0, 0.0), place(-4.0, 3.0), place(-4.0, -3.0));
+    let (x, y) = (Px(x), Px(y));
     let mut data = String::new();
     // Writing to a string cannot fail.
-    let _ = write!(data, "M{ax} {ay}L{bx} {by}L{cx} {cy}z");
+    let _ = write!(data, "M{ax} {ay}L{x} {y}M{bx} {by}L{x} {y}L{cx} {cy}");
     data
 }
 

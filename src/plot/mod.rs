@@ -2,42 +2,49 @@
 //!
 //! A scan and its estimate come in, text goes out; equal input gives equal bytes. Knows estimation, scan and geometry;
 //! must not know files, clocks, requests or who looks. Every picture stays below about 1 MB whatever the size of the
-//! scan, is drawn for refused scans too, and says in words what it cannot show.
+//! scan, and states the result with its uncertainty, or why the scan was refused; of a refused scan it shows the points.
 
 mod about_axis;
 mod area;
 mod centres;
+mod end_faces;
 mod end_view;
+mod grid;
+mod header;
 mod legend;
 mod marks;
 mod notice;
 mod palette;
 mod panel;
+mod points;
 mod residual_map;
+mod result;
 mod section;
 mod section_points;
 mod seen;
 mod spread;
+mod surface;
 mod svg;
 mod ticks;
-mod unrolled;
 
 #[cfg(test)]
 mod tests;
 
 use crate::estimation::Estimate;
 use crate::scan::Scan;
+use jiff::Timestamp;
 
 /// What can be drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Picture {
-    /// The centres of the profiles along x, the axis through them, and how far they lie from it.
+    /// The centres of the profiles along x, the axis through them, and how far they lie from it; without a pose the points
+    /// from above and from the side.
     Centres,
-    /// The unrolled surface: signed distance of the points from the fitted cylinder.
+    /// The unrolled surface: signed distance of the points from the fitted cylinder; without a pose the surface from above.
     ResidualMap,
-    /// One profile: its points, their weights and its ellipse.
+    /// One profile: its points, their weights and its section.
     Section,
-    /// All points seen along the axis.
+    /// All points seen along the axis; without a pose along X.
     EndView,
 }
 
@@ -68,7 +75,13 @@ impl Picture {
 pub struct Subject<'a> {
     /// What was measured, e.g. the id of the measurement or the name of the file; any text.
     pub title: &'a str,
-    /// Distance below which a point counts as inner, mm, as the estimation was told.
+    /// When it was measured, where that is known.
+    pub measured_at: Option<Timestamp>,
+    /// Name of the recipe, where there is one.
+    pub recipe: Option<&'a str>,
+    /// What measured it, where that is known.
+    pub software: Option<&'a str>,
+    /// The setting `epsilon_mm` of the estimation.
     pub epsilon_mm: f64,
     /// Index in the scan of the profile that [`Picture::Section`] shows; `None` takes the valid one nearest to the middle, or the
     /// middle one where none is valid.
@@ -77,11 +90,11 @@ pub struct Subject<'a> {
     pub first_profile: usize,
 }
 
-/// Draws one picture: an SVG 1.1 document of 1000 × 600 pixels.
+/// Draws one picture: an SVG 1.1 document of 1000 × 700 pixels.
 #[must_use]
 pub fn draw(picture: Picture, scan: &Scan, estimate: &Estimate, subject: &Subject<'_>) -> String {
     match picture {
-        Picture::Centres => centres::centres(estimate, subject),
+        Picture::Centres => centres::centres(scan, estimate, subject),
         Picture::ResidualMap => residual_map::residual_map(scan, estimate, subject),
         Picture::Section => section::section(scan, estimate, subject),
         Picture::EndView => end_view::end_view(scan, estimate, subject),

@@ -1,5 +1,5 @@
-//! The colours, all from palettes that the colour-blind can tell apart: Okabe and Ito's for kinds, ColorBrewer's RdYlBu
-//! for signed values. Where a colour means a kind, a shape means it too. Must not know pictures.
+//! The colours, all from palettes that the colour-blind can distinguish: Okabe and Ito's for kinds, ColorBrewer's RdYlBu
+//! for signed values, viridis for heights. Where a colour means a kind, a shape means it too.
 
 use crate::estimation::Reason;
 
@@ -9,19 +9,23 @@ pub(super) const INK: &str = "#222222";
 pub(super) const FAINT_INK: &str = "#5a5a5a";
 /// Grid lines.
 pub(super) const GRID: &str = "#e3e3e3";
-/// Valid profiles and inner points.
+/// Valid profiles and inliers.
 pub(super) const VALID: &str = "#0072b2";
 /// Points of rejected profiles.
 pub(super) const REJECTED: &str = "#e69f00";
+/// Points of profiles on which there is no verdict.
+pub(super) const UNJUDGED: &str = "#56789a";
 /// What was fitted.
 pub(super) const FITTED: &str = "#000000";
-/// Inner points by weight: below 0.25, up to 0.75, above.
-pub(super) const INNER: [&str; 3] = ["#9cc9ea", "#4a9bd1", VALID];
-/// Outer points that still have a weight.
-pub(super) const OUTER: &str = "#e69f00";
-/// Outer points without any weight.
+/// The end faces.
+pub(super) const END_FACE: &str = "#009e73";
+/// Inliers by weight: below 0.25, up to 0.75, above.
+pub(super) const INLIER: [&str; 3] = ["#9cc9ea", "#4a9bd1", VALID];
+/// Outliers that still have a weight.
+pub(super) const OUTLIER: &str = "#e69f00";
+/// Outliers without any weight, and refusals.
 pub(super) const EXCLUDED: &str = "#d55e00";
-/// The band of the inner points.
+/// The band of the inliers.
 pub(super) const BAND: &str = "#e9f3fa";
 
 /// The colour of a reason.
@@ -36,7 +40,7 @@ pub(super) const fn reason_colour(reason: Reason) -> &'static str {
     }
 }
 
-/// Steps of the signed scale on either side of the middle one.
+/// Steps of a colour scale on either side of the middle one.
 pub(super) const LEVELS: i32 = 10;
 
 /// From far inside to far outside.
@@ -52,17 +56,39 @@ const SIGNED: [[f64; 3]; 9] = [
     [165.0, 0.0, 38.0],
 ];
 
+/// viridis, from low to high.
+const HEIGHT: [[f64; 3]; 9] = [
+    [68.0, 1.0, 84.0],
+    [71.0, 45.0, 123.0],
+    [59.0, 82.0, 139.0],
+    [44.0, 114.0, 142.0],
+    [33.0, 145.0, 140.0],
+    [39.0, 173.0, 129.0],
+    [92.0, 200.0, 99.0],
+    [170.0, 220.0, 50.0],
+    [253.0, 231.0, 37.0],
+];
+
 /// The step of a value whose scale saturates at ±`limit`: −[`LEVELS`] to [`LEVELS`], 0 in the middle.
 pub(super) fn level(value: f64, limit: f64) -> i32 {
     let steps = f64::from(LEVELS);
     (value / limit * steps).round().clamp(-steps, steps) as i32
 }
 
-/// The colour of a step.
-pub(super) fn level_colour(level: i32) -> String {
+/// The colour of a step of a signed value.
+pub(super) fn signed_colour(level: i32) -> String {
+    colour(&SIGNED, level)
+}
+
+/// The colour of a step of a height.
+pub(super) fn height_colour(level: i32) -> String {
+    colour(&HEIGHT, level)
+}
+
+fn colour(anchors: &[[f64; 3]; 9], level: i32) -> String {
     let place = f64::from(level + LEVELS) / f64::from(2 * LEVELS) * 8.0;
     let below = place.floor().clamp(0.0, 7.0);
-    let anchor = |index: usize| SIGNED.get(index).copied().unwrap_or([0.0; 3]);
+    let anchor = |index: usize| anchors.get(index).copied().unwrap_or([0.0; 3]);
     let (from, to) = (anchor(below as usize), anchor(below as usize + 1));
     let [r, g, b] = [0, 1, 2].map(|i| {
         let part = |anchor: &[f64; 3]| anchor.get(i).copied().unwrap_or(0.0);
@@ -78,6 +104,7 @@ mod tests {
     #[test]
     fn the_signed_scale_is_centred_and_saturates() {
         assert_eq!([-9.0, -1.0, 0.0, 0.04, 1.0, 9.0].map(|v| level(v, 1.0)), [-10, -10, 0, 0, 10, 10]);
-        assert_eq!([-LEVELS, 0, LEVELS].map(level_colour), ["#313695", "#fffacd", "#a50026"]);
+        assert_eq!([-LEVELS, 0, LEVELS].map(signed_colour), ["#313695", "#fffacd", "#a50026"]);
+        assert_eq!([-LEVELS, LEVELS].map(height_colour), ["#440154", "#fde725"]);
     }
 }

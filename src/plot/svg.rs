@@ -8,7 +8,7 @@ use std::fmt::{self, Display, Write as _};
 /// Width of every picture, pixels.
 pub(super) const WIDTH: f64 = 1000.0;
 /// Height of every picture, pixels.
-pub(super) const HEIGHT: f64 = 600.0;
+pub(super) const HEIGHT: f64 = 700.0;
 
 /// A coordinate on the page: tenths of a pixel, without a trailing zero.
 pub(super) struct Px(pub(super) f64);

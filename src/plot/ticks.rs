@@ -92,9 +92,14 @@ impl Ticks {
         Self { values, base, decimals, scientific: decimals > 6 || step >= 1e5 }
     }
 
-    /// The axis label, with the base where there is one.
+    /// The axis label, with the base that is subtracted where there is one: `y − 1200 (mm)`.
     pub(super) fn with_base(&self, label: &str) -> String {
-        if self.base == 0.0 { label.to_owned() } else { format!("{label} from {}", fixed(self.base, self.decimals)) }
+        if self.base == 0.0 {
+            return label.to_owned();
+        }
+        let (quantity, unit) = label.split_at(label.rfind(" (").unwrap_or(label.len()));
+        let sign = if self.base < 0.0 { '+' } else { '\u{2212}' };
+        format!("{quantity} {sign} {}{unit}", fixed(self.base.abs(), self.decimals))
     }
 
     /// What is written at `value`.
@@ -141,6 +146,12 @@ mod tests {
         let ticks = Range::new(12_345_678.0, 12_345_678.5).ticks(5.0);
         assert!(ticks.base > 12_345_677.0);
         assert!(ticks.values.iter().all(|&v| ticks.label(v).chars().count() <= 5));
+    }
+
+    #[test]
+    fn a_label_states_what_is_subtracted() {
+        let label = |middle: f64| Range::new(middle - 0.25, middle + 0.25).ticks(5.0).with_base("y (mm)");
+        assert_eq!([7.0, 12_345.0, -12_345.0].map(label), ["y (mm)", "y − 12345.0 (mm)", "y + 12345.0 (mm)"]);
     }
 
     #[test]

@@ -78,7 +78,7 @@ pub use scan_order::{ScanWay, SensorOrder, SensorRequest};
 pub use scans::{Content, Kept, Origin};
 pub use sensor::{AnyMeasurement, SensorScan};
 pub use upload::{Arrived, Upload};
-pub use view::View;
+pub use view::{PictureRequest, View};
 
 use crate::config::Config;
 use crate::estimation::Settings;

@@ -1,9 +1,9 @@
 //! Pictures of recorded measurements, drawn anew from the kept scan. Must not know how a picture looks.
 
 use super::points::{PointFile, Points};
-use super::{Decoded, Measurement, Origin, Resolved, Service, ServiceError, View};
+use super::{Decoded, Measurement, Origin, PictureRequest, Resolved, Service, ServiceError};
 use crate::estimation::Profile;
-use crate::plot::{Picture, Subject, draw};
+use crate::plot::Picture;
 use crate::scan::decode::Limits;
 
 impl Service {
@@ -59,10 +59,9 @@ impl Wanted {
         let Self { measurement, profiles, resolved, picture, part, profile } = self;
         let prepared = super::cut(decoded, &resolved, limits)?;
         let chosen = measurement.findings.choose(part.as_deref())?;
-        let View { scan, estimate, first_profile, part } = measurement.view(&prepared.scan, &profiles, chosen, profile);
-        let title = part.map_or_else(|| measurement.id.clone(), |part| format!("{}, part {part}", measurement.id));
-        let profile = profile.map(|index| index.saturating_sub(first_profile));
-        let subject = Subject { title: &title, epsilon_mm: resolved.settings.epsilon_mm, profile, first_profile };
-        Ok(draw(picture, &scan, &estimate, &subject))
+        let view = measurement.view(&prepared.scan, &profiles, chosen, profile);
+        let (name, recipe) = (&measurement.id, measurement.recipe_name.as_deref());
+        let epsilon_mm = resolved.settings.epsilon_mm;
+        Ok(measurement.draw(&view, PictureRequest { picture, name, recipe, epsilon_mm, profile }))
     }
 }

@@ -2,15 +2,16 @@
 //! looks, nor where scan and profiles come from.
 
 use super::{Chosen, Finding, Measurement};
-use crate::estimation::{Conditioning, Estimate, Outcome, Profile};
-use crate::scan::Scan;
+use crate::estimation::{Conditioning, Estimate, Outcome, Pose, Profile};
+use crate::plot::{Picture, Subject, draw};
+use crate::scan::{Scan, Station};
 
-/// A scan and what came out of it, as pictures take them.
+/// A scan and what came out of it, as pictures take them: in one frame, with one profile a station.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
     /// The profiles of the part; of all parts where it has none.
     pub scan: Scan,
-    /// What came out, put together again with its profiles.
+    /// What came out, put together again with its profiles; without any where they are not those of the scan.
     pub estimate: Estimate,
     /// Index of its first profile among those of the whole scan.
     pub first_profile: usize,
@@ -18,19 +19,42 @@ pub struct View {
     pub part: Option<String>,
 }
 
+/// What a picture is of, and what it says about that.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PictureRequest<'a> {
+    /// Which.
+    pub picture: Picture,
+    /// The name of the measurement or of its file.
+    pub name: &'a str,
+    /// The name of the recipe.
+    pub recipe: Option<&'a str>,
+    /// The setting of the estimation.
+    pub epsilon_mm: f64,
+    /// Index among all profiles of the scan of the one that a section shows.
+    pub profile: Option<usize>,
+}
+
 impl Measurement {
+    /// Draws a picture of a view of this measurement.
+    #[must_use]
+    pub fn draw(&self, view: &View, request: PictureRequest<'_>) -> String {
+        let PictureRequest { picture, name, recipe, epsilon_mm, profile } = request;
+        let title = view.part.as_ref().map_or_else(|| name.to_owned(), |part| format!("{name}, part {part}"));
+        let subject = Subject {
+            title: &title,
+            measured_at: Some(self.created_at),
+            recipe,
+            software: Some(&self.software),
+            epsilon_mm,
+            profile: profile.map(|index| index.saturating_sub(view.first_profile)),
+            first_profile: view.first_profile,
+        };
+        draw(picture, &view.scan, &view.estimate, &subject)
+    }
+
     /// What is seen of the part that was chosen, with `profile` (its index in the whole scan) in any case.
     #[must_use]
     pub fn view(&self, scan: &Scan, profiles: &[Profile], chosen: Chosen<'_>, profile: Option<usize>) -> View {
-        // The profiles are those of the sections that the pose was found in.
-        let sections = match chosen {
-            Chosen::Whole(Finding { outcome: Outcome::Accepted(pose), .. }) => {
-                let same = |sections: &Scan| sections.stations().len() == profiles.len();
-                pose.cut.and_then(|cut| cut.apply(scan)).filter(same)
-            }
-            _ => None,
-        };
-        let scan = sections.as_ref().unwrap_or(scan);
         let all = 0..scan.stations().len();
         let (finding, stations, part) = match chosen {
             Chosen::Whole(finding) => (finding.clone(), all.clone(), None),
@@ -48,11 +72,13 @@ impl Measurement {
         // So can a window that holds none.
         let (scan, stations) = match scan.part(stations.clone()) {
             Some(part) => (part, stations),
-            None => (scan.clone(), all),
+            None => (scan.clone(), all.clone()),
         };
-        let Finding { outcome, conditioning, residuals } = finding;
         let first_profile = stations.start;
-        let profiles = profiles.get(stations).unwrap_or_default().to_vec();
+        // Sections that were cut along the axis are others than the profiles of the scan, and not as many.
+        let profiles = if stations == all { profiles } else { profiles.get(stations).unwrap_or_default() };
+        let Finding { outcome, conditioning, residuals } = finding;
+        let (scan, outcome, profiles) = in_one_frame(scan, outcome, profiles);
         let estimate = Estimate { method: self.method, outcome, profiles, conditioning, residuals };
         View { scan, estimate, first_profile, part }
     }
@@ -67,5 +93,108 @@ impl Measurement {
             _ => self.findings.choose(None).into_iter().collect(),
         };
         chosen.into_iter().map(|chosen| self.view(scan, profiles, chosen, None)).collect()
+    }
+}
+
+/// Brings the points, the pose and the profiles into one frame: that of the scan, or that of the sections that were cut along
+/// the axis.
+fn in_one_frame(scan: Scan, outcome: Outcome, profiles: &[Profile]) -> (Scan, Outcome, Vec<Profile>) {
+    let pose = match &outcome {
+        Outcome::Accepted(pose) => pose,
+        // A scan may be refused after sections were cut from it. How is not stored, so it is shown as it was given.
+        Outcome::Refused(_) if are_of(profiles, &scan) => return (scan, outcome, profiles.to_vec()),
+        Outcome::Refused(_) => return (scan, outcome, Vec::new()),
+    };
+    let Some(cut) = pose.cut else { return (scan, outcome, profiles.to_vec()) };
+    let sections = cut.apply(&scan);
+    if let Some(sections) = sections.as_ref().filter(|sections| are_of(profiles, sections)) {
+        return (sections.clone(), outcome, profiles.to_vec());
+    }
+    // `least_squares` takes the points as they are and cuts none; its pose is in a frame along the axis all the same.
+    match (pose.on_rail(), sections) {
+        (Some(found), _) => {
+            let (axis, x_ref, uncertainty) = (found.axis, found.x_ref, found.uncertainty);
+            let placed = Pose { axis, x_ref, uncertainty, cut: None, ..(**pose).clone() };
+            (scan, Outcome::Accepted(Box::new(placed)), profiles.to_vec())
+        }
+        (None, Some(sections)) => {
+            let profiles = sections.stations().iter().map(without_verdict).collect();
+            (sections, outcome, profiles)
+        }
+        (None, None) => (scan, outcome, Vec::new()),
+    }
+}
+
+/// Whether these are the profiles of this scan.
+fn are_of(profiles: &[Profile], scan: &Scan) -> bool {
+    let same =
+        |(profile, station): (&Profile, &Station)| (profile.x - station.x).abs() <= 1e-9 * (1.0 + station.x.abs());
+    profiles.len() == scan.stations().len() && profiles.iter().zip(scan.stations()).all(same)
+}
+
+/// A profile all of whose points are used.
+fn without_verdict(station: &Station) -> Profile {
+    let points_count = station.end - station.start;
+    Profile { x: station.x, points_count, rejected: None, section: None, offset: None }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimation::{Method, Progress, Refusal, Settings, estimate};
+    use crate::scan::synthetic::{Part, make};
+    use crate::scan::{Columns, Grouping};
+
+    fn by(scan: &Scan, method: Method) -> Estimate {
+        estimate(scan, &Settings { method, ..Settings::default() }, &Progress::default())
+    }
+
+    fn scan() -> Scan {
+        make(&Part { profiles_count: 60, points_count: 120, ..Part::smooth(3) }).expect("a scan").0
+    }
+
+    /// The same points with z along the part.
+    fn upright() -> Scan {
+        let points: Vec<[f64; 3]> = scan().every_nth_point(1).collect();
+        let columns = Columns::F64 {
+            y: points.iter().map(|[_, y, _]| *y).collect(),
+            z: points.iter().map(|[x, ..]| *x).collect(),
+        };
+        let station = Station { x: 0.0, start: 0, end: points.len() };
+        let scan = Scan::new(vec![station], columns, "one".to_owned()).expect("a scan");
+        let own_x = points.iter().map(|[_, _, z]| *z).collect();
+        scan.with_own_x(own_x).expect("finite").with_grouping(Grouping::Chosen)
+    }
+
+    /// Largest distance of a point from the surface of the pose, mm.
+    fn off_surface(scan: &Scan, outcome: &Outcome) -> f64 {
+        let Outcome::Accepted(pose) = outcome else { panic!("accepted") };
+        let off = scan.every_nth_point(1).map(|point| (pose.axis.distance(point) - pose.radius).abs());
+        off.fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn a_pose_is_shown_in_the_frame_of_the_points_whatever_the_method_and_the_direction() {
+        for (scan, on_rail) in [(scan(), true), (upright(), false)] {
+            for method in [Method::Cylinder, Method::LeastSquares] {
+                let Estimate { outcome, profiles, .. } = by(&scan, method);
+                let (shown, outcome, profiles) = in_one_frame(scan.clone(), outcome, &profiles);
+                assert!(off_surface(&shown, &outcome) < 0.5, "{method:?} {on_rail}");
+                assert!(are_of(&profiles, &shown), "{method:?} {on_rail}");
+                assert_eq!(shown == scan, on_rail, "{method:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn profiles_of_sections_that_were_cut_before_a_refusal_are_not_taken_for_those_of_the_scan() {
+        let scan = upright();
+        let profiles = by(&scan, Method::Cylinder).profiles;
+        assert!(profiles.len() > 1);
+        let refused = Outcome::Refused(Refusal::NoCylinder { nominal_radius_mm: None });
+        let (shown, _, kept) = in_one_frame(scan.clone(), refused.clone(), &profiles);
+        assert!(shown == scan && kept.is_empty());
+        let own = vec![without_verdict(&scan.stations()[0])];
+        assert_eq!(in_one_frame(scan, refused, &own).2, own);
     }
 }

@@ -1,6 +1,6 @@
 //! Measuring, repeating, recalling.
 
-use crate::bodies::exact_csv;
+use crate::bodies::{csv, exact_csv};
 use crate::harness::{Running, start};
 use insta::{assert_json_snapshot, assert_snapshot, rounded_redaction};
 use serde_json::{Value, json};
@@ -276,6 +276,37 @@ fn pictures_are_drawn_from_the_kept_scan() {
     let beyond = service.get(&format!("/v1/measurements/{id}/plots/section.svg?profile=12"));
     assert_eq!(beyond.problem(404, "profile_unknown")["profiles_count"], 12);
     service.get(&format!("/v1/measurements/{id}/plots/nothing.svg")).problem(404, "route_unknown");
+}
+
+#[test]
+fn pictures_state_when_and_with_which_recipe_it_was_measured_and_the_result_with_its_uncertainty() {
+    let (service, _folder) = start();
+    service.put("/v1/recipes/shaft", &[], &json!({"nominal_radius_mm": 200})).expect(201);
+    let measurement = service.post("/v1/measurements?recipe=shaft", &exact_csv()).expect(201);
+    let created_at = measurement["created_at"].as_str().expect("a time").replace('T', " ");
+    let measured_at = format!("measured {} UTC", &created_at[..19]);
+    for picture in ["centres", "residual_map", "section", "end_view"] {
+        let svg = service.get(&format!("/v1/measurements/{}/plots/{picture}.svg", id_of(&measurement))).text();
+        for words in [measured_at.as_str(), "recipe shaft", "method cylinder", "deflection", "k = 2", "coaxis "] {
+            assert!(svg.contains(words), "{picture}: {words}");
+        }
+    }
+}
+
+#[test]
+fn pictures_of_a_refused_scan_show_its_points_and_the_reason() {
+    let (service, _folder) = start();
+    // A level surface: there is no cylinder.
+    let place = |index: usize| [(index / 60) as f64 * 5.0, (index % 60) as f64 - 30.0, (index * 7 % 13) as f64 * 0.01];
+    let level = csv((0..12 * 60).map(|index| (index / 60, place(index))));
+    let measurement = service.post("/v1/measurements", &level).expect(201);
+    assert_eq!(measurement["verdict"], "refused");
+    let code = measurement["refusal"]["code"].as_str().expect("a code");
+    for (picture, mark) in [("centres", "h0"), ("residual_map", "v1h-"), ("section", "h0"), ("end_view", "h0")] {
+        let svg = service.get(&format!("/v1/measurements/{}/plots/{picture}.svg", id_of(&measurement))).text();
+        assert!(svg.contains(&format!("Refused ({code})")), "{picture}");
+        assert!(svg.matches(mark).count() >= 60, "{picture}: {}", svg.matches(mark).count());
+    }
 }
 
 #[test]

@@ -178,7 +178,7 @@ fn pictures_show_one_part() {
             assert!(svg.starts_with("<svg") && svg.contains(&format!(", part {part}")), "{name}{query}");
         }
     }
-    assert!(picture("residual_map.svg?part=2").text().contains("radius 150.000 mm"));
+    assert!(picture("residual_map.svg?part=2").text().contains("radius 150.0000"));
     let section = picture("section.svg?profile=20").text();
     assert!(section.contains(", part fixed") && section.contains("profile 20 (12 to 23)"), "{section}");
     let outside = picture("section.svg?profile=11").text();

@@ -5,7 +5,7 @@ use super::kernel::Inner;
 use super::model::Cylinder;
 use super::sums::Sums;
 use crate::estimation::conclude::median;
-use crate::estimation::{Profile, Reason, Section, Settings};
+use crate::estimation::{Method, Profile, Reason, Section, Settings};
 use crate::geometry::{Angle, SectionEllipse};
 use crate::scan::{Scan, Station};
 use nalgebra::{Matrix2, Vector2};
@@ -28,14 +28,23 @@ pub(super) struct Model<'a> {
     pub(super) sigma: f64,
     /// One a station,
     pub(super) sums: &'a [Sums],
-    /// and what lies within [`epsilon`] of the model.
+    /// and what lies within [`Method::inlier_limit_mm`] of the model.
     pub(super) inner: &'a [Inner],
     pub(super) passes_count: u32,
 }
 
-/// Distance below which a point is an inner point, mm, where the points on the part scatter by `sigma`.
-pub(super) fn epsilon(settings: &Settings, sigma: f64) -> f64 {
-    settings.epsilon_mm.max(EPSILON_SIGMAS * sigma)
+impl Method {
+    /// Distance from the surface below which a point is an inlier, mm, where the points on the part scatter by `sigma_mm`.
+    ///
+    /// `least_squares` uses every point.
+    #[must_use]
+    pub const fn inlier_limit_mm(self, epsilon_mm: f64, sigma_mm: f64) -> f64 {
+        match self {
+            Self::Cylinder => epsilon_mm.max(EPSILON_SIGMAS * sigma_mm),
+            Self::SectionLine | Self::SectionLinePlain => epsilon_mm,
+            Self::LeastSquares => f64::INFINITY,
+        }
+    }
 }
 
 /// Judges every profile.

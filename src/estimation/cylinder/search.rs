@@ -5,7 +5,6 @@ use super::beneath;
 use super::candidates::{self, Candidate, Choice, Noise};
 use super::consensus::Bounds;
 use super::extent;
-use super::judge;
 use super::layers::{self, Verdict};
 use super::model::Cylinder;
 use super::patches::Directions;
@@ -18,7 +17,7 @@ use super::step::Hold;
 use super::{field, hold, too_few, too_short};
 use crate::estimation::settings::NOMINAL_REACH;
 use crate::estimation::unusable::unusable;
-use crate::estimation::{Progress, Reason, Refusal, Settings};
+use crate::estimation::{Method, Progress, Reason, Refusal, Settings};
 use crate::scan::Scan;
 
 /// Sampled for the start: enough that the finest surface is told from its neighbours.
@@ -119,7 +118,7 @@ impl Search<'_> {
             // At the end of what was looked for lies a plane or a line, not a part.
             radius >= least && radius <= most && radius >= settings.radius_resolved_mm()
         };
-        let epsilon = judge::epsilon(settings, chosen.settled.sigma);
+        let epsilon = Method::Cylinder.inlier_limit_mm(settings.epsilon_mm, chosen.settled.sigma);
         let problem = Problem { scan, used, hold, epsilon, progress };
         let mut solution =
             solve::solve(&problem, &chosen.settled).filter(resolved).ok_or_else(|| self.no_cylinder())?;

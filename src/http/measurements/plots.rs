@@ -14,16 +14,16 @@ use utoipa::{IntoParams, ToSchema};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
 #[schema(as = Picture)]
 pub(in super::super) enum PictureFile {
-    /// The centres of the profiles along the axis.
+    /// The centres of the profiles along x, and their distance from the axis.
     #[serde(rename = "centres.svg")]
     Centres,
-    /// The unrolled residuals.
+    /// The unrolled surface by its distance from the fitted cylinder.
     #[serde(rename = "residual_map.svg")]
     ResidualMap,
     /// One profile with its section.
     #[serde(rename = "section.svg")]
     Section,
-    /// All points seen along the axis.
+    /// All points along the axis.
     #[serde(rename = "end_view.svg")]
     EndView,
 }
@@ -58,7 +58,8 @@ const CONTENT_SECURITY: &str = "default-src 'none'; style-src 'unsafe-inline'; f
 
 /// Draw a picture of a measurement
 ///
-/// An SVG document, drawn anew from the kept scan.
+/// An SVG document, drawn anew from the kept scan, with the result and its expanded uncertainty. Of a refused scan it shows the
+/// points in the coordinates of the scan, and the reason.
 #[utoipa::path(
     get, path = "/v1/measurements/{id}/plots/{picture}", tag = "measurements",
     params(

@@ -1,12 +1,9 @@
 //! How well a pose is known, in the units of the document: expanded and standard uncertainties, the covariance they come
 //! from, the budget. Must not know how the covariance was found.
 
-use crate::estimation::{Component, Pose, Uncertainty};
+use crate::estimation::{COVERAGE_FACTOR, Component, Pose, Uncertainty};
 use serde::Serialize;
 use utoipa::ToSchema;
-
-/// Expanded uncertainties are this many standard ones; about 95 % of errors stay below.
-const COVERAGE_FACTOR: f64 = 2.0;
 
 /// Rows and columns of the covariance.
 const ORDER: [&str; 5] = ["deflection_rad", "pitch_rad", "y_ref_mm", "z_ref_mm", "radius_mm"];
