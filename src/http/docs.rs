@@ -74,6 +74,7 @@ pub(super) async fn get_docs_file(Path(file): Path<String>) -> Result<Response, 
         (header::CONTENT_SECURITY_POLICY, CONTENT_SECURITY),
         (header::CACHE_CONTROL, HeaderValue::from_static("max-age=3600")),
     ]);
+    // They stand in the binary compressed, and every browser takes them so.
     if gzipped {
         headers.insert(header::CONTENT_ENCODING, HeaderValue::from_static("gzip"));
     }

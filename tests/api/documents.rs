@@ -4,6 +4,7 @@ use crate::cell::{FAST, Line};
 use crate::harness::start;
 use coaxis::http::{COMMITTED, Code, openapi_json};
 use serde_json::Value;
+use std::io::Read;
 
 /// Set, it makes the test write the document instead of comparing it.
 const UPDATE: &str = "UPDATE_OPENAPI";
@@ -52,6 +53,16 @@ fn the_page_loads_nothing_from_outside() {
         assert_eq!((file.status, file.header("x-content-type-options")), (200, "nosniff"), "{address}");
     }
     service.get("/docs/nothing.js").problem(404, "route_unknown");
+}
+
+#[test]
+fn the_scripts_of_the_page_are_sent_compressed_and_declare_it() {
+    let (service, _folder) = start();
+    let script = service.get("/docs/swagger-ui-bundle.js");
+    assert_eq!((script.status, script.header("content-encoding")), (200, "gzip"));
+    let mut text = String::new();
+    flate2::read::GzDecoder::new(script.body.as_slice()).read_to_string(&mut text).expect("gzip of text");
+    assert!(text.contains("SwaggerUIBundle") && script.body.len() * 2 < text.len(), "{}", script.body.len());
 }
 
 fn operations(document: &Value) -> impl Iterator<Item = (&str, &str, &Value)> {
