@@ -24,9 +24,9 @@ fn the_committed_document_is_the_one_that_the_code_describes() {
 }
 
 #[test]
-fn the_readme_has_the_table_of_problem_codes() {
-    let readme = include_str!("../../README.md");
-    assert!(readme.contains(&Code::table()), "write what `coaxis openapi --problems` prints into README.md");
+fn the_page_of_problems_has_the_table_of_problem_codes() {
+    let page = include_str!("../../docs/problems.md");
+    assert!(page.contains(&Code::table()), "write what `coaxis openapi --problems` prints into docs/problems.md");
 }
 
 #[test]
