@@ -20,18 +20,16 @@
 //! ```
 //!
 //! Read them in the order in which data pass: geometry, scan, estimation, plot, motion, device, cell, store, config, service,
-//! http, cli. Nothing points back: `tests/house.rs` reads the imports and holds us to it. What is called pure neither waits,
-//! logs nor reads a clock, and chance comes from seeds.
+//! http, cli. Nothing points back: `tests/house.rs` reads the imports and holds us to it. The first five are a crate of their own,
+//! `coaxis-calculation` in src/calculation, which is here under the same names: it neither waits, logs nor reads a clock, and
+//! chance comes from seeds.
 
 pub mod cell;
 pub mod cli;
 pub mod config;
 pub mod device;
-pub mod estimation;
-pub mod geometry;
 pub mod http;
-pub mod motion;
-pub mod plot;
-pub mod scan;
 pub mod service;
 pub mod store;
+
+pub use coaxis_calculation::{estimation, geometry, motion, plot, scan};

@@ -19,7 +19,7 @@ fn read(bytes: &[u8], name: &str, unit: Option<Unit>) -> Cloud {
 
 macro_rules! field {
     ($name:literal) => {
-        read(include_bytes!(concat!("../../../tests/data/field/", $name)), $name, None)
+        read(include_bytes!(concat!("../../../../tests/data/field/", $name)), $name, None)
     };
 }
 
@@ -283,7 +283,7 @@ fn missing_values_are_found_wherever_they_stand() {
 }
 
 fn real(name: &str) -> Option<PathBuf> {
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
+    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
     let path = std::env::var_os("COAXIS_REAL_DATA").map_or_else(beside, PathBuf::from).join(name);
     if path.exists() {
         return Some(path);

@@ -13,7 +13,7 @@ mod cloud;
 mod columns;
 pub mod decode;
 pub mod encode;
-pub(crate) mod huge_pages;
+pub mod huge_pages;
 mod lattice;
 pub mod missing;
 mod rule;
