@@ -14,7 +14,7 @@ trap 'rm -rf "$work"' EXIT
 # Name, version and licence of every crate that is linked, one a line.
 cargo tree --locked --offline --target "$target" --edges normal,no-proc-macro --prefix none --format '{p}|{l}' |
     sed 's/ (\*)$//; s/ ([^|]*)|/|/' | sed -n 's/^\([^ ]*\) v\([^|]*\)|\(.*\)$/\1 \2 \3/p' |
-    grep -v '^coaxis ' | sort -u >"$work/crates"
+    grep -v '^coaxis[ -]' | sort -u >"$work/crates"
 
 # Puts a text beside the names of those that have it.
 note() { # name, text

@@ -178,7 +178,7 @@ fn packed_once() -> Vec<u8> {
     const PERIOD: usize = 96 << 10;
     const REPEATS: usize = 64;
     let noise = |place: usize| place.wrapping_mul(2_654_435_761).to_le_bytes()[3];
-    let byte = |place: usize| if place % 120 == 0 { noise(place % PERIOD) } else { 0 };
+    let byte = |place: usize| if place.is_multiple_of(120) { noise(place % PERIOD) } else { 0 };
     let array = half_precision(PERIOD * REPEATS / 6, 3, (0..PERIOD * REPEATS).map(byte));
     let mut zip = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
     zip.start_file("scan.npy", zip::write::SimpleFileOptions::default()).expect("begun");
@@ -191,8 +191,7 @@ fn a_file_with_more_points_than_its_length_lets_expect_is_read_all_the_same() {
     let (service, _folder) = start();
     let body = height_map(400, 2000);
     let answer = service.post("/v1/measurements?format=npy&x_pitch_mm=1&y_pitch_mm=0.1", &body).expect(201);
-    let scan = service.get(&format!("/v1/scans/{}", answer["scan_id"].as_str().expect("an id"))).expect(200);
-    assert_eq!(scan["points_count"], 800_000);
+    assert_eq!(answer["provenance"]["points_count"], 800_000);
     let text = String::from_utf8(service.get("/metrics").body).expect("text");
     assert!(text.contains("coaxis_memory_admitted_bytes 0"), "all of it is given back");
 }
@@ -217,11 +216,9 @@ fn a_calculation_that_takes_longer_than_it_may_is_ended_and_said_so() {
     let problem = service.post("/v1/measurements", &body).problem(422, "calculation_too_long");
     assert_eq!((problem["deadline_ms"].as_u64(), problem["retryable"].as_bool()), (Some(10), Some(false)));
     // Its place is free again soon: it was told to stop.
-    let deadline = std::time::Instant::now() + std::time::Duration::from_secs(10);
-    while service.post("/v1/measurements", &exact_csv()).status == 503 {
-        assert!(std::time::Instant::now() < deadline, "the calculation goes on");
-        std::thread::sleep(std::time::Duration::from_millis(10));
-    }
+    // A refusal takes a millisecond, so these are seconds.
+    let is_taken = |_| service.post("/v1/measurements", &exact_csv()).status != 503;
+    assert!((0..10_000).any(is_taken), "the calculation goes on");
 }
 
 #[test]
