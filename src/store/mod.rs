@@ -47,13 +47,14 @@ pub use rows::{
 pub use scan_files::{CompleteScan, ScanPart, ScanWriter};
 pub use usage::Usage;
 
-use std::{fmt::Write as _, io::Write as _, path::Path, sync::Arc};
+use std::{fmt::Write as _, io::Write as _, path::Path, sync::Arc, thread::available_parallelism};
 
 use commits::{CommitFile, CommitLog, Counted};
 use error::broken_constraint;
 use folder::Folder;
 use scan_files::blocking;
 use sqlx::{Connection as _, SqliteConnection, SqlitePool};
+use tokio::sync::Semaphore;
 use writer::{Write, Writer};
 
 /// The store of one folder. Share it behind an `Arc`; every method may be called from many tasks at once.
@@ -63,6 +64,8 @@ pub struct Store {
     writer: Writer,
     readers: SqlitePool,
     commits: Arc<CommitLog>,
+    /// One permit for every file whose bytes are compared with their hash: that takes a processor, and clients may ask for many.
+    comparing: Arc<Semaphore>,
 }
 
 /// How far the store may grow.
@@ -102,7 +105,9 @@ impl Store {
         }
         let readers = connection::readers(&folder.database()).await?;
         let writer = Writer::start(Arc::clone(&folder), limits, connection, Arc::clone(&commits));
-        Ok(Self { folder, writer, readers, commits })
+        // Half of the processors, so that stops and everything else are not behind it.
+        let comparing = Semaphore::new(available_parallelism().map_or(1, |count| count.get().div_ceil(2)));
+        Ok(Self { folder, writer, readers, commits, comparing: Arc::new(comparing) })
     }
 
     /// Takes the database as it is, although records were lost: the next start compares with what it holds now.

@@ -93,7 +93,13 @@ impl Store {
     pub async fn open_scan(&self, id: &str) -> Result<Option<fs::File>, StoreError> {
         let Some(path) = self.scan_path(id) else { return Ok(None) };
         let id = id.to_owned();
-        blocking(move || open_verified(&path, &id)).await
+        // It is never closed; should it be, the store is.
+        let turn = Arc::clone(&self.comparing).acquire_owned().await.map_err(|_| StoreError::Closed)?;
+        blocking(move || {
+            let _turn = turn;
+            open_verified(&path, &id)
+        })
+        .await
     }
 }
 

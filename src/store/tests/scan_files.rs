@@ -94,6 +94,22 @@ async fn a_damaged_file_is_not_handed_out_and_the_same_bytes_repair_it() {
 }
 
 #[tokio::test]
+async fn a_few_files_are_compared_at_a_time_however_many_are_asked_for() {
+    let folder = TempFolder::new();
+    let store = folder.open().await;
+    let stored = store_scan(&store, &content(1000), 1000).await;
+    let turns_count = u32::try_from(store.comparing.available_permits()).unwrap();
+    let turns = store.comparing.acquire_many(turns_count).await.unwrap();
+    let opened = store.open_scan(&stored.id);
+    tokio::pin!(opened);
+    let soon = std::time::Duration::from_millis(50);
+    assert!(tokio::time::timeout(soon, &mut opened).await.is_err(), "all turns are taken");
+    drop(turns);
+    assert!(opened.await.unwrap().is_some());
+    assert_eq!(store.comparing.available_permits(), turns_count as usize);
+}
+
+#[tokio::test]
 async fn a_scan_whose_commit_failed_can_be_kept_with_the_same_file_later() {
     let folder = TempFolder::new();
     let store = folder.open().await;
