@@ -1,5 +1,5 @@
-//! Every limit and default in one place: a TOML file, then the environment, then flags, each over the one before.
-//! Refuses nonsense with the key, its value and what is allowed. Must not know who uses a value.
+//! Every limit and default in one place: a TOML file, then the environment, then flags, each over the one before. Refuses
+//! nonsense with the key, its value and what is allowed.
 
 mod cell;
 mod hosts;

@@ -1,4 +1,4 @@
-//! The `coaxis` command from outside: what it writes where, and what it says. Must not know how it works.
+//! The `coaxis` command from outside: what it writes where, and what it says.
 
 #![expect(clippy::expect_used, clippy::panic, clippy::indexing_slicing, reason = "a test may fail")]
 

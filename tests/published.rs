@@ -1,5 +1,5 @@
-//! The published single-profile tables and the published whole-part situation, held to truth that is derived here from
-//! the ellipse of a tilted cylinder. Must not take a figure from our own output.
+//! The published single-profile tables and the published whole-part situation, held to truth that is derived here from the
+//! ellipse of a tilted cylinder.
 
 #![expect(clippy::expect_used, clippy::print_stdout, reason = "a test may fail, and says what it saw")]
 

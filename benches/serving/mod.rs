@@ -1,4 +1,4 @@
-//! The program as a user runs it: a process that serves from a folder in memory. Must not know what it is asked.
+//! The program as a user runs it: a process that serves from a folder in memory.
 
 use std::error::Error;
 use std::fs;

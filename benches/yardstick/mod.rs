@@ -1,5 +1,4 @@
-//! What every benchmark is held against: the large scan, the time of adding up its coordinates once, and medians. Must not
-//! know what is measured.
+//! What every benchmark is held against: the large scan, the time of adding up its coordinates once, and medians.
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
 

@@ -1,5 +1,4 @@
 //! What has happened, numbered without a gap, the newest 1024 kept; readable from any number on, and waited for by a watch.
-//! Must not know what any of it means.
 
 use super::{Fault, JobEnd, State, StopCause};
 use std::collections::VecDeque;

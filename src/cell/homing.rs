@@ -1,5 +1,5 @@
 //! One manipulator finds its references: sent once, over when the device says it is done, every reference is known and it
-//! stands. Pure. Must not know devices, links or leases.
+//! stands. Pure.
 
 use super::driver::{Handling, Outcome, moves};
 use super::run::Step;

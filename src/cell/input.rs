@@ -1,5 +1,5 @@
 //! What the machine is told and what it answers: the requests and events that go in, the verdict and the acts that come out.
-//! Words only. Must not decide anything.
+//! Words only.
 
 use super::{EventKind, Failure, Fault, JobEnd, LeaseRequest, Refusal, State};
 use crate::motion::Carrier;

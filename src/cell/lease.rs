@@ -1,5 +1,5 @@
 //! Who may move: one lease at a time, with a time to live, renewed by use, and a fence number that grows with every lease and
-//! goes to the devices with every command. Pure: the time comes in as an argument. Must not know devices or states.
+//! goes to the devices with every command. Pure: the time comes in as an argument.
 
 use super::Refusal;
 use std::time::Duration;

@@ -1,5 +1,5 @@
 //! Numbers as a sentence carries them: six decimals at most, and never hundreds of digits, whatever a client or a device has
-//! sent. Must not know what they mean.
+//! sent.
 
 /// From here on a number is written with an exponent.
 const LARGE: f64 = 1e7;

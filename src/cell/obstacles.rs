@@ -1,4 +1,4 @@
-//! What keeps a manipulator, or the stage, from being moved: found in what was read last. Pure. Must not know leases or states.
+//! What keeps a manipulator, or the stage, from being moved: found in what was read last. Pure.
 
 use super::driver::moves;
 use super::input::{Manual, Taken};

@@ -6,7 +6,7 @@
 //!       |-- an axis does not follow the others (see `following`) --> fail
 //! ```
 //!
-//! Nothing is sent for a waypoint before both manipulators were read for it. Must not know devices, links or leases.
+//! Nothing is sent for a waypoint before both manipulators were read for it.
 
 use super::driver::{Handling, Outcome, moves};
 use super::following::{Following, Lag};

@@ -1,5 +1,4 @@
-//! What the cell is given: the devices, the arrangement, and its deadlines with their defaults. Must not know where they come
-//! from.
+//! What the cell is given: the devices, the arrangement, and its deadlines with their defaults.
 
 use crate::device::{Manipulator, ProfileSensor, Stage};
 use crate::motion::{Arrangement, Pair};

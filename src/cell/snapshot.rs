@@ -1,4 +1,4 @@
-//! The cell as everybody may see it, at one moment: published as a whole, never changed. Must not know how it came about.
+//! The cell as everybody may see it, at one moment: published as a whole, never changed.
 
 use super::{Fault, LeaseView, Refusal, State};
 use crate::device::{Reading, SensorReading, StageReading};

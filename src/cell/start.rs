@@ -1,4 +1,4 @@
-//! Starts the cell: a driver for each device, then the task that they report to. Must not decide anything.
+//! Starts the cell: a driver for each device, then the task that they report to.
 
 use super::driver::{
     HaltFlag, ManipulatorDriver, Order, Post, Report, SensorDriver, StageDriver, Taking, Timing, Travel,

@@ -1,6 +1,5 @@
 //! What the cell does, and what it may do next: requests and events go in with their time, out comes a verdict: accepted with
-//! what is to be done, already so, or refused because. Pure: no locks, no waiting, no clock. Must not know how devices are
-//! spoken to; that a path may be gone and that a device is fit for it is found out before, and comes in as `fit`.
+//! what is to be done, already so, or refused because. Pure: no locks, no waiting, no clock.
 //!
 //! ```text
 //!            both manipulators read          start_move, home

@@ -1,5 +1,5 @@
 //! The way in for stops: raises the halt flag itself, past the cell's task and its queue, and says what the drivers have made
-//! of it. Must not know leases, states or jobs.
+//! of it.
 
 use super::driver::{HaltFlag, Halted};
 use super::input::Member;

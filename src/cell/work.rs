@@ -1,5 +1,5 @@
-//! What is under way, whichever it is, with the one that is told about it; and what the orders were for whose word is still out.
-//! Pure. Must not know devices or links.
+//! What is under way, whichever it is, with the one that is told about it; and what the orders were for whose word is still
+//! out. Pure.
 
 use super::driver::{Outcome, Taking};
 use super::homing::Homing;

@@ -1,4 +1,4 @@
-//! A bar on standard error for work that takes long, where a person is there to see it. Must not know what the work is.
+//! A bar on standard error for work that takes long, where a person is there to see it.
 
 use crate::estimation::Progress;
 use indicatif::{ProgressBar, ProgressStyle};

@@ -1,5 +1,5 @@
-//! Asks a service over HTTP/1.1, one request a connection: enough for the health check and the demonstration, which must
-//! work where there is no curl. Must not know what it asks for.
+//! Asks a service over HTTP/1.1, one request a connection: enough for the health check and the demonstration, which must work
+//! where there is no curl.
 
 use std::error::Error;
 use std::time::Duration;

@@ -1,5 +1,5 @@
 //! The demonstration's second half: the made cell scans its part, plans how to bring it to a target, moves, and scans again.
-//! Everything goes over HTTP, as a client would do it; only the truth is looked up. Must not touch devices that are not made.
+//! Everything goes over HTTP, as a client would do it; only the truth is looked up.
 
 use super::client::{self, Answer};
 use crate::config::{Cell, ManipulatorAdaptor, SensorAdaptor, StageAdaptor};

@@ -1,6 +1,6 @@
 //! The log: a thread of its own writes the lines to standard error. Whoever reads them may stall, a full pipe or a terminal
 //! that is held, and the service must go on, its stops before all; so lines that find no room are dropped, and counted in a
-//! later one. Must not know what the lines say.
+//! later one.
 
 use crate::config::{Log, LogFormat};
 use std::error::Error;

@@ -1,4 +1,4 @@
-//! The `coaxis` command: the service and its verbs offline, a file a command. Must not calculate itself.
+//! The `coaxis` command: the service and its verbs offline, a file a command.
 
 mod bar;
 mod client;

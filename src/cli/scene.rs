@@ -1,5 +1,5 @@
-//! The flags of `coaxis simulate scan` that make a scene harder than an even part seen from above: how the sensor looks,
-//! what noise shares, what stands on and beside the part. Must not know the part itself.
+//! The flags of `coaxis simulate scan` that make a scene harder than an even part seen from above: how the sensor looks, what
+//! noise shares, what stands on and beside the part.
 
 use crate::scan::synthetic::{Bead, ClampShape, Interference, Part, Sampling, Surroundings};
 

@@ -1,5 +1,5 @@
 //! `coaxis simulate gocator`: a sensor that is none, to try a cell or another client against. On every start it sends the
-//! profiles of a scan file or of a made part. Must not know the protocol.
+//! profiles of a scan file or of a made part.
 
 use super::{Outcome, print};
 use crate::device::gocator::codec::Identity;

@@ -1,5 +1,5 @@
 //! `coaxis simulate plc`: a PLC with two manipulators and a stage, to try coaxis or another client against. One protocol a
-//! flag; all that are asked for are served until the command is ended. Must not know how the devices move.
+//! flag; all that are asked for are served until the command is ended.
 
 use super::{Outcome, print};
 #[cfg(feature = "opcua")]

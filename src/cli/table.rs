@@ -1,5 +1,4 @@
-//! A measurement as a table for a person at a terminal. Must not know how it was made, nor round anything that a program
-//! would read.
+//! A measurement as a table for a person at a terminal.
 
 use crate::http::{
     MeasurementDocument, PoseDocument, ReasonDocument, ScopeDocument, TallyDocument, UncertaintyDocument, VerdictName,

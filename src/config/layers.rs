@@ -1,5 +1,4 @@
 //! Puts a file, the environment and flags on top of each other. In: texts with their origin; out: a [`Config`].
-//! Must not know what a key means.
 
 use super::{Config, ConfigError};
 use serde::Deserialize;

@@ -1,6 +1,6 @@
 //! The contract that every adaptor keeps, as a test that is run against it: one and the same for all. In: an adaptor. Out: a
 //! [`Report`] of named checks. The read-only part moves nothing and may be run against a machine (`coaxis devices check`);
-//! [`motion`] moves, and is for tests. Must not know which adaptor it is.
+//! [`motion`] moves, and is for tests.
 
 pub mod motion;
 

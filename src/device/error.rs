@@ -1,4 +1,4 @@
-//! What can go wrong between us and a device, as an operator would say it. Must not know any protocol.
+//! What can go wrong between us and a device, as an operator would say it.
 
 use std::time::Duration;
 

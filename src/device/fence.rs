@@ -1,5 +1,5 @@
 //! The fence: a command that carries an older lease's number goes nowhere. Every adaptor holds one, for as long as it lives,
-//! across reconnects. Must not know leases.
+//! across reconnects.
 
 use super::DeviceError;
 

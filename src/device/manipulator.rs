@@ -1,4 +1,4 @@
-//! What a manipulator's adaptor promises. Must not know which adaptor it is.
+//! What a manipulator's adaptor promises.
 //!
 //! The device keeps its own limits, watchdog and safety; we read, check, and send supervised set-points. What every adaptor
 //! holds to, and the contract test asks of each:

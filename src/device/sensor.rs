@@ -1,4 +1,4 @@
-//! What a profile sensor's adaptor promises. Must not know which adaptor it is, nor what the profiles are for.
+//! What a profile sensor's adaptor promises.
 
 use super::{DeviceError, Pending};
 use std::time::Duration;

@@ -1,5 +1,5 @@
-//! The arithmetic of command numbers: 1 to 65535, then 1 again; 0 is no number. In: numbers. Out: which comes next, and which of
-//! two came later. Must not know what a number is given to.
+//! The arithmetic of command numbers: 1 to 65535, then 1 again; 0 is no number. In: numbers. Out: which comes next, and which
+//! of two came later.
 
 /// How many numbers there are.
 const CIRCLE: u32 = u16::MAX as u32;

@@ -1,4 +1,4 @@
-//! What the adaptor of the linear stage promises, which carries the sensor along the rail. Must not know which adaptor it is.
+//! What the adaptor of the linear stage promises, which carries the sensor along the rail.
 
 use super::{DeviceError, Pending};
 

@@ -1,5 +1,5 @@
 //! The numbers by which a PLC says the states of PLCopen: a known maker's table, or one's own. Every adaptor of a PLC reads
-//! states by it. Must not know where the numbers stand, nor any protocol.
+//! states by it.
 
 use super::AxisState;
 use serde::{Deserialize, Serialize};

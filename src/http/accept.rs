@@ -1,4 +1,4 @@
-//! Which of the forms that an answer can have the client likes best. Must not know what is answered.
+//! Which of the forms that an answer can have the client likes best.
 
 use super::problem::{Code, Problem};
 use axum::http::{HeaderMap, header};

@@ -1,4 +1,4 @@
-//! Axes on the wire: lengths in millimetres, turns in degrees, units in every name. Must not know what they are used for.
+//! Axes on the wire: lengths in millimetres, turns in degrees, units in every name.
 
 use super::numbers::{LENGTH_MAX_MM, TURN_MAX_DEG, degrees, rounded, within};
 use super::problem::Problem;

@@ -1,5 +1,4 @@
 //! What requests to the cell have in common: the lease in header, query or body, a bounded wait, what was made.
-//! Must not know what is commanded.
 
 use super::app::App;
 use super::extract::{header_text, optional_json, query};

@@ -1,5 +1,4 @@
 //! The OpenAPI document as it is committed, and a page to read and try it that loads nothing from outside.
-//! Must not know any resource.
 
 use super::extract::Path;
 use super::openapi::COMMITTED;

@@ -1,5 +1,4 @@
 //! What has happened, numbered: by polling with a bounded wait, or as a stream of server-sent events, which says the same.
-//! Must not know what any event means.
 
 use super::accept::choose;
 use super::app::App;

@@ -1,4 +1,4 @@
-//! The two manipulators: how each is, and its commands: enable, disable, home. Must not know how it is reached.
+//! The two manipulators: how each is, and its commands: enable, disable, home.
 
 use super::app::App;
 use super::axes::carrier;

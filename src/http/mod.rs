@@ -5,8 +5,6 @@
 //! connection --server--> request --edge (id, log, limits, panics)--> router --> handler --> service
 //!                                    <-- Problem, rendered at the edge <--
 //! ```
-//!
-//! Must not calculate, nor know how anything is stored.
 
 mod accept;
 mod admission;

@@ -1,5 +1,4 @@
-//! Moves: absolute targets for one or both manipulators, checked, synchronous, supervised. Must not know how one is carried
-//! out.
+//! Moves: absolute targets for one or both manipulators, checked, synchronous, supervised.
 
 use super::app::App;
 use super::axes::{TargetsDocument, TravelsDocument};

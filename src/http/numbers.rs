@@ -1,5 +1,5 @@
 //! Numbers on the wire: those of requests within bounds beyond which nothing can be meant, those of answers rounded to what can
-//! be meant. Must not know what they are used for.
+//! be meant.
 
 use super::problem::{Code, Problem};
 use crate::service::plain;

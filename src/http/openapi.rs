@@ -1,5 +1,4 @@
-//! The OpenAPI document: its head, and the refusals of every operation, which no handler repeats. Must not know what an
-//! operation does.
+//! The OpenAPI document: its head, and the refusals of every operation, which no handler repeats.
 
 use super::problem::{Code, MEDIA_TYPE, ProblemDocument};
 use super::router::document;

@@ -1,4 +1,4 @@
-//! Lists: `limit` and `cursor` in the query, the next page in the body and in `Link`. Must not know what is listed.
+//! Lists: `limit` and `cursor` in the query, the next page in the body and in `Link`.
 
 use super::problem::{Code, Problem};
 use crate::store::{Cursor, Listing, Page};

@@ -1,5 +1,4 @@
-//! Plans: what would move so that a measured part lies where it is wanted. A plan moves nothing and is executed once. Must not
-//! know how a path is found.
+//! Plans: what would move so that a measured part lies where it is wanted. A plan moves nothing and is executed once.
 
 use super::app::App;
 use super::axes::TravelsDocument;

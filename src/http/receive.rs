@@ -1,5 +1,4 @@
-//! A scan in the body of a request: how it is packed, what is said about it, and its way into the store. Must not know what
-//! is done with it.
+//! A scan in the body of a request: how it is packed, what is said about it, and its way into the store.
 
 use super::app::App;
 use super::body::Pieces;

@@ -1,4 +1,4 @@
-//! Recipes under a name, with entity tags: nobody overwrites what he has not seen. Must not know what a recipe is used for.
+//! Recipes under a name, with entity tags: nobody overwrites what he has not seen.
 
 mod document;
 mod parts;

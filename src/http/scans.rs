@@ -1,4 +1,4 @@
-//! Raw scans: kept under their content, listed, handed out byte for byte. Must not know what is measured from them.
+//! Raw scans: kept under their content, listed, handed out byte for byte.
 
 use super::app::App;
 use super::body::Pieces;

@@ -1,5 +1,4 @@
-//! Listens, answers, and stops: the one place that knows sockets. In: an address, a service and limits. Must not know any
-//! route.
+//! Listens, answers, and stops: the one place that knows sockets. In: an address, a service and limits.
 
 use super::app::App;
 use super::router::router;

@@ -1,5 +1,4 @@
 //! How the service is: one flat document for those who poll, probes for those who restart it, counters for those who watch.
-//! Must not know how anything is done.
 
 use super::app::App;
 use super::extract::NoQuery;

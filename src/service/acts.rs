@@ -1,5 +1,4 @@
-//! Commands that no job follows: stop, reset, and those to a single manipulator; each with its record. Must not know how any
-//! of it is sent.
+//! Commands that no job follows: stop, reset, and those to a single manipulator; each with its record.
 
 use super::jobs::{Beginning, Ending, JobStanding, Kind};
 use super::unwritten::{PAUSE_FIRST, PAUSE_MAX};

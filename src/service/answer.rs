@@ -1,4 +1,4 @@
-//! Measures a scan and records the result once per request. Must not know HTTP.
+//! Measures a scan and records the result once per request.
 
 use super::points::{PointFile, Points, Turn};
 use super::sensor::TAKEN_BY_SENSOR;

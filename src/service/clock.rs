@@ -1,4 +1,4 @@
-//! Where times and ids come from: the one place of the service that asks the machine. Must not know what they are for.
+//! Where times and ids come from: the one place of the service that asks the machine.
 
 use jiff::Timestamp;
 use std::sync::{Mutex, PoisonError};

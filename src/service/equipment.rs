@@ -1,5 +1,4 @@
-//! Makes the devices that the configuration names: the one place that knows every adaptor. Connects nothing. Must not know
-//! what the devices are used for.
+//! Makes the devices that the configuration names: the one place that knows every adaptor. Connects nothing.
 
 use crate::cell::Devices;
 use crate::config::{Cell as CellConfig, Manipulator, ManipulatorAdaptor, SensorAdaptor, StageAdaptor};

@@ -1,4 +1,4 @@
-//! Why the service could not do what it was asked. Must not know how a reason is told to a client.
+//! Why the service could not do what it was asked.
 
 use super::{ComputeError, EquipmentError, JobStanding, MeasureError, RecipeError, Stale, Unreadable};
 use crate::cell::Refusal;

@@ -1,5 +1,5 @@
-//! What has happened, for clients: what the cell tells, the progress of jobs and the ends of measurements in one numbered
-//! list of which the newest are kept. Times are those of the wall. Must not know how it is sent.
+//! What has happened, for clients: what the cell tells, the progress of jobs and the ends of measurements in one numbered list
+//! of which the newest are kept. Times are those of the wall.
 
 use super::{Service, Verdict};
 use crate::cell::EventKind;

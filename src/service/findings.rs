@@ -1,5 +1,4 @@
-//! What came out of a measurement, as it is kept: for the whole scan, or part by part. The profiles lie beside it. Must not
-//! know how it is sent.
+//! What came out of a measurement, as it is kept: for the whole scan, or part by part. The profiles lie beside it.
 
 use super::{ServiceError, Tally, Verdict};
 use crate::estimation::{

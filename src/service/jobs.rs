@@ -1,5 +1,5 @@
-//! Jobs of the cell as they are kept: what was commanded by whom, and what became of it. Written before the cell is told,
-//! ended when the cell has told the end. Must not know how a job is carried out, nor how it is sent.
+//! Jobs of the cell as they are kept: what was commanded by whom, and what became of it. Written before the cell is told, ended
+//! when the cell has told the end.
 
 use super::followers::aside;
 use super::unwritten::End;

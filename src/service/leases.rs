@@ -1,5 +1,4 @@
-//! The lease: taken, used, given back. Whoever names another than the one that is held is told so. Must not know what is done
-//! with it.
+//! The lease: taken, used, given back. Whoever names another than the one that is held is told so.
 
 use super::side::CellSide;
 use super::{Commander, Service, ServiceError};

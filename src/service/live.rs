@@ -1,5 +1,4 @@
-//! The cell as it is at this moment, with what turns its times into ages and into those of the wall. Must not command
-//! anything.
+//! The cell as it is at this moment, with what turns its times into ages and into those of the wall.
 
 use super::side::CellSide;
 use super::{Clock, Service, ServiceError};

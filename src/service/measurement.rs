@@ -1,5 +1,5 @@
-//! A measurement as it is kept: what was measured, with what, and what came out. The profiles lie beside it, since a list
-//! of measurements has no use for them. Must not know how it is sent.
+//! A measurement as it is kept: what was measured, with what, and what came out. The profiles lie beside it, since a list of
+//! measurements has no use for them.
 
 use super::{Acquisition, Findings, Prepared, Recipe, Resolved};
 use crate::estimation::{Method, Profile, Reason, ScanEstimate};

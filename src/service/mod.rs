@@ -1,5 +1,5 @@
 //! The product's verbs: keep a scan, measure, recall, draw; lease the cell, scan, plan, move, stop. Makes ids and times, owns
-//! the compute pool, the store and the way to the cell. Must not know HTTP.
+//! the compute pool, the store and the way to the cell.
 //!
 //! ```text
 //! pieces --Upload--> a file --read--> Decoded --slice--> Scan --estimate--> Estimate --record--> Measurement, acknowledged

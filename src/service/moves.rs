@@ -1,5 +1,5 @@
-//! Moves: a path that was planned and checked is written down, given to the cell, and seen to its end. A client that hangs
-//! up changes nothing about it. Must not know devices, nor how a path comes about.
+//! Moves: a path that was planned and checked is written down, given to the cell, and seen to its end. A client that hangs up
+//! changes nothing about it.
 
 use super::answer::fingerprint_of;
 use super::followers::aside;

@@ -1,5 +1,5 @@
-//! The same measurement without service or store: a file in, the record and what pictures need out. What both calculate
-//! is one function, so that both give the same bits. Must not know who asks.
+//! The same measurement without service or store: a file in, the record and what pictures need out. What both calculate is one
+//! function, so that both give the same bits.
 
 use super::clock::Clock;
 use super::tee::{READ_BLOCK_BYTES, Tee};

@@ -1,4 +1,4 @@
-//! Pictures of recorded measurements, drawn anew from the kept scan. Must not know how a picture looks.
+//! Pictures of recorded measurements, drawn anew from the kept scan.
 
 use super::points::{PointFile, Points};
 use super::{Decoded, Measurement, Origin, PictureRequest, Resolved, Service, ServiceError};

@@ -1,4 +1,4 @@
-//! Numbers in messages: short, whatever was sent. Must not know what they are.
+//! Numbers in messages: short, whatever was sent.
 
 /// A number for people to read: seven digits, and an exponent where there would be a row of zeros.
 #[must_use]

@@ -1,5 +1,5 @@
 //! Plans: from a measured pose and a target to what would move, how far, and what the part would bear. A plan moves nothing,
-//! remembers the positions it assumed, and can be executed once. Must not know how a path is found, nor how it is sent.
+//! remembers the positions it assumed, and can be executed once.
 
 use super::answer::fingerprint_of;
 use super::followers::aside;

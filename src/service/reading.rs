@@ -1,5 +1,5 @@
-//! Reads a scan while it still comes in, behind the writer of its file: when the last byte is here, the points are, too.
-//! Goes out as what the file turned out to hold. Must not know where the bytes come from, nor what is measured.
+//! Reads a scan while it still comes in, behind the writer of its file: when the last byte is here, the points are, too. Goes
+//! out as what the file turned out to hold.
 //!
 //! Such a reader waits for a client, so it has a thread of its own and not one of those that calculate; and it holds the
 //! points in memory until their turn comes, so there are few. A scan that finds no place is read from its file later.

@@ -1,5 +1,5 @@
-//! How a kind of part is measured: what the operator may say, checked, laid over what somebody else said, and resolved
-//! into what scan and estimation take. Must not know where a recipe is kept, nor how it is sent.
+//! How a kind of part is measured: what the operator may say, checked, laid over what somebody else said, and resolved into
+//! what scan and estimation take.
 
 use super::plain;
 use crate::estimation::{

@@ -1,4 +1,4 @@
-//! Recipes under a name: put under a precondition, looked up, listed. Must not know what a recipe is used for.
+//! Recipes under a name: put under a precondition, looked up, listed.
 
 use super::followers::aside;
 use super::{Entry, Recipe, Service, ServiceError, document};

@@ -1,4 +1,4 @@
-//! Measurements that were made: one, a page of them, their profiles, and the last one. Must not know how they were made.
+//! Measurements that were made: one, a page of them, their profiles, and the last one.
 
 use super::followers::aside;
 use super::{Entry, Measurement, Service, ServiceError, Unreadable, Verdict, document};

@@ -1,5 +1,5 @@
 //! What is ordered of a scan: where it goes, how fast, with how many profiles; whether that can be, and whether the profiles
-//! came from there. Must not know how a scan is taken.
+//! came from there.
 
 use super::jobs::{Commander, Ending};
 use super::{Order, ServiceError};

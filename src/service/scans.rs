@@ -1,4 +1,4 @@
-//! Raw scans: kept under their content, looked up, handed out byte for byte. Must not know what is measured from them.
+//! Raw scans: kept under their content, looked up, handed out byte for byte.
 
 use super::points::{PointFile, Points};
 use super::{Arrived, Decoded, MeasureError, Service, ServiceError};

@@ -1,6 +1,6 @@
 //! Measurements by the sensor: the cell scans, profiles become points as they come, and when the last one is here the pose is
-//! estimated while the points are kept as a file. The record is there from the start, in a state in -ing; what fails on the
-//! way fails by name. Must not know how a scan is taken, nor how anything is sent.
+//! estimated while the points are kept as a file. The record is there from the start, in a state in -ing; what fails on the way
+//! fails by name.
 
 use super::answer::{Calculated, fingerprint_of, new_measurement};
 use super::arriving::Arriving;

@@ -1,5 +1,5 @@
 //! The cell as the service holds it, with what is remembered about it: the newest fence, when the set-points of the move under
-//! way are due, which stops are not recorded yet. Must not know who commands, nor how anything is sent.
+//! way are due, which stops are not recorded yet.
 
 use super::Equipment;
 use crate::cell::{Cell, JobView};

@@ -1,5 +1,5 @@
-//! A reader that somebody else reads along with: every block that was read through is handed on, in order, and all of them
-//! once it is finished. Must not know what either of them does with the bytes.
+//! A reader that somebody else reads along with: every block that was read through is handed on, in order, and all of them once
+//! it is finished.
 
 use std::io::{self, BufRead, ErrorKind, Read};
 use std::mem;

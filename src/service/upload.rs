@@ -1,6 +1,5 @@
-//! A scan that comes in piece by piece into a file of the store that is not kept yet. Large ones are read on the way; the
-//! rest is unpacked, where it has to be, once it is whole. Dropped before its end, it leaves nothing behind. Must not know
-//! where the pieces come from.
+//! A scan that comes in piece by piece into a file of the store that is not kept yet. Large ones are read on the way; the rest
+//! is unpacked, where it has to be, once it is whole. Dropped before its end, it leaves nothing behind.
 //!
 //! Nothing but memory and disk is waited for here, and no thread that others need is held while a client sends: as many
 //! uploads as may be under way go on beside each other on however few threads.

@@ -1,5 +1,4 @@
-//! What a picture is drawn of: one part of a measurement with its profiles, or all of the scan. Must not know how a picture
-//! looks, nor where scan and profiles come from.
+//! What a picture is drawn of: one part of a measurement with its profiles, or all of the scan.
 
 use super::{Chosen, Finding, Measurement};
 use crate::estimation::{Conditioning, Estimate, Outcome, Pose, Profile};

@@ -1,4 +1,4 @@
-//! How numbers and times stand in the database's columns, there and back. Must not know any table.
+//! How numbers and times stand in the database's columns, there and back.
 
 use jiff::Timestamp;
 use sqlx::{Row, sqlite::SqliteRow};

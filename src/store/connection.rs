@@ -1,4 +1,4 @@
-//! How the database file is opened: the one place that knows SQLite's settings. Must not know any table.
+//! How the database file is opened: the one place that knows SQLite's settings.
 
 use std::{path::Path, time::Duration};
 

@@ -1,5 +1,4 @@
 //! Why the store could not do what was asked: every failure of the database and of the files under one of a few reasons.
-//! Must not know what the records mean, nor how a reason is told to a client.
 
 use std::{io, path::PathBuf, sync::Arc};
 

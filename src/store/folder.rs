@@ -9,7 +9,7 @@
 //! scans/tmp/abcd…  a mark: the scan of this digest may have its place and not its row yet
 //! ```
 //!
-//! Files are for the service's user and group, nobody else. Must not know the database's tables.
+//! Files are for the service's user and group, nobody else.
 
 use std::{
     ffi::OsString,

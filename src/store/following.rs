@@ -1,5 +1,5 @@
-//! Reads the file of a scan while it is still being written: never beyond what its writer has finished, and to the end
-//! once there is one. All calls block. Must not know what is read from it, nor how the bytes come in.
+//! Reads the file of a scan while it is still being written: never beyond what its writer has finished, and to the end once
+//! there is one. All calls block.
 //!
 //! ```text
 //! ScanPart --grow--> Extent --wait--> ScanFollower

@@ -1,5 +1,5 @@
 //! Jobs of the cell (moves, scans, acts): written before anything is sent, ended once, found again by id, by request and by
-//! plan. Must not know what a document says, nor what a state means beyond that a job without an end is under way.
+//! plan.
 
 use std::sync::Arc;
 

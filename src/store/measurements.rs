@@ -1,4 +1,4 @@
-//! Measurements: how they are inserted once per request, read back and listed. Must not know what a document says.
+//! Measurements: how they are inserted once per request, read back and listed.
 
 use std::sync::Arc;
 

@@ -1,5 +1,5 @@
-//! Brings a database to the schema that this program knows, a numbered step at a time, each in one transaction: a step
-//! that fails leaves the file as it was. Must not know what the tables are for.
+//! Brings a database to the schema that this program knows, a numbered step at a time, each in one transaction: a step that
+//! fails leaves the file as it was.
 
 use sha2::{Digest, Sha256};
 use sqlx::{AssertSqlSafe, Connection, Row, SqliteConnection};

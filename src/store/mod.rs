@@ -7,7 +7,7 @@
 //! ```
 //!
 //! A write is acknowledged when it is durable, not before. Times and ids come in as arguments; documents are text that is
-//! stored as it came. Must not know any other room.
+//! stored as it came.
 
 mod checkup;
 mod columns;

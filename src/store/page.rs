@@ -1,5 +1,5 @@
-//! Lists a page at a time, newest first, in the order of the commits. A cursor names the last row of a page; the next page begins
-//! behind it, so rows that are added meanwhile neither shift nor repeat any. Must not know what is listed.
+//! Lists a page at a time, newest first, in the order of the commits. A cursor names the last row of a page; the next page
+//! begins behind it, so rows that are added meanwhile neither shift nor repeat any.
 
 use std::fmt;
 

@@ -1,5 +1,5 @@
-//! Gives raw scans their place, together with the rows that refer to them: no row without its file, and no file that is
-//! left without a row. Must not know what the rows say.
+//! Gives raw scans their place, together with the rows that refer to them: no row without its file, and no file that is left
+//! without a row.
 //!
 //! ```text
 //! rows, mark, link ──> commit ──> look: a row refers to it?  yes: unmark

@@ -1,4 +1,4 @@
-//! Plans of motion: written once, found again by id and by request. Must not know what a plan says.
+//! Plans of motion: written once, found again by id and by request.
 
 use jiff::Timestamp;
 use sqlx::{FromRow, SqliteConnection, sqlite::SqliteRow};

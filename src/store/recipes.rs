@@ -1,4 +1,4 @@
-//! Recipes: the current revision of each name, put under a precondition. Must not know what a recipe says.
+//! Recipes: the current revision of each name, put under a precondition.
 
 use jiff::Timestamp;
 use sqlx::{FromRow, SqliteConnection, sqlite::SqliteRow};

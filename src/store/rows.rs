@@ -1,5 +1,5 @@
-//! What the store keeps, as it goes in and comes out: plain rows. A document is text that service fills and reads;
-//! times and ids come from outside. Must not know what a document says, nor how a row is kept.
+//! What the store keeps, as it goes in and comes out: plain rows. A document is text that service fills and reads; times and
+//! ids come from outside.
 
 use jiff::Timestamp;
 

@@ -1,5 +1,4 @@
 //! The content of raw scans on its way in: bytes come by pieces and end as a whole file with its SHA-256, or as nothing.
-//! Must not know formats or records; the place among the kept scans is given in `placing`.
 //!
 //! Pieces are gathered into blocks; a block is hashed and written on a blocking thread while the next one fills. No
 //! blocking thread ever waits for another one.

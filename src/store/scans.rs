@@ -1,4 +1,4 @@
-//! The records of raw scans: one row for the same bytes, however often they come. Must not know how the bytes are kept.
+//! The records of raw scans: one row for the same bytes, however often they come.
 
 use std::sync::Arc;
 

@@ -1,5 +1,5 @@
 //! Every statement of the store, in SQL that SQLite and PostgreSQL both take: numbered placeholders, ON CONFLICT, no types.
-//! What differs between the two (types, pragmas) stands in the migrations and in `connection`. Must not run anything.
+//! What differs between the two (types, pragmas) stands in the migrations and in `connection`.
 
 macro_rules! scan_columns {
     () => {

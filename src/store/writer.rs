@@ -10,7 +10,7 @@
 //!
 //! Every commit is counted beside the database before it is answered, see `commits`.
 //!
-//! A caller that goes away does not stop its write: a write is done or not done, never half. Must not know what is written.
+//! A caller that goes away does not stop its write: a write is done or not done, never half.
 
 use std::{future::Future, pin::Pin, sync::Arc};
 

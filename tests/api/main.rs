@@ -1,5 +1,4 @@
-//! The service from outside: one binary that starts it on a free port with a store of its own, and talks HTTP over
-//! loopback. Must not look at anything that a client could not see.
+//! The service from outside: one binary that starts it on a free port with a store of its own, and talks HTTP over loopback.
 
 #![expect(clippy::expect_used, clippy::panic, clippy::indexing_slicing, reason = "tests may fail")]
 

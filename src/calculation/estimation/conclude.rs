@@ -1,4 +1,4 @@
-//! Puts an estimate together from what a method found: conditioning, residuals, warnings. Must not fit or judge anything.
+//! Puts an estimate together from what a method found: conditioning, residuals, warnings.
 
 use super::{Conditioning, Estimate, Found, Method, Outcome, Profile, Reason, Residuals, Section, Settings, Warning};
 use crate::geometry::Angle;

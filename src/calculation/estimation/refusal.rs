@@ -1,5 +1,5 @@
 //! Why a scan has no pose: each reason a sentence that an operator could say aloud, with the numbers that decided and what to
-//! do. Must not decide anything.
+//! do.
 
 use super::Reason;
 use serde::{Deserialize, Serialize};

@@ -1,5 +1,4 @@
-//! Tukey's biweight and the robust scale that goes with it: what re-weights points about a section and centres about an
-//! axis. Must not know what the residuals are residuals of.
+//! Tukey's biweight and the robust scale that goes with it: what re-weights points about a section and centres about an axis.
 //!
 //! w(r) = (1 − (r/cσ)²)² for |r| < cσ, else 0; c = 4.6851 keeps 95 % of the efficiency of least squares on normal
 //! noise. σ = 1.4826 · median |r|. (Tukey's biweight as in Huber and Ronchetti, Robust Statistics.)

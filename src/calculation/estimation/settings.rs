@@ -1,4 +1,4 @@
-//! What an estimation is told besides the scan. Must not know where the values came from (recipe, configuration, flag).
+//! What an estimation is told besides the scan.
 
 use super::TypeB;
 use serde::{Deserialize, Serialize};

@@ -1,6 +1,6 @@
 //! What makes a pose uncertain without showing in the scan: the stage, the sensor's place on it, the temperature. Known from
 //! calibration, not from statistics (GUM, JCGM 100, 4.3: type B). In: standard uncertainties and how the method answers to a
-//! profile that is shifted. Out: lines of the budget. Must not know points, nor how the method fitted them.
+//! profile that is shifted. Out: lines of the budget.
 
 use super::SettingError;
 use super::budget::Line;

@@ -1,4 +1,4 @@
-//! Scans that no method can make anything of, told by their points alone. Must not fit anything.
+//! Scans that no method can make anything of, told by their points alone.
 
 use super::{Refusal, Settings};
 use crate::scan::Scan;

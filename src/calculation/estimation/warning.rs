@@ -1,4 +1,4 @@
-//! What a user of a pose should know beside its numbers. Must not decide anything.
+//! What a user of a pose should know beside its numbers.
 
 use super::End;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! The axis of a part as a line that crosses every plane x = const. Must not know how it was found.
+//! The axis of a part as a line that crosses every plane x = const.
 
 use super::{Angle, SectionEllipse};
 use nalgebra::Vector3;

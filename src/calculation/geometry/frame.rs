@@ -1,5 +1,4 @@
 //! A right-handed frame declared in the coordinates of a file, and the rigid motion into it.
-//! Must not know why a scan is not in the rail frame already.
 
 use super::Axis;
 use nalgebra::{Matrix3, Vector3};

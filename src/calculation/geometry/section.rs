@@ -1,4 +1,4 @@
-//! The ellipse that a plane x = const cuts out of a cylinder. Must not know how it was fitted.
+//! The ellipse that a plane x = const cuts out of a cylinder.
 
 use super::Angle;
 use serde::{Deserialize, Serialize};

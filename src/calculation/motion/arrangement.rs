@@ -1,6 +1,5 @@
-//! What the two manipulators are to each other and to the part: where they stand, what each axis can do, and how much the
-//! part between them bears. Comes from the configuration, checked once by [`Arrangement::check`]. Must not know where the
-//! axes are at any moment.
+//! What the two manipulators are to each other and to the part: where they stand, what each axis can do, and how much the part
+//! between them bears. Comes from the configuration, checked once by [`Arrangement::check`].
 
 use super::{Axes, Axis, AxisLimits, Carrier, Pair};
 use serde::{Deserialize, Serialize};

@@ -1,5 +1,5 @@
-//! The words that everything about motion is said in: a manipulator's four axes, and the two manipulators.
-//! Lengths in millimetres, angles in radians, times in seconds. Must not know devices.
+//! The words that everything about motion is said in: a manipulator's four axes, and the two manipulators. Lengths in
+//! millimetres, angles in radians, times in seconds.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,5 +1,5 @@
 //! Whether a path may be executed. Asked of every path that is planned, and again right before a byte goes to a device: what
-//! comes back from a store or was planned under other limits is looked at as if nobody had. Must not know how it was planned.
+//! comes back from a store or was planned under other limits is looked at as if nobody had.
 
 use super::run_on::check_run_on;
 use super::strain::Step;

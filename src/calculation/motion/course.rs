@@ -1,5 +1,5 @@
 //! The way that the eight axes take, apart from time: every axis as a function of one progress s from 0 to 1, so that all
-//! arrive together whatever the pace. Must not know limits beyond the rates that set its pace.
+//! arrive together whatever the pace.
 //!
 //! Two ways:
 //!

@@ -1,5 +1,4 @@
 //! How the part moves with the two clamps: forward ([`carried`]) and back ([`clamps_for`]). Exact, nothing is linearised.
-//! Must not know limits or time.
 //!
 //! A clamp's centre in the rail frame is mount + (x, y, z). The part is rigid; each clamp holds it like a constant-velocity
 //! joint: it lets it tilt, and turns it by c. So where the part is follows from where the axes are, whatever way they came:

@@ -1,5 +1,5 @@
 //! From what is wanted to a path, or to the reason why not: [`plan_alignment`] for a part, [`plan_move`] for axes. A plan moves
-//! nothing. Must not know who asks, or when it will be executed.
+//! nothing.
 
 use super::check::{burden, check_burden, check_gap, check_target, each};
 use super::course::Course;

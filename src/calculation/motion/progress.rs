@@ -1,5 +1,5 @@
 //! How far along its way a motion is at a time: s(t) from 0 to 1, from rest to rest, in the shortest time that greatest speed,
-//! acceleration and jerk of s allow. Must not know what moves.
+//! acceleration and jerk of s allow.
 //!
 //! ```text
 //! jerk  +J  0  -J   0   -J  0  +J          tj  time at greatest jerk: the least of A/J, √(V/J), ∛(1/2J)

@@ -1,5 +1,5 @@
 //! What a step from one set-point to the next does to the part: how the distance of the clamps and the difference of their
-//! turns change when all axes go together, and by how much more when they do not. Must not know what is allowed.
+//! turns change when all axes go together, and by how much more when they do not.
 //!
 //! Devices do not start at the same moment, and one may stop dead while the other goes on. So a step is also looked at with
 //! every axis anywhere between its two ends, independently. The difference of the two centres is then anywhere in a box, whose

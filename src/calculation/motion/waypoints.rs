@@ -1,4 +1,4 @@
-//! Cuts a course into set-points with times and speeds. Must not know why the axes go there.
+//! Cuts a course into set-points with times and speeds.
 //!
 //! The cell sends a set-point to both manipulators, waits until both are there, and sends the next. So set-points cost time,
 //! and between them nobody but the devices sees to it that the axes go together. The course is cut into the fewest even steps

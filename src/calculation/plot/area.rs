@@ -1,4 +1,4 @@
-//! A rectangle of the page, in pixels; y grows downwards. Must not know what is drawn in it.
+//! A rectangle of the page, in pixels; y grows downwards.
 
 /// A rectangle of the page, pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]

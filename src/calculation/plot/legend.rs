@@ -1,4 +1,4 @@
-//! The legend: markers with their meaning, flowing into as many rows as the width asks for. Must not know pictures.
+//! The legend: markers with their meaning, flowing into as many rows as the width asks for.
 
 use super::area::Area;
 use super::marks::Symbol;

@@ -1,5 +1,4 @@
 //! Markers: what they look like, and many of one kind gathered into one path so that the file stays small.
-//! Must not know what a kind means.
 
 use super::panel::{Panel, Spot};
 use super::svg::{Px, Svg};

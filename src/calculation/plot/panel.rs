@@ -1,5 +1,4 @@
 //! A pair of axes on the page: where a pair of values lies in pixels, frame, grid, ticks and labels.
-//! Must not know what is plotted.
 
 use super::area::Area;
 use super::palette::{FAINT_INK, GRID, INK};

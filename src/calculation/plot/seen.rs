@@ -1,5 +1,4 @@
 //! Which directions around a centre hold points: where the circle is cut to be unrolled, and which arcs were seen.
-//! Must not know what the points are.
 
 use super::ticks::Range;
 

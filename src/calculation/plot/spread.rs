@@ -1,4 +1,4 @@
-//! Robust statistics of a few thousand numbers, to choose the scale of a picture. Must not know what they measure.
+//! Robust statistics of a few thousand numbers, to choose the scale of a picture.
 
 /// The value below which the share `part` (0 to 1) of the values lies; reorders them. `None` where there are none.
 pub(super) fn quantile(values: &mut [f64], part: f64) -> Option<f64> {

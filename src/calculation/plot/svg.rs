@@ -1,5 +1,5 @@
-//! Writes SVG: elements in, one document out. Numbers have a fixed form, so equal pictures are equal bytes; text is
-//! escaped; a coordinate that is no number cannot get into the file. Must not know what the elements show.
+//! Writes SVG: elements in, one document out. Numbers have a fixed form, so equal pictures are equal bytes; text is escaped; a
+//! coordinate that is no number cannot get into the file.
 
 use super::area::Area;
 use super::palette::INK;

@@ -1,4 +1,4 @@
-//! Ranges of values and the round numbers that are written beside them. Must not know pixels.
+//! Ranges of values and the round numbers that are written beside them.
 
 /// Values from `lo` to `hi`, always finite and `lo` < `hi`.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,4 +1,4 @@
-//! What a scan file holds, before anyone decided which points make a profile. Must not know about formats.
+//! What a scan file holds, before anyone decided which points make a profile.
 
 use super::Columns;
 use super::decode::Unit;

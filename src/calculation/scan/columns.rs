@@ -1,5 +1,5 @@
-//! The flat arrays that hold a cloud's y and z. Kept as wide as the file gave them: single precision halves what a pass
-//! over a large scan has to read. Must not know about x, profiles or units.
+//! The flat arrays that hold a cloud's y and z. Kept as wide as the file gave them: single precision halves what a pass over a
+//! large scan has to read.
 
 use std::ops::Range;
 

@@ -1,5 +1,4 @@
 //! From a scan to the bytes of a file. What is written reads back as the same points, profile by profile.
-//! Must not know where the bytes go.
 //!
 //! | format | layout |
 //! |---|---|

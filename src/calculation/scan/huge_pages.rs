@@ -1,6 +1,5 @@
-//! Asks the kernel for huge pages where a column is large: filling fresh memory 4 KiB at a time costs more than reading a
-//! whole scan, 2 MiB at a time a tenth of that. A hint: where it is not taken, everything works as before, slower.
-//! Must not know what lies in the memory.
+//! Asks the kernel for huge pages where a column is large: filling fresh memory 4 KiB at a time costs more than reading a whole
+//! scan, 2 MiB at a time a tenth of that. A hint: where it is not taken, everything works as before, slower.
 
 use rustix::mm::{Advice, madvise};
 

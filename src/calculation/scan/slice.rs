@@ -1,5 +1,4 @@
 //! From a cloud to profiles: into the rail frame, cut to a region, told apart by a rule, in order of x.
-//! Must not know about formats, nor what the points are measured for.
 //!
 //! ```text
 //! Cloud --frame--> Cloud --region--> Cloud --choose--> key of each stripe --group--> Scan

@@ -1,5 +1,5 @@
 //! What every driver does, whatever its device is: keeps silent, connects, attends, and after a loss begins again. What is
-//! particular to a kind of device comes in as an [`Attendant`]. Must not know what an errand is.
+//! particular to a kind of device comes in as an [`Attendant`].
 //!
 //! ```text
 //!  silence, connect, read --ok--> attend: halt due? -> send the halt, read

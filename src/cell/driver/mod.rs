@@ -1,7 +1,6 @@
 //! The drivers: a task for each device, which owns its adaptor, reads it at a pace, does one errand at a time with a deadline,
 //! and looks at the halt flag before anything else. A lost link is reported, dropped and tried again; nothing is sent again.
-//! In: orders, and the halt flag. Out: reports. `attend` is the loop that they share; read it first. Must not know leases, jobs
-//! or what an errand is for.
+//! In: orders, and the halt flag. Out: reports. `attend` is the loop that they share; read it first.
 
 mod attend;
 mod backoff;

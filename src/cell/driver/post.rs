@@ -1,5 +1,5 @@
 //! A driver's ends of the lines: to the cell, to whom it tells, and to the device, to which it speaks within its deadlines and
-//! minds when it did. Must not know what kind of device it is.
+//! minds when it did.
 
 use super::call::{Answer, Patience, call};
 use super::{Gone, HaltFlag, Halted, Halts, News, Outcome, Report, Seen, Timing};

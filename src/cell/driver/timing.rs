@@ -1,4 +1,4 @@
-//! How a driver waits: the settings' deadlines, and the silence that outlasts every watchdog. Must not know devices.
+//! How a driver waits: the settings' deadlines, and the silence that outlasts every watchdog.
 
 use crate::cell::Settings;
 use crate::device::SensorDeadlines;

@@ -1,5 +1,4 @@
-//! Which cell can be: every number within its range, every adaptor set up. What is wrong is told with its dotted key. Must not
-//! know what a value is for.
+//! Which cell can be: every number within its range, every adaptor set up. What is wrong is told with its dotted key.
 
 use super::{Cell, CellError, ManipulatorAdaptor, SensorAdaptor, StageAdaptor};
 use crate::motion::Carrier;

@@ -1,4 +1,4 @@
-//! Which adaptor stands behind each device, and where it finds it. Must not know how an adaptor works.
+//! Which adaptor stands behind each device, and where it finds it.
 
 use super::Cell;
 use super::supports::SupportLimits;

@@ -1,4 +1,4 @@
-//! Why a cell cannot be, with dotted keys. Must not know how that was found out.
+//! Why a cell cannot be, with dotted keys.
 
 use crate::cell::SettingsError;
 use crate::device::{gocator, modbus, simulated};

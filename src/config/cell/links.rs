@@ -1,5 +1,4 @@
-//! Where each device of the cell is reached: whether real and simulated ones are told apart, and no machine has two names. Must
-//! not know how a device is spoken to.
+//! Where each device of the cell is reached: whether real and simulated ones are told apart, and no machine has two names.
 
 use super::check::key_of;
 use super::{Cell, CellError, ManipulatorAdaptor, SensorAdaptor, StageAdaptor};

@@ -1,5 +1,5 @@
-//! The cell in the configuration: which adaptor stands behind each device, where the manipulators stand and how far they
-//! may go, and how long anything may take. Edge units, in every name. Must not know how any of it is carried out.
+//! The cell in the configuration: which adaptor stands behind each device, where the manipulators stand and how far they may
+//! go, and how long anything may take. Edge units, in every name.
 
 mod check;
 mod convert;

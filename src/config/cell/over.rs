@@ -1,5 +1,5 @@
-//! Lets a configuration say as little about the cell as it likes: what it says goes over the defaults, key by key, although
-//! the two manipulators have different ones. Must not know what a key means.
+//! Lets a configuration say as little about the cell as it likes: what it says goes over the defaults, key by key, although the
+//! two manipulators have different ones.
 
 use super::Cell;
 use serde::de::Error;

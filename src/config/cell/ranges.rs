@@ -1,5 +1,4 @@
-//! Every number of the cell with its key, its least and its greatest value, and what must lie below what. Must not know what a
-//! number is for.
+//! Every number of the cell with its key, its least and its greatest value, and what must lie below what.
 
 use super::check::key_of;
 use super::{Cell, CellError, Manipulator};

@@ -1,4 +1,4 @@
-//! How far the axes of a manipulator may go, and how exactly. Must not know its adaptor.
+//! How far the axes of a manipulator may go, and how exactly.
 
 use serde::{Deserialize, Serialize};
 

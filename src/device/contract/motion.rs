@@ -1,5 +1,5 @@
 //! The part of the contract that moves: for tests against made devices and servers, never against a machine that carries a
-//! part. In: an adaptor, connected or not. Out: a [`Report`]. Must not know which adaptor it is.
+//! part. In: an adaptor, connected or not. Out: a [`Report`].
 
 use super::{Report, STANDS, moved, say_state};
 use crate::device::sequence::next;

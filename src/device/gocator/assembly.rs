@@ -1,6 +1,5 @@
-//! Messages of the data channel into profiles in the rail frame. Groups end with the bit that says so; a group is a frame:
-//! its stamps first, then what was seen. Whatever makes a scan less than whole ends it by name. Pure: no socket, no clock.
-//! Must not know how messages arrive.
+//! Messages of the data channel into profiles in the rail frame. Groups end with the bit that says so; a group is a frame: its
+//! stamps first, then what was seen. Whatever makes a scan less than whole ends it by name. Pure: no socket, no clock.
 
 use super::codec::{CodecError, Framed, INVALID, Message, Profiles, Stamp, Stamps, Surface};
 use super::extrinsic::Placement;

@@ -1,4 +1,4 @@
-//! A connection to one of the sensor's ports: connected within a time, read into frames. Must not know what frames say.
+//! A connection to one of the sensor's ports: connected within a time, read into frames.
 
 use super::codec::{CodecError, Splitter};
 use crate::device::DeviceError;

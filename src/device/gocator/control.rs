@@ -1,5 +1,5 @@
 //! Requests on the control channel, one at a time, each with its deadline. A request that was given up half-way costs the
-//! connection: whoever asks takes it in hand and gives it back when the answer is there. Must not know data or health.
+//! connection: whoever asks takes it in hand and gives it back when the answer is there.
 
 use super::channel::{Channel, Peer};
 use super::codec::{Command, Identity, Reply, Request, SensorState, Status, VERSION_MAJOR, Version};

@@ -1,5 +1,5 @@
-//! What the sensor says it lost, and how warm it is, from its health messages. Counters run on from scan to scan and begin
-//! anew when the sensor does. Must not know how messages arrive.
+//! What the sensor says it lost, and how warm it is, from its health messages. Counters run on from scan to scan and begin anew
+//! when the sensor does.
 
 use super::codec::{Health, indicator};
 use crate::device::ScanFault;

@@ -7,8 +7,6 @@
 //! ```text
 //! rail = [sensor_x sensor_y sensor_z] · (x, 0, z) + translation + (travel, 0, 0)
 //! ```
-//!
-//! Must not know bytes or sockets.
 
 use super::codec::{INVALID, Scale};
 use crate::device::Profile;

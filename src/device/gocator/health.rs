@@ -1,4 +1,4 @@
-//! The health channel: what the sensor says about itself, unasked, about every second. Must not know scans' profiles.
+//! The health channel: what the sensor says about itself, unasked, about every second.
 
 use super::channel::{Channel, Peer};
 use super::codec::{Message, decode};

@@ -1,5 +1,5 @@
-//! The sensor behind its protocol: control, data and health, each with its deadlines. What goes wrong on a channel closes
-//! it; what goes wrong in a scan ends the scan. Must not know bytes.
+//! The sensor behind its protocol: control, data and health, each with its deadlines. What goes wrong on a channel closes it;
+//! what goes wrong in a scan ends the scan.
 //!
 //! ```text
 //! connect: control, version, identity, state, health     (the laser stays as it is; where it is on, health is not waited for)

@@ -6,7 +6,7 @@
 //!                     <- server: a simulated sensor that speaks the same
 //! ```
 //!
-//! Held to bytes that the maker's own library wrote, never to hardware: docs/gocator.md. Must not know what a scan is for.
+//! Held to bytes that the maker's own library wrote, never to hardware: docs/gocator.md.
 
 mod assembly;
 mod channel;

@@ -1,5 +1,4 @@
 //! A scan that runs: the data channel, read as fast as it comes, and the clock that says when it is too quiet.
-//! Must not know the control channel.
 
 use super::assembly::{Assembly, AssemblyError};
 use super::channel::{Channel, Peer};

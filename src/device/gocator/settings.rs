@@ -1,5 +1,4 @@
 //! What is configured of a Gocator, and what is refused before anything is connected. Lengths in mm, times in ms.
-//! Must not know sockets.
 
 use super::extrinsic::{Extrinsic, ExtrinsicError, Placement};
 use super::travel::{Travel, TravelError};

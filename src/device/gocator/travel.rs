@@ -1,4 +1,4 @@
-//! How far the stage had come when a frame was taken, by the frame's stamp. Must not know what the frame shows.
+//! How far the stage had come when a frame was taken, by the frame's stamp.
 
 use super::codec::Stamp;
 use crate::device::ScanFault;

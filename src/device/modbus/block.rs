@@ -1,5 +1,4 @@
-//! One device's registers over a link: its status read whole, our heartbeat, and commands written once. Must not know whether
-//! it is a manipulator or a stage.
+//! One device's registers over a link: its status read whole, our heartbeat, and commands written once.
 
 use super::command::encode;
 use super::error::MapError;

@@ -1,5 +1,5 @@
-//! The numbers that a device gives to modes, results and commands, beside those of states: tables, because every maker has
-//! his own. Must not know where they stand.
+//! The numbers that a device gives to modes, results and commands, beside those of states: tables, because every maker has his
+//! own.
 
 use super::error::LayoutError;
 use crate::device::states::different;

@@ -1,4 +1,4 @@
-//! Why a register map cannot be used, and why registers cannot be understood. Must not know links.
+//! Why a register map cannot be used, and why registers cannot be understood.
 
 use crate::device::SameCode;
 use crate::motion::Axis;

@@ -1,6 +1,6 @@
 //! One Modbus TCP connection to a device: one request at a time, each by a deadline. After a deadline that has passed, a broken
 //! transport or an answer to something else the connection is gone: a late answer must never be taken for another request's.
-//! Nothing is ever sent again here. Must not know what registers mean.
+//! Nothing is ever sent again here.
 
 use super::layout::StatusFunction;
 use crate::device::{DeviceError, Pending};

@@ -1,4 +1,4 @@
-//! A manipulator behind a PLC that speaks Modbus TCP. In: commands; out: readings. Must not know what the moves are for.
+//! A manipulator behind a PLC that speaks Modbus TCP. In: commands; out: readings.
 
 use super::block::Block;
 use crate::device::{Command, DeviceError, FenceGate, Manipulator, Pending, Reading};

@@ -1,6 +1,6 @@
 //! Manipulators and the linear stage behind a PLC that speaks Modbus TCP. A register map (`layout`, data) says where what is;
 //! `words`, `status`, `command` and `crc` turn registers into readings and commands, pure; `link` and `block` wait and talk;
-//! `server` is the other side, for a simulated PLC. Must not know why anything moves.
+//! `server` is the other side, for a simulated PLC.
 //!
 //! ```text
 //! Reading <- status <- words <- registers <- block <- link <- transport

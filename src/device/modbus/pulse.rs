@@ -1,5 +1,5 @@
-//! Whether a device's heartbeat counts. A communication processor may answer for a program that has stopped; its registers
-//! then stay as they are. Must not know where the heartbeat comes from.
+//! Whether a device's heartbeat counts. A communication processor may answer for a program that has stopped; its registers then
+//! stay as they are.
 
 use std::time::Duration;
 use tokio::time::Instant;

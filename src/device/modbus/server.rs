@@ -1,6 +1,5 @@
 //! The PLC side of the map, for a simulated PLC: controllers as blocks of registers. Device number n has base 256 n under the
 //! unit ids 0, 1 and 255, and base 0 under unit id n + 1; a single device has base 0 under all. In: requests; out: responses.
-//! Must not know how a controller moves.
 
 use super::command::decode;
 use super::error::MapError;

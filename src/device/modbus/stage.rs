@@ -1,5 +1,5 @@
 //! The linear stage behind a PLC: a block of the same map, of which only axis x is used. The trait has no word for what became
-//! of a command, so each is waited for until the device has seen it. Must not know the sensor on it.
+//! of a command, so each is waited for until the device has seen it.
 
 use super::block::Block;
 use super::error::MapError;

@@ -1,6 +1,6 @@
-//! Where a PLC keeps what we read and write: a browse path for each value, below the manipulator's own node. Positions lie
-//! as OPC 40010-1 (robotics) has them; what that leaves out, commands above all, lies below `Status` and `Command`.
-//! Takes a node's meaning, gives its path. Must not know values, nor any server.
+//! Where a PLC keeps what we read and write: a browse path for each value, below the manipulator's own node. Positions lie as
+//! OPC 40010-1 (robotics) has them; what that leaves out, commands above all, lies below `Status` and `Command`. Takes a node's
+//! meaning, gives its path.
 //!
 //! A path is written `alias:Name/alias:Name/…`; the alias stands for a namespace's URI, none for OPC UA's own. Indices of
 //! namespaces are nowhere: a server may give them anew at every start.

@@ -1,5 +1,5 @@
 //! The manipulator at the other end of a session. Every call has a deadline; what fails or is given up half-way costs the
-//! session, and only [`Manipulator::connect`] makes a new one. Nothing is ever sent twice. Must not know the cell.
+//! session, and only [`Manipulator::connect`] makes a new one. Nothing is ever sent twice.
 
 use super::clock::now;
 use super::codec::{self, Unspeakable};

@@ -1,6 +1,5 @@
-//! Manipulators behind an OPC UA server, as most PLCs have one. `settings` and `layout` say where things are, `codec` what
-//! they mean (pure), `session` and `link` talk, `server` is the other side, for trying without a machine.
-//! Must not know the cell, nor who asks.
+//! Manipulators behind an OPC UA server, as most PLCs have one. `settings` and `layout` say where things are, `codec` what they
+//! mean (pure), `session` and `link` talk, `server` is the other side, for trying without a machine.
 //!
 //! ```text
 //! Settings -> layout (browse paths) -> session (connected, node ids) -> link (Manipulator)

@@ -1,5 +1,5 @@
 //! Values of nodes, taken apart: a type, a length, a quality at a time. Everything that comes from a server passes here and is
-//! hostile until it has. Must not know what the values are for.
+//! hostile until it has.
 
 use super::layout::Node;
 use opcua::types::{DataValue, Range, StatusCode, Variant};

@@ -1,5 +1,4 @@
 //! How a session comes to be: our key, the server's certificate, the endpoint, and no more attempts than one.
-//! Must not know nodes' meanings.
 //!
 //! The library below would like to reconnect, and to say again what it said. That is switched off: no retries, no
 //! reconnects, and its pump is ended with the session, so that nothing that waits in it is sent by anybody later.

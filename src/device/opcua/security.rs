@@ -1,5 +1,5 @@
-//! Who the server is, who we are, and how messages between us are protected. Certificates are pinned: exactly one is
-//! accepted, and it comes from a file that somebody put there, never from the network. Must not know nodes.
+//! Who the server is, who we are, and how messages between us are protected. Certificates are pinned: exactly one is accepted,
+//! and it comes from a file that somebody put there, never from the network.
 
 use super::settings::{Policy, Security};
 use opcua::client::{IdentityToken, Password};

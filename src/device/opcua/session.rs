@@ -1,5 +1,5 @@
 //! One open session: finds the nodes by their browse paths, reads and writes lists of them in one service call each. Used until
-//! it fails once, then thrown away. Must not know what the values mean.
+//! it fails once, then thrown away.
 
 use super::layout::{Node, Step, steps};
 use super::security::Trouble;

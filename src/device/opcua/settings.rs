@@ -1,5 +1,5 @@
 //! How a manipulator behind OPC UA is set up: where its server is, how it is trusted, where the nodes lie, how long we wait.
-//! Takes the configuration's text, gives checked values. Must not connect.
+//! Takes the configuration's text, gives checked values.
 
 use super::layout::{Node, steps};
 use super::security::Trouble;

@@ -1,5 +1,5 @@
 //! Faults on demand: at which exchange with which device something goes wrong, and what. Planned, held, or by chance from a
-//! seed. In: exchanges, one after the other. Out: the fault that strikes each. Must not know what a fault does.
+//! seed. In: exchanges, one after the other. Out: the fault that strikes each.
 
 use crate::device::ScanFault;
 use crate::motion::{Axis, Carrier, Pair};

@@ -1,5 +1,5 @@
-//! The link from an adaptor to a made device: latency, an answer within a time or none, and the faults of links. In: a
-//! request. Out: its answer or what went wrong. Must not know what is asked.
+//! The link from an adaptor to a made device: latency, an answer within a time or none, and the faults of links. In: a request.
+//! Out: its answer or what went wrong.
 
 use super::faults::{Device, Fault, Step};
 use super::world::{MadeCell, World};

@@ -1,4 +1,4 @@
-//! The adaptor of a made manipulator. Must not know what the commands are for.
+//! The adaptor of a made manipulator.
 
 use super::faults::Device;
 use super::link::Link;

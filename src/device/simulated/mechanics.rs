@@ -1,5 +1,5 @@
-//! What lies between the encoders of a made manipulator and its clamp: backlash and cross-coupling. In: where the encoders
-//! are. Out: where the clamp is. Must not know commands or time.
+//! What lies between the encoders of a made manipulator and its clamp: backlash and cross-coupling. In: where the encoders are.
+//! Out: where the clamp is.
 
 use crate::motion::{Axes, Position};
 

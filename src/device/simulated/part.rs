@@ -1,5 +1,4 @@
-//! The part on its two clamps: where it really lies. In: where the clamps were and are. Out: its axis, ends and roll. Must
-//! not know how the clamps move, nor who looks.
+//! The part on its two clamps: where it really lies. In: where the clamps were and are. Out: its axis, ends and roll.
 
 use super::settings::PartSettings;
 use crate::geometry::AxisLine;

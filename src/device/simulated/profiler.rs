@@ -1,4 +1,4 @@
-//! The adaptor of the made profile sensor. Must not know what the profiles are for.
+//! The adaptor of the made profile sensor.
 
 use super::link::Link;
 use super::scanning::PROFILES_MAX;

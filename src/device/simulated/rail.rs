@@ -1,4 +1,4 @@
-//! How straight the rail is: what the stage carries the sensor off, smooth along it, seeded. Must not know who rides on it.
+//! How straight the rail is: what the stage carries the sensor off, smooth along it, seeded.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

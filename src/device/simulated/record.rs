@@ -1,5 +1,5 @@
-//! What a made manipulator was told: each command that it executed, each that it ignored, and every target that it should
-//! never have been sent. For tests and campaigns. Must not know why.
+//! What a made manipulator was told: each command that it executed, each that it ignored, and every target that it should never
+//! have been sent. For tests and campaigns.
 
 use crate::device::{Action, Command};
 use std::collections::VecDeque;

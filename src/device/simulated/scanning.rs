@@ -1,5 +1,5 @@
 //! The profile sensor of the made cell: armed, it takes a profile each time that the stage has come one pitch further. In:
-//! where the stage is and where the part lies. Out: profiles in the rail frame. Must not know links or clocks.
+//! where the stage is and where the part lies. Out: profiles in the rail frame.
 
 use super::part::Place;
 use super::rail::Rail;

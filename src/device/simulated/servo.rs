@@ -1,5 +1,5 @@
-//! One driven axis: goes to a target with limited speed and acceleration, or brakes. In: steps of simulated time. Out: where
-//! it is. Must not know commands, limits or clocks.
+//! One driven axis: goes to a target with limited speed and acceleration, or brakes. In: steps of simulated time. Out: where it
+//! is.
 
 /// How closely a target is met before the axis stands, mm or rad.
 const AT_TARGET: f64 = 1e-9;

@@ -1,5 +1,5 @@
 //! What the made cell is like, as the configuration says it: lengths in mm, angles in degrees. Defaults are the published
-//! situation: a part of 200 mm radius with holes and clamps on it, tilted by about a degree. Must not know how it behaves.
+//! situation: a part of 200 mm radius with holes and clamps on it, tilted by about a degree.
 
 use super::rail::{Rail, Straightness};
 use crate::motion::{Axes, Axis, AxisLimits, Pair};

@@ -1,4 +1,4 @@
-//! The adaptor of the made stage. Must not know what it carries.
+//! The adaptor of the made stage.
 
 use super::link::Link;
 use crate::device::{DeviceError, FenceGate, Pending, Stage, StageReading};

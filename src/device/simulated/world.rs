@@ -1,5 +1,5 @@
 //! The made cell itself: a part on two manipulators, a stage with a sensor above it, one simulated time for all. In: requests
-//! of the adaptors, each at its moment. Out: what the devices answer, and the truth. Must not know who asks.
+//! of the adaptors, each at its moment. Out: what the devices answer, and the truth.
 
 use super::carriage::Carriage;
 use super::controller::{Controller, ControllerSettings};

@@ -1,5 +1,4 @@
-//! The lease: who may move, for how long; renewed by use or by asking again, given back, seen by everybody. Must not know what
-//! is done with it.
+//! The lease: who may move, for how long; renewed by use or by asking again, given back, seen by everybody.
 
 use super::super::app::App;
 use super::super::command::{CommandLease, LeaseBody, LeaseQuery, named_lease};

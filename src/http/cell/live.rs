@@ -1,5 +1,4 @@
-//! The cell at this moment: what it does, what is latched, how each device is, and whether anything may move. Must not
-//! command anything.
+//! The cell at this moment: what it does, what is latched, how each device is, and whether anything may move.
 
 use super::super::app::App;
 use super::super::extract::Query;

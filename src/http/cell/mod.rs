@@ -1,4 +1,4 @@
-//! The cell as a whole: how it is, who may move, stop and reset. Must not know how any of it is carried out.
+//! The cell as a whole: how it is, who may move, stop and reset.
 
 mod lease;
 mod live;

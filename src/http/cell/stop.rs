@@ -1,4 +1,4 @@
-//! Stop, which is always taken, and reset, which lets things move again. Must not know what moves.
+//! Stop, which is always taken, and reset, which lets things move again.
 
 use super::super::app::App;
 use super::super::command::{CommandLease, LeaseBody, LeaseQuery};

@@ -1,5 +1,4 @@
-//! Measures: a scan in the body with options in the query, or a JSON order that names a kept scan or the sensor. Must not know
-//! how a scan is read or taken.
+//! Measures: a scan in the body with options in the query, or a JSON order that names a kept scan or the sensor.
 
 use super::super::app::App;
 use super::super::body::Pieces;

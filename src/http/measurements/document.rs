@@ -1,5 +1,5 @@
-//! A measurement as clients see it: the same document over HTTP and from the offline command. Degrees and units in names;
-//! what is not known is null. Must not know how it was made.
+//! A measurement as clients see it: the same document over HTTP and from the offline command. Degrees and units in names; what
+//! is not known is null.
 
 use super::super::recipes::RecipeDocument;
 use super::parts::{PartDocument, pose};

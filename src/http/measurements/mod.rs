@@ -1,4 +1,4 @@
-//! Measurements: made from an upload or a kept scan, listed, shown whole or for a PLC. Must not know how one is made.
+//! Measurements: made from an upload or a kept scan, listed, shown whole or for a PLC.
 
 mod create;
 mod document;

@@ -1,4 +1,4 @@
-//! One part of a measurement of several, as clients see it. Must not know how a scan is cut.
+//! One part of a measurement of several, as clients see it.
 
 use super::document::{
     ConditioningDocument, PoseDocument, ReasonDocument, ResidualsDocument, TallyDocument, VerdictName,

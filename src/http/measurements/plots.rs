@@ -1,4 +1,4 @@
-//! Pictures of a measurement, drawn anew from the kept scan. Must not know how a picture looks.
+//! Pictures of a measurement, drawn anew from the kept scan.
 
 use super::super::app::App;
 use super::super::extract::{Path, Query};

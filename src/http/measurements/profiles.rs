@@ -1,5 +1,4 @@
-//! What became of every profile of a measurement: JSON by the page, CSV or NDJSON in one piece. Must not know how a
-//! profile was judged.
+//! What became of every profile of a measurement: JSON by the page, CSV or NDJSON in one piece.
 
 use super::super::accept;
 use super::super::app::App;

@@ -1,5 +1,4 @@
-//! Measurements by the sensor: how one is asked for, and how it looks until it has run, or where it came to nothing. Must not
-//! know how a scan is taken.
+//! Measurements by the sensor: how one is asked for, and how it looks until it has run, or where it came to nothing.
 
 use super::super::app::App;
 use super::super::cell::permille;

@@ -1,5 +1,5 @@
-//! How well a pose is known, in the units of the document: expanded and standard uncertainties, the covariance they come
-//! from, the budget. Must not know how the covariance was found.
+//! How well a pose is known, in the units of the document: expanded and standard uncertainties, the covariance they come from,
+//! the budget.
 
 use crate::estimation::{COVERAGE_FACTOR, Component, Pose, Uncertainty};
 use serde::Serialize;

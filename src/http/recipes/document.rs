@@ -1,4 +1,4 @@
-//! A recipe as clients write and read it. Every field may be left out. Must not know what a field does.
+//! A recipe as clients write and read it. Every field may be left out.
 
 use super::super::names::{DecimalName, EndFaceName, MethodName, OrientationName, RadiusName, UnitName};
 use super::parts::PartsDocument;

@@ -1,4 +1,4 @@
-//! Which profiles belong to one part, as clients write and read it in a recipe. Must not know what it does.
+//! Which profiles belong to one part, as clients write and read it in a recipe.
 
 use crate::estimation::{ByGap, PartRule, Window};
 use serde::{Deserialize, Serialize};

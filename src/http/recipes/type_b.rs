@@ -1,4 +1,4 @@
-//! What calibration says, as clients write and read it in a recipe. Must not know what becomes of it.
+//! What calibration says, as clients write and read it in a recipe.
 
 use crate::estimation::TypeB;
 use serde::{Deserialize, Serialize};

@@ -1,5 +1,5 @@
 //! The cell from outside: a service on simulated devices, made ready the way a client does it. Truth comes from the simulated
-//! part. Must not look at anything else that a client could not see.
+//! part.
 
 mod events;
 mod health;

@@ -4,8 +4,8 @@
 //! engeom_peer sample|again SCAN.npy HINTS.json [REPEATS]
 //! ```
 //!
-//! `sample` searches in every n-th point; `again` then fits to all points near what was found. Prints the pose as one line
-//! of JSON. Must not know any other peer.
+//! `sample` searches in every n-th point; `again` then fits to all points near what was found. Prints the pose as one line of
+//! JSON.
 
 use engeom::common::consensus::Magsac;
 use engeom::geom3::Cylinder3;

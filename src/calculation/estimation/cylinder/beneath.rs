@@ -1,6 +1,5 @@
 //! Another surface about the same axis beneath the one that was fitted: then that may be a jaw or a sleeve that follows the
-//! part, and what shows beside it the part. In: the sample and the fit. Out: how deep it lies and on how many profiles. Must
-//! not decide which of them is the part.
+//! part, and what shows beside it the part. In: the sample and the fit. Out: how deep it lies and on how many profiles.
 
 use super::model::Cylinder;
 use super::sample::Sample;

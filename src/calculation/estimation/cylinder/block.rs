@@ -1,5 +1,4 @@
 //! A block of projected points in the first-level cache, and sums over it, eight lanes wide whatever the processor.
-//! Must not know what is summed.
 //!
 //! Eight partial sums in a fixed order and no fused multiply-add: the bits are the same with vectors of eight, four, two or
 //! one. What runs on every point is a method that is always inlined, never a closure: the compiler may leave a closure out of

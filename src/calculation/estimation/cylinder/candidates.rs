@@ -1,8 +1,8 @@
 //! Which cylinders a scan could be, and which of them is the part.
 //!
-//! A clamp that follows the part can hold most of the points and still not be the part: what the profiles have in common is.
-//! So a candidate counts by its coverage, the share of the profiles that show it. Where two are on nearly all profiles, the
-//! nominal radius decides; without one nobody can. Must not know how a candidate was found, nor refine one.
+//! A clamp that follows the part can hold most of the points and still not be the part: what the profiles have in common is. So
+//! a candidate counts by its coverage, the share of the profiles that show it. Where two are on nearly all profiles, the
+//! nominal radius decides; without one nobody can.
 
 use super::consensus::{self, Bounds};
 use super::model::Cylinder;

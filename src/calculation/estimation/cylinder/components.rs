@@ -1,6 +1,6 @@
-//! What few profiles say together: the noise of points and the vibration of whole profiles, each found from all of them.
-//! In: the sums of the profiles at the fit. Out: the variances of the parameters that those two make, widened for how few
-//! degrees of freedom they rest on. Must not know the points.
+//! What few profiles say together: the noise of points and the vibration of whole profiles, each found from all of them. In:
+//! the sums of the profiles at the fit. Out: the variances of the parameters that those two make, widened for how few degrees
+//! of freedom they rest on.
 //!
 //! The gradient of profile i has the covariance φ S_i + τ² S_i P S_i: S_i is its part of the normal matrix in (y, z, R), φ the
 //! scatter of points with what neighbours share, and τ the vibration, alike in y and in z (P leaves out R). What each profile's

@@ -1,9 +1,9 @@
 //! Where to start: cylinders through few points, scored over the whole sample, so that whatever covers most of single
 //! profiles cannot win against what all profiles have in common.
 //!
-//! Three points of one profile give a circle, two points of a distant profile its place there: a minimal set of five. The
-//! exact cylinder through the five follows by Newton's method. Scores are truncated squares (MSAC). The draws come from a
-//! fixed seed: the same scan always gives the same start. Must not know verdicts or uncertainty.
+//! Three points of one profile give a circle, two points of a distant profile its place there: a minimal set of five. The exact
+//! cylinder through the five follows by Newton's method. Scores are truncated squares (MSAC). The draws come from a fixed seed:
+//! the same scan always gives the same start.
 
 use super::model::{Cylinder, Response};
 use super::projection::ANY_DIRECTION;

@@ -1,4 +1,4 @@
-//! The covariance of the joint fit, with the profile as the cluster. Must not know the points.
+//! The covariance of the joint fit, with the profile as the cluster.
 //!
 //! Points of one profile share errors (speckle, vibration), so a covariance that takes them as independent is wrong. The
 //! clustered jackknife (n − 1)/n Σ_i δ_i δ_iᵀ, with δ_i = (N − N_i)⁻¹ G_i what the fit moves by without profile i, assumes

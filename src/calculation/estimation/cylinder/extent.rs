@@ -1,4 +1,4 @@
-//! How large and how rough a scan is: what bounds the search for a start. Must not know any cylinder.
+//! How large and how rough a scan is: what bounds the search for a start.
 
 use super::sample::{Sample, spread};
 use crate::estimation::conclude::median;

@@ -1,7 +1,7 @@
-//! Whether the part is the straight cylinder that was fitted to it: a taper and a bow are asked for beside the five
-//! parameters. What a cylinder fit makes of a cone seen from one side is a wrong pitch with a small scatter, so a form that is
-//! significant is said, and what it does to the pose goes into the budget.
-//! In: each profile's sums of the fit, since both forms depend on the profile only. Must not know points or verdicts.
+//! Whether the part is the straight cylinder that was fitted to it: a taper and a bow are asked for beside the five parameters.
+//! What a cylinder fit makes of a cone seen from one side is a wrong pitch with a small scatter, so a form that is significant
+//! is said, and what it does to the pose goes into the budget. In: each profile's sums of the fit, since both forms depend on
+//! the profile only.
 //!
 //! With ξ = (x − x_ref)/L the distance of the extended model is d − τ·ξ for a radius that grows by τ over L, and that of an
 //! axis displaced by κ·ξ² for a bow. Its rows are J₈ = J·A_i, A_i = [1 | ξ e_R | ξ² e_y | ξ² e_z], so the sums of profile i

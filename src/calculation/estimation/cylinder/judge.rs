@@ -1,5 +1,5 @@
-//! Each profile against the joint model: how many of its points lie on it, over which arc, and where its own centre would
-//! be with the section's shape held. Must not change the model, nor look at a point: the pass that found the model counted.
+//! Each profile against the joint model: how many of its points lie on it, over which arc, and where its own centre would be
+//! with the section's shape held.
 
 use super::kernel::Inner;
 use super::model::Cylinder;

@@ -1,5 +1,4 @@
 //! The hot loops of the method: sums over the points of one profile, read as they are stored.
-//! Must not know what becomes of the sums.
 //!
 //! Which instructions run is decided when the program runs: AVX-512, AVX2 or what every processor has, with the same bits.
 //! A block of points is projected into a few arrays that stay in the first-level cache; each group of sums then runs over

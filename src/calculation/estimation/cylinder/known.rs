@@ -1,4 +1,4 @@
-//! How well a solution is known: the lines of its budget. Must not know how it was found, nor whether it is good enough.
+//! How well a solution is known: the lines of its budget.
 
 use super::linearity;
 use super::patches;

@@ -1,6 +1,5 @@
-//! Layers close to the surface: tape, a weld bead, a thin jaw, nearly as high as the noise. No single point tells them from
-//! the part, averages over patches do. In: the fit. Out: the fit without what lies in layers, or why nobody can tell.
-//! Must not know how a fit is made.
+//! Layers close to the surface: tape, a weld bead, a thin jaw, nearly as high as the noise. No single point tells them from the
+//! part, averages over patches do. In: the fit. Out: the fit without what lies in layers, or why nobody can tell.
 //!
 //! Averages that scatter no more than their neighbours make likely, and none far off, leave the fit as it is. Otherwise the
 //! surfaces are looked for again, among the averages, by the same consensus and with the same choice; patches off the part

@@ -1,5 +1,4 @@
 //! A cylinder about an axis that crosses every profile, its signed distance from a point and the derivatives of it.
-//! Must not know of weights, noise or profiles' verdicts.
 //!
 //! With dx = x − x_ref, u = y − (y_ref + p·dx), w = z − (z_ref + q·dx), n² = 1 + p² + q² and s = (p·u + q·w)/n²:
 //! ρ² = u² + w² − (p·u + q·w)²/n² and d = ρ − R. Derivatives: ∂d/∂y_ref = −(u − p·s)/ρ, ∂d/∂z_ref = −(w − q·s)/ρ,

@@ -1,6 +1,5 @@
-//! From a rough cylinder to the nearest fit of a sample whose noise is known: like settling, but the window shrinks to what
-//! the noise says and not to what the points say, so that two surfaces a few noises apart are not taken for one rough one.
-//! Must not know where the start or the noise came from.
+//! From a rough cylinder to the nearest fit of a sample whose noise is known: like settling, but the window shrinks to what the
+//! noise says and not to what the points say, so that two surfaces a few noises apart are not taken for one rough one.
 
 use super::model::Cylinder;
 use super::sample::Sample;

@@ -1,6 +1,6 @@
-//! A scan's points near a cylinder, averaged over patches of neighbours: blocks of profiles along x, sectors of the arc.
-//! An average scatters far less than a point, so layers show that hide in the noise of single points. In: a scan and a
-//! cylinder. Out: a sample with one point a patch, and which patch any point belongs to. Must not judge patches.
+//! A scan's points near a cylinder, averaged over patches of neighbours: blocks of profiles along x, sectors of the arc. An
+//! average scatters far less than a point, so layers show that hide in the noise of single points. In: a scan and a cylinder.
+//! Out: a sample with one point a patch, and which patch any point belongs to.
 
 use super::model::{Cylinder, Slice};
 use super::sample::{Sample, spread};

@@ -1,6 +1,6 @@
-//! Whether what lies on a surface hangs together about the axis. A floor or a support that crosses the circle far from the
-//! arc holds the radius with a handful of points, and the scatter does not tell: what the arc alone would say is not asked.
-//! In: directions about the axis. Out: those that count. Must not fit anything.
+//! Whether what lies on a surface hangs together about the axis. A floor or a support that crosses the circle far from the arc
+//! holds the radius with a handful of points, and the scatter does not tell: what the arc alone would say is not asked. In:
+//! directions about the axis. Out: those that count.
 
 use super::patches::{Directions, Surface};
 use crate::estimation::robust;

@@ -1,5 +1,5 @@
-//! A cylinder seen along its axis: points of a profile projected on the plane square to the axis, where every section is
-//! the same circle. Must not know of weights.
+//! A cylinder seen along its axis: points of a profile projected on the plane square to the axis, where every section is the
+//! same circle.
 //!
 //! e₁, e₂ and the axis' direction are orthonormal; a point (u, w) of its profile, from where the axis meets the profile's
 //! plane, lies at X = e₁·(0, u, w) and Y = e₂·(0, u, w), so ρ² = X² + Y² without a difference of large numbers. With

@@ -1,5 +1,5 @@
 //! A scan without some of its points. In: which points of a used profile stay. Out: a scan of its own, and a solution of that
-//! put back in the places of the whole. Must not know why points are left out.
+//! put back in the places of the whole.
 
 use super::kernel::Inner;
 use super::solve::Solution;

@@ -1,5 +1,4 @@
-//! Scores of many cylinders over a few points of the whole scan, each with an x of its own. Must not know where the cylinders
-//! come from.
+//! Scores of many cylinders over a few points of the whole scan, each with an x of its own.
 
 use super::block::{BLOCK, LANES};
 use super::projection::View;

@@ -1,5 +1,5 @@
 //! The surface of the part: which cylinder the points lie on, and the points that say so. In: a scan and what is asked for.
-//! Out: the joint fit, or why there is none. Must not weigh how well it is known, nor judge profiles.
+//! Out: the joint fit, or why there is none.
 
 use super::beneath;
 use super::candidates::{self, Candidate, Choice, Noise};

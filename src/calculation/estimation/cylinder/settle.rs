@@ -1,6 +1,5 @@
-//! From a rough cylinder to the nearest robust fit of a sample: iteratively re-weighted least squares whose window shrinks
-//! from coarse to fine, so that the surface with most points near the start wins over what lies beside it.
-//! Must not know where the start came from.
+//! From a rough cylinder to the nearest robust fit of a sample: iteratively re-weighted least squares whose window shrinks from
+//! coarse to fine, so that the surface with most points near the start wins over what lies beside it.
 
 use super::kernel::Curvature;
 use super::model::Cylinder;

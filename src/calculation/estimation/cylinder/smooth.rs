@@ -1,6 +1,5 @@
 //! What is no layer: a part that is not quite round or straight, whose deviation is smooth while a layer has edges, and a stage
-//! that wanders, which shifts whole profiles. In: averages over patches. Out: the same without that. Must not judge what is
-//! left.
+//! that wanders, which shifts whole profiles. In: averages over patches. Out: the same without that.
 //!
 //! A polynomial, to the fourth degree along the arc and the second along x, follows an oval, a taper and a bow to a few
 //! hundredths of their height, and no step: one in the middle leaves a fifth of its height.

@@ -1,5 +1,4 @@
 //! The joint fit over every point of every profile by Newton's method.
-//! Must not know how the start was found or what becomes of the profiles.
 //!
 //! A sample's start is off by many standard deviations of the final fit, so one step over some of the profiles brings it
 //! near first; from there one pass over all points is usually enough. What a Newton step leaves is the curvature of the

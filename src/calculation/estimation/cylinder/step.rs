@@ -1,4 +1,4 @@
-//! One step of the parameters from the sums over points, with the radius free, held or fixed. Must not know the points.
+//! One step of the parameters from the sums over points, with the radius free, held or fixed.
 
 use super::sums::Sums;
 use nalgebra::{Matrix5, Vector5};

@@ -1,5 +1,4 @@
 //! Finds the parts of a scan by what lies between them: stretches of the rail without a profile that shows a part.
-//! Must not know poses.
 //!
 //! A profile that shows an arc all by itself among its neighbours is an accident and counts as none. A stretch of profiles
 //! that is too short to be measured (fewer than `profiles_min`, or shorter than `axial_length_min_mm`) is no part.

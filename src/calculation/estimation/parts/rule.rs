@@ -1,4 +1,4 @@
-//! How a scan is told to be of several parts, and whether that can be. Must not know scans.
+//! How a scan is told to be of several parts, and whether that can be.
 //!
 //! In a recipe: `"one"`, `{"by_gap": {"gap_min_mm": 20, "count": 2}}` or `{"windows": [{"name": …, "x_min_mm": …, …}]}`.
 

@@ -1,5 +1,5 @@
-//! Whether a profile shows a part: whether enough of its points lie on one circular arc. A floor, a step or the two planes of
-//! a V-block do not; few points do not either. Must not know gaps, nor which part it would be.
+//! Whether a profile shows a part: whether enough of its points lie on one circular arc. A floor, a step or the two planes of a
+//! V-block do not; few points do not either.
 //!
 //! Few-point consensus: circles through three points of a thinned profile until one has [`SHARE_MIN`] of the points within
 //! the tolerance t and these span [`ARC_MIN_DEG`]. A straight line stays within ±t of an arc of φ along a chord of at most

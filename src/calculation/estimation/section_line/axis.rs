@@ -1,9 +1,9 @@
 //! A robust straight line through the centres of the sections, and how well it is known.
 //!
-//! y = y_ref + p·(x − x_ref) and z likewise, each by weighted least squares, re-weighted by Tukey on the distance of the
-//! centre from the line, |P_i P_0 × T| / |T|, until it settles. The covariance is the sandwich B (Σ G_i G_iᵀ) Bᵀ with the
-//! profile as the cluster: whatever the points of a profile share is in its centre, so nothing is assumed about them.
-//! In: centres and radii of profiles. Out: axis, radius, covariance, weights. Must not know of points.
+//! y = y_ref + p·(x − x_ref) and z likewise, each by weighted least squares, re-weighted by Tukey on the distance of the centre
+//! from the line, |P_i P_0 × T| / |T|, until it settles. The covariance is the sandwich B (Σ G_i G_iᵀ) Bᵀ with the profile as
+//! the cluster: whatever the points of a profile share is in its centre, so nothing is assumed about them. In: centres and
+//! radii of profiles. Out: axis, radius, covariance, weights.
 
 use crate::estimation::robust;
 use crate::estimation::student::{TWO_SIGMA, coverage_ratio};

@@ -1,8 +1,8 @@
-//! How far a free ellipse on a part of its arc is pulled from the truth. The direct fit is biased along the viewing
-//! direction, more on shorter arcs and rougher surfaces, and no number of profiles removes that; so it belongs into the
-//! budget. Found by a parametric bootstrap: profiles are made on the fitted ellipse with the fitted spread, and noise that is as
-//! like from point to point as the residuals are (speckle), and fitted again; what they are off on average is the bias. The
-//! draws come from a fixed seed. Must not know other profiles.
+//! How far a free ellipse on a part of its arc is pulled from the truth. The direct fit is biased along the viewing direction,
+//! more on shorter arcs and rougher surfaces, and no number of profiles removes that; so it belongs into the budget. Found by a
+//! parametric bootstrap: profiles are made on the fitted ellipse with the fitted spread, and noise that is as like from point
+//! to point as the residuals are (speckle), and fitted again; what they are off on average is the bias. The draws come from a
+//! fixed seed.
 
 use super::section::Bench;
 use crate::estimation::{Section, Settings};

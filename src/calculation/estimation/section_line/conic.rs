@@ -5,7 +5,7 @@
 //! M symmetric 3×3 and K of the constraint; here M⁻¹ᐟ² K M⁻¹ᐟ² is diagonalised instead, which is symmetric, has exactly one
 //! positive eigenvalue by Sylvester's law, and stays defined on exact data, where M is singular.
 //!
-//! Coordinates come centred and scaled. Must not know of noise, profiles or millimetres.
+//! Coordinates come centred and scaled.
 
 use crate::geometry::{Angle, SectionEllipse};
 use nalgebra::{Matrix3, Matrix6, Vector3};

@@ -1,6 +1,5 @@
-//! The section of one profile by the published robust method: an ellipse, re-weighted until the points that do not
-//! belong to it have lost their say. In: the points of one profile. Out: the section and its diagnostics, or the reason
-//! why there is none. Must not know of other profiles.
+//! The section of one profile by the published robust method: an ellipse, re-weighted until the points that do not belong to it
+//! have lost their say. In: the points of one profile. Out: the section and its diagnostics, or the reason why there is none.
 
 use super::conic::Conic;
 use crate::estimation::linearity::Patches;

@@ -1,5 +1,4 @@
 //! Why a file cannot be read: each variant a reason with its numbers, each text what happened and what to do.
-//! Must not know about HTTP.
 
 use super::hints::{NumberHint, Pitches, json_hint};
 use super::{Format, Unit};

@@ -1,5 +1,4 @@
 //! The fields of one line of a table, without copying: by separator or by blanks, quoted or not.
-//! Must not know what the fields mean.
 
 use super::number::parse_number;
 

@@ -1,5 +1,4 @@
 //! Which format a file has: what its sender says first, what its first bytes say second, its name last.
-//! Must not know how any format is read.
 
 use super::DecodeError;
 use serde::{Deserialize, Serialize};

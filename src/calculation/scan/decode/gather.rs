@@ -1,5 +1,5 @@
-//! The one place where points enter a cloud: scales them, drops the missing, refuses the impossible, codes the stripes.
-//! Comes from every reader; goes out as a [`Cloud`]. Must not know about bytes or formats.
+//! The one place where points enter a cloud: scales them, drops the missing, refuses the impossible, codes the stripes. Comes
+//! from every reader; goes out as a [`Cloud`].
 
 use super::packed::{Packed, Run};
 use super::{DecodeError, Limits, Unit};

@@ -1,5 +1,4 @@
 //! Compressed transfer, gzip and zstd, undone within limits: a stream in, a longer stream out.
-//! Must not know what the stream holds.
 
 use super::{DecodeError, Limits};
 use flate2::bufread::MultiGzDecoder;

@@ -1,4 +1,4 @@
-//! Lines of text from a reader, one at a time into one buffer, none longer than allowed. Must not know what they mean.
+//! Lines of text from a reader, one at a time into one buffer, none longer than allowed.
 
 use super::{DecodeError, Limits};
 use std::io::{BufRead, Read};

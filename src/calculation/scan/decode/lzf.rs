@@ -1,4 +1,4 @@
-//! The LZF compression of PCD files: bytes in, bytes out, never more than asked for. Must not know what they mean.
+//! The LZF compression of PCD files: bytes in, bytes out, never more than asked for.
 //!
 //! A control byte below 32 announces that many literals and one; any other a copy from what was already written:
 //! three bits of length (7: the next byte adds to it) and thirteen bits of distance.

@@ -1,7 +1,7 @@
 //! From the bytes of a file to a cloud: one function per format behind [`decode`], total on any bytes.
 //!
-//! No reader panics, aborts, or reserves memory on the word of a length that the input has not backed with bytes; what
-//! a file may cost stands in [`Limits`]. Must not know what a profile is: that is decided by [`slice`](super::slice).
+//! No reader panics, aborts, or reserves memory on the word of a length that the input has not backed with bytes; what a file
+//! may cost stands in [`Limits`].
 //!
 //! ```text
 //! head ---find_format--> Format

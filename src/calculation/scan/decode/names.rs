@@ -1,5 +1,4 @@
 //! What the names of columns, properties and fields mean: a coordinate (perhaps with its unit) or the profile.
-//! Must not know which format they come from.
 
 use super::{DecodeError, Request, Unit, settle_unit};
 

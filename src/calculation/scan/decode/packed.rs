@@ -1,4 +1,4 @@
-//! Records of three little-endian floats and nothing else: the fast way into a cloud. Must not know about files.
+//! Records of three little-endian floats and nothing else: the fast way into a cloud.
 //!
 //! A scan of millions of points has to pass in a few sweeps over memory. So blocks are taken apart without a branch, and
 //! checked as a whole: one x, all finite, all within the limit. Only a block that is not goes point by point.

@@ -1,4 +1,4 @@
-//! The header of a PCD file: its fields, its size and how the points are stored. Must not know about coordinates.
+//! The header of a PCD file: its fields, its size and how the points are stored.
 
 use super::lines::{Lines, text, words};
 use super::names;

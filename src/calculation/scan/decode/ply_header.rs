@@ -1,4 +1,4 @@
-//! The header of a PLY file: its encoding and its elements. Must not know about points.
+//! The header of a PLY file: its encoding and its elements.
 
 use super::lines::{Lines, text, words};
 use super::names;

@@ -1,5 +1,4 @@
 //! Binary points, record after record, into a cloud. What PLY, PCD and NPY share once their headers are read.
-//! Must not know which of them it serves.
 //!
 //! Records of exactly three little-endian floats take the fast way of [`packed`](super::packed); others go point by point.
 

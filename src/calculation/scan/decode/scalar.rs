@@ -1,4 +1,4 @@
-//! Numbers as binary formats store them, and where they lie. Total on any bytes. Must not know about points.
+//! Numbers as binary formats store them, and where they lie. Total on any bytes.
 
 /// The kind of a stored number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

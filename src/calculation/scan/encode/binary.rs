@@ -1,4 +1,4 @@
-//! The binary formats that a scan is written in. Must not know about files.
+//! The binary formats that a scan is written in.
 
 use super::{is_single, longest};
 use crate::scan::{Scan, Station};

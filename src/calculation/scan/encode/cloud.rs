@@ -1,5 +1,5 @@
 //! A cloud as a file that reads back as the same cloud: binary PLY, with the profile of every point where the cloud has
-//! profiles. Must not know where the bytes go.
+//! profiles.
 
 use crate::scan::{Cloud, Columns, Labels};
 use std::io::{self, Write};

@@ -1,4 +1,4 @@
-//! The text formats that a scan is written in. Must not know about files.
+//! The text formats that a scan is written in.
 
 use super::longest;
 use crate::scan::Scan;

@@ -1,5 +1,4 @@
-//! Which rule tells the profiles of a cloud apart, and the key that it gives each stripe. Must not know about points:
-//! labels and x, which a stripe's points share, are all that any rule asks for.
+//! Which rule tells the profiles of a cloud apart, and the key that it gives each stripe.
 
 use super::SliceError;
 use crate::scan::decode::Limits;

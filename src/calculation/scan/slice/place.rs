@@ -1,4 +1,4 @@
-//! Moves a cloud into the rail frame and cuts it to a region. Must not know about profiles.
+//! Moves a cloud into the rail frame and cuts it to a region.
 
 use super::SliceError;
 use crate::geometry::Frame;

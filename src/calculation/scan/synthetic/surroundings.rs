@@ -1,5 +1,5 @@
-//! What a sensor sees beside a made part: the floor below it and a support next to it. In: the part and a plane. Out:
-//! points, left and right of the part's own. Must not know noise.
+//! What a sensor sees beside a made part: the floor below it and a support next to it. In: the part and a plane. Out: points,
+//! left and right of the part's own.
 
 use super::Part;
 

@@ -1,4 +1,4 @@
-//! The control channel: requests with a number, replies with the same number and a status. Must not know who is asked.
+//! The control channel: requests with a number, replies with the same number and a status.
 
 use super::CodecError;
 use super::fields::{Fields, frame};

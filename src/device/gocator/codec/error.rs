@@ -1,4 +1,4 @@
-//! Why bytes are no frame of the protocol. Must not know where they came from.
+//! Why bytes are no frame of the protocol.
 
 /// What is wrong with a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]

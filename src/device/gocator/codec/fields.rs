@@ -1,4 +1,4 @@
-//! Numbers at their places in a frame, and a frame from its parts. Must not know what any number means.
+//! Numbers at their places in a frame, and a frame from its parts.
 
 use super::CodecError;
 

@@ -1,4 +1,4 @@
-//! Health (message type 0): numbered values about the sensor itself. Must not know which of them matter.
+//! Health (message type 0): numbered values about the sensor itself.
 
 use super::CodecError;
 use super::fields::{Fields, frame, rows};

@@ -1,5 +1,5 @@
-//! What the sensor says about itself on the control channel: version, identity, state. Structures may be longer than we
-//! know them; what is behind our part is passed over. Must not know when it is asked.
+//! What the sensor says about itself on the control channel: version, identity, state. Structures may be longer than we know
+//! them; what is behind our part is passed over.
 
 use super::fields::Fields;
 use super::{CodecError, Command};

@@ -1,5 +1,5 @@
-//! Messages of the data and health channels by their types. Sixteen bits after the size hold the type and, topmost, whether
-//! the message is the last of its group; a group is a frame. Must not know what a group is made into.
+//! Messages of the data and health channels by their types. Sixteen bits after the size hold the type and, topmost, whether the
+//! message is the last of its group; a group is a frame.
 
 use super::fields::Fields;
 use super::{CodecError, Health, Intensity, Profiles, Stamps, Surface};

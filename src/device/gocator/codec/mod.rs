@@ -1,6 +1,6 @@
 //! The bytes of the Gocator protocol (firmware 4 to 6): from frames to what they say, and back. Pure: no socket, no clock.
-//! Total on any bytes: every length is checked against the bytes that are there before it is believed, and nothing is
-//! reserved on its word. Must not know scans, frames of reference or deadlines.
+//! Total on any bytes: every length is checked against the bytes that are there before it is believed, and nothing is reserved
+//! on its word.
 //!
 //! ```text
 //! bytes --Splitter--> frame --decode--> Message (borrowed from the frame) --encode--> the same bytes

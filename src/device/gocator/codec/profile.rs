@@ -1,5 +1,4 @@
 //! Profiles (message types 5 and 6) and their intensities (7): attributes, then the numbers of every profile.
-//! Must not know where in space they lie.
 
 use super::fields::{Fields, frame, rows};
 use super::message::{Generation, flagged, kind};

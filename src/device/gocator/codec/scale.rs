@@ -1,5 +1,4 @@
 //! From the sensor's 16-bit numbers to millimetres and back: mm = offset_um / 1000 + raw · scale_nm / 10⁶.
-//! Must not know which coordinate it is.
 
 use super::CodecError;
 use super::fields::Fields;

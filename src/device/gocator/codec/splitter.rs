@@ -1,5 +1,5 @@
-//! A stream of bytes into frames. Bytes are read straight into [`Splitter::room`]; frames come out borrowed. The buffer
-//! grows as bytes come and never on the word of a length. Must not know what a frame says.
+//! A stream of bytes into frames. Bytes are read straight into [`Splitter::room`]; frames come out borrowed. The buffer grows
+//! as bytes come and never on the word of a length.
 
 use super::CodecError;
 

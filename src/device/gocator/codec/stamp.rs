@@ -1,4 +1,4 @@
-//! Stamps (message type 1): when and where the frame of a group was taken. Must not know the frame.
+//! Stamps (message type 1): when and where the frame of a group was taken.
 
 use super::CodecError;
 use super::fields::{Fields, frame, rows};

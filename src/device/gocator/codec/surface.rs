@@ -1,4 +1,4 @@
-//! Uniform surfaces (message type 8): rows of z at even steps of x and y. Must not know where in space they lie.
+//! Uniform surfaces (message type 8): rows of z at even steps of x and y.
 
 use super::fields::{Fields, frame, rows};
 use super::message::{Generation, flagged, kind};

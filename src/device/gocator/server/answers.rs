@@ -1,6 +1,6 @@
-//! The control channel of a simulated sensor: a request in, a reply out, one at a time, as long as the client stays.
-//! What it does not know it refuses by name, the first frame of the maker's client among it: that is in the form of an older
-//! protocol, and such a client takes the refusal for what it is. Must not know what is sent on the data channel.
+//! The control channel of a simulated sensor: a request in, a reply out, one at a time, as long as the client stays. What it
+//! does not know it refuses by name, the first frame of the maker's client among it: that is in the form of an older protocol,
+//! and such a client takes the refusal for what it is.
 
 use super::super::codec::{
     Command, Reply, Request, SensorState, Splitter, Status, VERSION_MAJOR, VERSION_MINOR, Version,

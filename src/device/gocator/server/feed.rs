@@ -1,5 +1,5 @@
-//! The data channel of a simulated sensor: what its source sees, to everyone who listens, from start to stop. A client
-//! hears whole messages or none; one that does not read for long is let go. Must not know the control channel.
+//! The data channel of a simulated sensor: what its source sees, to everyone who listens, from start to stop. A client hears
+//! whole messages or none; one that does not read for long is let go.
 
 use super::form::Form;
 use super::source::{Source, Taken};

@@ -1,5 +1,4 @@
 //! What is seen into the bytes of one of three forms: point clouds, uniform profiles, or one uniform surface at the end.
-//! Must not know who gets them.
 
 use super::super::codec::{Generation, INVALID, Profiles, Scale, Stamp, Stamps, Surface, kind};
 use super::source::Taken;

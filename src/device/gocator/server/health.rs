@@ -1,5 +1,4 @@
-//! The health channel of a simulated sensor: how it is, at once, again when that changes, and every period. Must not know
-//! what is scanned.
+//! The health channel of a simulated sensor: how it is, at once, again when that changes, and every period.
 
 use super::super::codec::{Health, Indicator, indicator};
 use super::Shared;

@@ -1,5 +1,5 @@
-//! A simulated sensor that speaks the protocol: control, data and health, as many clients as come. What it sees comes from
-//! a [`Source`]. Faults on demand. Must not know our client.
+//! A simulated sensor that speaks the protocol: control, data and health, as many clients as come. What it sees comes from a
+//! [`Source`]. Faults on demand.
 
 mod answers;
 mod feed;

@@ -1,4 +1,4 @@
-//! What a simulated sensor sees: profiles in its own coordinates, as they fall due. Must not know how they are sent.
+//! What a simulated sensor sees: profiles in its own coordinates, as they fall due.
 
 use super::super::extrinsic::Placement;
 use crate::device::Pending;

@@ -1,5 +1,5 @@
-//! The register map as data: where each field is and how it is written. The default is map v1 of docs/modbus.md; any other
-//! map is a matter of configuration. Must not know values.
+//! The register map as data: where each field is and how it is written. The default is map v1 of docs/modbus.md; any other map
+//! is a matter of configuration.
 
 mod check;
 mod place;

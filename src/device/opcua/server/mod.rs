@@ -1,5 +1,5 @@
 //! A simulated PLC as an OPC UA server: the other side of the adaptor, for trying coaxis without a machine, and for its tests.
-//! Anonymous and unencrypted; a real PLC must not be. In: controllers. Out: a server. Must not know the adaptor.
+//! Anonymous and unencrypted; a real PLC must not be. In: controllers. Out: a server.
 
 pub(super) mod image;
 mod plc;

@@ -1,5 +1,5 @@
 //! What a PLC keeps between its controllers and its nodes: an image of the status, made anew once a cycle, and what was written
-//! of the next command. In: values of nodes, and the time. Out: values of nodes. Must not know sessions.
+//! of the next command. In: values of nodes, and the time. Out: values of nodes.
 
 use super::image::{command, value};
 use crate::device::opcua::clock::now;

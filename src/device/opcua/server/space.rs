@@ -1,5 +1,5 @@
-//! The address space of a simulated PLC: every node of the layout at the place where the settings have it, and its values
-//! from the PLC. Must not know sessions, nor how a controller moves.
+//! The address space of a simulated PLC: every node of the layout at the place where the settings have it, and its values from
+//! the PLC.
 
 use super::plc::Plc;
 use crate::device::opcua::layout::{Node, Step, steps};

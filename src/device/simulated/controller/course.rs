@@ -1,5 +1,4 @@
-//! What a made controller does over time: runs its axes in even steps, ends what is done, stops what must not go on. Must not
-//! know which commands are allowed, nor who asks.
+//! What a made controller does over time: runs its axes in even steps, ends what is done, stops what must not go on.
 
 use super::{Controller, code};
 use crate::device::{Action, CommandResult};

@@ -1,5 +1,5 @@
 //! What a made controller refuses to do, and why: its own mode, safety, references and limits. In: an action. Out: a [`code`]
-//! where it is refused. Must not know sequence numbers or time.
+//! where it is refused.
 
 use super::{Controller, Task, code};
 use crate::device::{Action, Mode};

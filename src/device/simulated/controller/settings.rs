@@ -1,4 +1,4 @@
-//! What a made controller is like: its limits, its watchdog, its play. Must not know what it does.
+//! What a made controller is like: its limits, its watchdog, its play.
 
 use crate::motion::{Axes, AxisLimits, Position};
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! How a made controller is, as it says it: the whole device, and each axis. Must not change anything but the time.
+//! How a made controller is, as it says it: the whole device, and each axis.
 
 use super::Controller;
 use super::course::Task;
