@@ -1,5 +1,5 @@
 //! A scan over the sensor's own protocol, from the last profile on the wire to the answer: a simulated Gocator in this process
-//! sends a made part at an even pace, the program takes it as a service, and a client waits for the measurement. Prints how
+//! sends a synthetic part at an even pace, the program takes it as a service, and a client waits for the measurement. Prints how
 //! long after the last profile the answer was there, what share of a core the service took while profiles came, how many
 //! profiles were lost, and how far the pose is from that of the same scan as a file.
 //!

@@ -20,7 +20,7 @@
 //! ```
 //!
 //! Read them in the order in which data pass: geometry, scan, estimation, plot, motion, device, cell, store, config, service,
-//! http, cli. Nothing points back: `tests/house.rs` reads the imports and holds us to it. The first five are a crate of their own,
+//! http, cli. Nothing points back: `tests/architecture.rs` reads the imports and holds us to it. The first five are a crate of their own,
 //! `coaxis-calculation` in src/calculation, which is here under the same names: it neither waits, logs nor reads a clock, and
 //! chance comes from seeds.
 

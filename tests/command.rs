@@ -37,7 +37,7 @@ fn folder(name: &str) -> PathBuf {
     folder
 }
 
-/// A small made scan; the ending of the name decides its format.
+/// A small synthetic scan; the ending of the name decides its format.
 fn made(file: &Path) -> String {
     fs::create_dir_all(file.parent().expect("a folder")).expect("a folder");
     let name = file.display().to_string();

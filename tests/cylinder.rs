@@ -1,4 +1,4 @@
-//! The joint method on made parts: as good as the data allow (the Cramér-Rao bound of the points that truly lie on the
+//! The joint method on synthetic parts: as good as the data allow (the Cramér-Rao bound of the points that truly lie on the
 //! part), never taken in by what sits on it, and refusing where nobody could tell. Truth and bound come from the maker of
 //! the parts, never from an estimate.
 
@@ -148,14 +148,14 @@ fn clamps_need_not_be_concentric_nor_in_the_middle() {
         reaches_the_bound("shifted", &settings, |s| Part { interference: shifted, ..part(s) });
     }
     let shapes = [
-        ("flat jaws", ClampShape::Flat),
-        ("round jaws of 120 mm", ClampShape::Round { radius_mm: 120.0 }),
-        ("round jaws of 400 mm", ClampShape::Round { radius_mm: 400.0 }),
+        ("flat clamps", ClampShape::Flat),
+        ("round clamps of 120 mm", ClampShape::Round { radius_mm: 120.0 }),
+        ("round clamps of 400 mm", ClampShape::Round { radius_mm: 400.0 }),
     ];
     for (name, clamp_shape) in shapes {
         for (clamps, clamp_arc, shift) in [(0.6, 0.5, 0.0), (0.8, 0.6, 0.15)] {
-            let jaw = Interference { clamp_shape, shift, ..clamped(clamps, clamp_arc, 25.0) };
-            reaches_the_bound(name, &settings, |s| Part { interference: jaw, ..part(s) });
+            let clamp = Interference { clamp_shape, shift, ..clamped(clamps, clamp_arc, 25.0) };
+            reaches_the_bound(name, &settings, |s| Part { interference: clamp, ..part(s) });
         }
     }
 }
@@ -326,7 +326,7 @@ fn neither_the_number_of_threads_nor_that_of_passes_shows_in_the_result() {
 
 #[test]
 fn a_pose_that_rests_on_profiles_of_which_none_is_valid_has_residuals() {
-    // More than half of every profile lies under a clamp, so none has its 85 % of inner points.
+    // More than half of every profile lies under a clamp, so none has its 85 % of inliers.
     let part = Part { interference: clamped(1.0, 0.6, 25.0), ..part(1) };
     let (estimate, _) = measure(&part, &Settings { nominal_radius_mm: Some(200.0), ..cylinder() });
     assert!(matches!(estimate.outcome, Outcome::Accepted(_)));

@@ -1,4 +1,4 @@
-//! A part that is no straight cylinder is told from one: made parts are tapered and bent by known amounts, and the pose must
+//! A part that is no straight cylinder is told from one: synthetic parts are tapered and bent by known amounts, and the pose must
 //! say so and hold the truth within what it states.
 
 #![expect(clippy::panic, clippy::expect_used, reason = "a test may fail")]
@@ -187,11 +187,11 @@ fn a_floor_that_crosses_the_circle_far_from_a_short_arc_does_not_hold_the_radius
     }
 }
 
-/// A jaw that follows the part lies on 60 % of the arc of every profile: nothing but a nominal radius tells which is the part,
+/// A clamp that follows the part lies on 60 % of the arc of every profile: nothing but a nominal radius tells which is the part,
 /// and it does so whether the radius is fitted or held.
 #[test]
-fn a_jaw_on_every_profile_is_told_by_the_nominal_radius_alone() {
-    let jaw = Interference {
+fn a_clamp_on_every_profile_is_told_by_the_nominal_radius_alone() {
+    let clamp = Interference {
         clamps: 1.0,
         clamp_arc: 0.6,
         clamp_height_mm: 2.0,
@@ -199,7 +199,7 @@ fn a_jaw_on_every_profile_is_told_by_the_nominal_radius_alone() {
         ..Interference::NONE
     };
     for seed in 0..4 {
-        let part = Part { interference: jaw, ..part(seed) };
+        let part = Part { interference: clamp, ..part(seed) };
         let (scan, truth) = make(&part).expect("a part");
         let nominal = |nominal_radius_mm, radius| Settings { nominal_radius_mm, radius, ..Settings::default() };
         let refused = estimate(&scan, &nominal(None, RadiusRule::Free), &Progress::default());

@@ -1,5 +1,5 @@
 //! Laws that any estimate must obey, whatever the method: exact data give exact answers, and moving, turning, scaling or
-//! shuffling the input does to the output what it should. Truth is the made part; no figure comes from our own output.
+//! shuffling the input does to the output what it should. Truth is the synthetic part; no figure comes from our own output.
 
 #![expect(clippy::expect_used, clippy::panic, reason = "a test may fail")]
 

@@ -53,7 +53,7 @@ fn json_of(path: &Path) -> Value {
     serde_json::from_slice(&fs::read(path).expect("the file is there")).expect("JSON")
 }
 
-/// Every made scan with its truth.
+/// Every synthetic scan with its truth.
 fn made() -> Vec<(String, Truth)> {
     let files = fs::read_dir(data("made")).expect("the folder is there");
     let names = files.map(|file| format!("made/{}", file.expect("readable").file_name().display()));

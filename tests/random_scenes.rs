@@ -45,7 +45,7 @@ const UNCERTAINTIES_MAX: f64 = 5.0;
 /// and by more than rounding, mm and radians.
 const ROUNDING: f64 = 1e-9;
 
-/// Share of the scenes that may be refused; in most of these a layer or jaw is on every profile.
+/// Share of the scenes that may be refused; in most of these a layer or clamp is on every profile.
 const REFUSED_MAX: f64 = 0.08;
 
 struct Chance(ChaCha8Rng);

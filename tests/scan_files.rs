@@ -36,7 +36,7 @@ fn scan_of(cloud: Cloud) -> Scan {
     slice(cloud, &SliceRequest::default(), &Limits::default()).expect("slices")
 }
 
-/// (profiles, places for points) of a made scan.
+/// (profiles, places for points) of a synthetic scan.
 fn truth_of(name: &str) -> (usize, usize) {
     let truth: serde_json::Value = serde_json::from_slice(&bytes_of(name)).expect("JSON");
     let count = |key: &str| usize::try_from(truth[key].as_u64().expect("a count")).expect("small");

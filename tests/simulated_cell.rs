@@ -1,5 +1,5 @@
-//! The made cell keeps the contract that every adaptor keeps, fails as it is told to, and shows its sensor the part where
-//! the manipulators really carry it. Truth is the made part; time is paused.
+//! The simulated cell keeps the contract that every adaptor keeps, fails as it is told to, and shows its sensor the part where
+//! the manipulators really carry it. Truth is the synthetic part; time is paused.
 
 #![expect(
     clippy::expect_used,

@@ -1,4 +1,4 @@
-//! What calibration says goes into the budget as it goes into the pose: made scans are disturbed as the budget assumes, and
+//! What calibration says goes into the budget as it goes into the pose: synthetic scans are disturbed as the budget assumes, and
 //! the poses must scatter as it states.
 
 #![expect(

@@ -23,7 +23,7 @@ pub struct Event {
 /// What can happen.
 #[derive(Debug, Clone, PartialEq)]
 pub enum EventKind {
-    /// The cell does something else now.
+    /// The cell is busy with another command now.
     StateChanged {
         /// What it did.
         from: State,

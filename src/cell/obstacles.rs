@@ -15,7 +15,7 @@ const SCAN_LEAST: f64 = 0.001;
 /// Relative slack of a device's own limits: what single precision on the way may round.
 const ROUNDING: f64 = 1e-6;
 
-/// Everything that keeps the two manipulators from being moved, the first to see to first.
+/// Everything that keeps the two manipulators from being moved, the most urgent first.
 pub(super) fn of_move(live: &Pair<Live<Reading>>, now: Instant) -> Vec<Refusal> {
     let found = live.iter().map(|(carrier, one)| match good(one, now) {
         Ok(reading) => of_reading(&one.name, carrier, reading),

@@ -93,7 +93,7 @@ pub enum Refusal {
         /// Its id.
         job: String,
     },
-    /// The stage cannot go there, or not as fast.
+    /// The scan is beyond the range or the speed of the stage.
     #[error("{} is {}; it must be from {} to {}", what.said(), said(*given), said(*least), said(*most))]
     ScanOutOfRange {
         /// Which number of the order.
@@ -105,7 +105,7 @@ pub enum Refusal {
         /// Most.
         most: f64,
     },
-    /// A device moves that nobody here has told to.
+    /// A device is moving without a command from coaxis.
     #[error("{device} moves")]
     Moves {
         /// Its name in the configuration.

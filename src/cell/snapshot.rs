@@ -36,7 +36,7 @@ pub struct Snapshot {
     pub sensor: Option<Live<SensorReading>>,
     /// A move by the holder of the lease would be begun.
     pub commands_allowed: bool,
-    /// Why not; all reasons, the first to see to first.
+    /// Why not; all reasons, the most urgent first.
     pub reasons: Vec<Refusal>,
 }
 

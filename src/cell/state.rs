@@ -15,7 +15,7 @@
 //!  any --- a link lost (not while offline), a fault, an outcome unknown ---> faulted (every device is told to halt)
 //! ```
 //!
-//! The good path: offline, idle, moving, idle. Words in -ing pass by themselves; `faulted` is left only by a reset. `requests`
+//! The good path: offline, idle, moving, idle. States ending in -ing are transient; `faulted` is left only by a reset. `requests`
 //! decides what is asked, `events` what happens.
 
 mod events;

@@ -1,4 +1,4 @@
-//! `coaxis demo`: the product in one command. Starts the service, sends it a made scan full of interference, has the made cell
+//! `coaxis demo`: the product in one command. Starts the service, sends it a synthetic scan with interference, has the simulated cell
 //! scan its part and move it to a target, and shows the poses beside the truth, where the pictures are and what to type next.
 
 use super::config::Sources;
@@ -20,7 +20,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Start the service, measure a made scan and show the pose beside the truth; then keep serving
+/// Start the service, measure a synthetic scan and show the pose beside the truth; then keep serving
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
     #[command(flatten)]
@@ -42,7 +42,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     if config.log.filter == crate::config::Log::default().filter {
         config.log.filter = "warn".to_owned();
     }
-    // A made cell has no reason to be slow.
+    // A simulated cell has no reason to be slow.
     if config.cell.simulated.time_factor == crate::device::simulated::Settings::default().time_factor {
         config.cell.simulated.time_factor = TIME_FACTOR;
     }
@@ -97,7 +97,7 @@ async fn show(base: &str, folder: &Path, world: Option<&World>, once: bool) -> R
 fn report(base: &str, file: &Path, truth: &Truth, measurements: &[(Method, Value)]) -> String {
     let file = file.display();
     let mut text = format!(
-        "coaxis listens on {base}\n\nA made part of {} mm radius, {} profiles of {} points, with screw holes, straight holes and \
+        "coaxis listens on {base}\n\nA synthetic part of {} mm radius, {} profiles of {} points, with screw holes, straight holes and \
          clamps on it:\n{file}\n\n{:<16}{:>10}",
         truth.radius_mm, truth.profiles_count, truth.points_per_profile_count, "", "truth"
     );

@@ -1,4 +1,4 @@
-//! The demonstration's second half: the made cell scans its part, plans how to bring it to a target, moves, and scans again.
+//! The demonstration's second half: the simulated cell scans its part, plans how to bring it to a target, moves, and scans again.
 //! Everything goes over HTTP, as a client would do it; only the truth is looked up.
 
 use super::client::{self, Answer};
@@ -80,7 +80,7 @@ async fn until(base: &str, so: impl Fn(&Value) -> bool) -> Result<(), Box<dyn Er
         }
         sleep(LOOK).await;
     }
-    Err("the made cell does not become ready; GET /v1/cell says why".into())
+    Err("the simulated cell does not become ready; GET /v1/cell says why".into())
 }
 
 async fn release(base: &str, lease: &Value) -> Result<(), Box<dyn Error>> {
@@ -120,7 +120,7 @@ fn report(plan: &Value, [(before, true_before), (after, true_after)]: [(&Value, 
     let number =
         |document: &Value, pointer: &str| document.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN);
     let mut text = format!(
-        "\nThe made cell has scanned its part, moved it to a target by plan {} ({:.1} s, strain {:.4} mm) and scanned again:\n\
+        "\nThe simulated cell has scanned its part, moved it to a target by plan {} ({:.1} s, strain {:.4} mm) and scanned again:\n\
          {:<16}{:>12}{:>12}{:>12}{:>12}{:>12}",
         text(plan, "id"),
         number(plan, "/duration_s"),

@@ -22,7 +22,7 @@ use std::process::ExitCode;
 /// Measure scan files offline; exit code 0 accepted, 2 refused, 1 anything else
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// Scan files, - for standard input; gzip and zstd are undone
+    /// Scan files, - for standard input; gzip and zstd are decompressed
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Print one JSON document a line, also on a terminal
@@ -43,7 +43,7 @@ pub(super) struct Arguments {
     /// Which end faces are measured: none, near, far or both
     #[arg(long, value_name = "WHICH", value_parser = end_face)]
     end_face: Option<EndFaceRule>,
-    /// A point nearer than this to its section is an inner point
+    /// A point nearer than this to its section is an inlier
     #[arg(long, value_name = "MM", allow_hyphen_values = true)]
     epsilon_mm: Option<f64>,
     #[command(flatten)]

@@ -21,7 +21,7 @@ pub(super) struct SceneArguments {
     /// Standard deviation by which whole profiles are off, in y and in z
     #[arg(long, value_name = "MM", default_value_t = 0.0, allow_hyphen_values = true)]
     jitter_mm: f64,
-    /// Face of the clamps: concentric, flat, or the radius of a round jaw in mm
+    /// Face of the clamps: concentric, flat, or the radius of a round clamp in mm
     #[arg(long, value_name = "SHAPE", default_value = "concentric", value_parser = clamp_shape)]
     clamp_shape: ClampShape,
     /// How far from the middle of the arc holes and clamps stand, as a share of it

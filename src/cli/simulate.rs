@@ -26,7 +26,7 @@ pub(super) enum Subject {
     Gocator(super::simulate_gocator::Arguments),
 }
 
-/// Write the scan of a made part, and its truth beside it (NAME.truth.json)
+/// Write the scan of a synthetic part, and its truth beside it (NAME.truth.json)
 #[derive(Debug, clap::Args)]
 pub(super) struct ScanArguments {
     /// Where to; the ending decides the format: ply, pcd, npy, npz, csv, json

@@ -1,5 +1,5 @@
 //! `coaxis simulate gocator`: a sensor that is none, to try a cell or another client against. On every start it sends the
-//! profiles of a scan file or of a made part.
+//! profiles of a scan file or of a synthetic part.
 
 use super::{Outcome, print};
 use crate::device::gocator::codec::Identity;
@@ -38,7 +38,7 @@ pub(super) struct Arguments {
     /// Port of the health channel; 0 takes any
     #[arg(long, value_name = "PORT", default_value_t = 3194)]
     health_port: u16,
-    /// Scan file to send; without one, a made part with screw holes, straight holes and clamps
+    /// Scan file to send; without one, a synthetic part with screw holes, straight holes and clamps
     #[arg(long, value_name = "FILE")]
     scan: Option<PathBuf>,
     /// The same seed makes the same part

@@ -72,7 +72,7 @@ pub(super) struct CreateQuery {
 
 /// Keep a scan
 ///
-/// The bytes are kept under their SHA-256 after they were read once; gzip and zstd are undone, whether
+/// The bytes are kept under their SHA-256 after they were read once; gzip and zstd are decompressed, whether
 /// Content-Encoding says so or their first bytes do.
 #[utoipa::path(
     post, path = "/v1/scans", tag = "scans", params(CreateQuery),
@@ -146,7 +146,7 @@ pub(super) async fn get_scan(
 
 /// Get the bytes of a scan
 ///
-/// Exactly as they were sent, after gzip or zstd was undone: they are compared with the id first.
+/// Exactly as they were sent, after gzip or zstd was decompressed: they are compared with the id first.
 #[utoipa::path(
     get, path = "/v1/scans/{id}/content", tag = "scans",
     params(("id" = String, Path, description = "Id of the scan")),

@@ -40,8 +40,8 @@ pub struct Place {
 /// Why a calculation was not made, or not finished.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum ComputeError {
-    /// As many run and wait as may.
-    #[error("{running_max} calculations run and {queue_max} wait, which is as many as may")]
+    /// The queue is full.
+    #[error("{running_max} calculations run and {queue_max} wait, which are all that are allowed")]
     Busy {
         /// Calculations that may run at a time.
         running_max: usize,

@@ -15,7 +15,7 @@ pub enum ServiceError {
     #[error(transparent)]
     Compute(#[from] ComputeError),
     /// As many uploads are under way as may be.
-    #[error("{uploads_max} uploads are under way, which is as many as may be")]
+    #[error("{uploads_max} uploads are under way, which are all that are allowed")]
     UploadsBusy {
         /// Uploads that may be under way.
         uploads_max: usize,
@@ -59,8 +59,8 @@ pub enum ServiceError {
         /// Its id.
         id: String,
     },
-    /// This measurement by the sensor came to nothing.
-    #[error("the measurement {id} came to nothing: {text}")]
+    /// This measurement by the sensor failed.
+    #[error("the measurement {id} failed: {text}")]
     MeasurementFailed {
         /// Its id.
         id: String,
@@ -135,7 +135,7 @@ pub enum ServiceError {
         /// Its id.
         measurement_id: String,
     },
-    /// A value of the request cannot be.
+    /// A request value is out of range.
     #[error("{field} must be {allowed}")]
     Value {
         /// Which.

@@ -43,7 +43,7 @@ pub enum Happening {
         /// Whether it has a pose.
         verdict: Verdict,
     },
-    /// A measurement by the sensor came to nothing.
+    /// A measurement by the sensor failed.
     NotMeasured {
         /// Its id.
         measurement_id: String,

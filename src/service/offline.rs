@@ -31,7 +31,7 @@ pub struct Offline {
     pub scan: Scan,
 }
 
-/// Measures what `source` holds; gzip and zstd are undone first. The bytes are hashed on the way, on a thread of their own.
+/// Measures what `source` holds; gzip and zstd are decompressed first. The bytes are hashed on the way, on a thread of their own.
 ///
 /// # Errors
 /// [`MeasureError`] with what is wrong with the file.

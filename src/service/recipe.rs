@@ -21,7 +21,7 @@ pub struct Recipe {
     /// How the pose is found.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub method: Option<Method>,
-    /// A point nearer than this to its ellipse is an inner point. Shuts out `epsilon_noise_multiple`.
+    /// A point nearer than this to its ellipse is an inlier. Shuts out `epsilon_noise_multiple`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub epsilon_mm: Option<f64>,
     /// The same as a multiple of `noise_sigma_mm`.
@@ -30,7 +30,7 @@ pub struct Recipe {
     /// The sensor's noise, one standard deviation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_sigma_mm: Option<f64>,
-    /// A profile with a smaller share of inner points is rejected.
+    /// A profile with a smaller share of inliers is rejected.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub inlier_ratio_min: Option<f64>,
     /// Re-weighted ellipse fits of one profile.
@@ -39,7 +39,7 @@ pub struct Recipe {
     /// A profile with fewer points is rejected.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub points_min: Option<u32>,
-    /// A profile whose inner points span a smaller arc is rejected.
+    /// A profile whose inliers span a smaller arc is rejected.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub arc_min_deg: Option<f64>,
     /// Fewer valid profiles than this refuse the scan.

@@ -38,7 +38,7 @@ pub type SensorScan = Recorded<SensorOrder>;
 pub enum AnyMeasurement {
     /// It ran.
     Ran(Box<Measurement>),
-    /// It scans, or it came to nothing.
+    /// It scans, or it failed.
     Scan(Box<SensorScan>),
 }
 
@@ -143,7 +143,7 @@ impl Service {
         self.list_jobs(Kind::Scan, Some(standing), page).await
     }
 
-    /// Why there is no record of a measurement: it still scans, came to nothing, or never was.
+    /// Why there is no record of a measurement: it still scans, failed, or never was.
     pub(super) async fn why_not_measured(&self, id: &str) -> ServiceError {
         let id = id.to_owned();
         match self.scan_job(&id).await {

@@ -1,4 +1,4 @@
-//! What the tests on made parts share: how many of them, and how far an answer is from the truth. Truth comes from the
+//! What the tests on synthetic parts share: how many of them, and how far an answer is from the truth. Truth comes from the
 //! maker of the parts, never from an estimate.
 
 use coaxis::estimation::Pose;

@@ -161,9 +161,9 @@ pub struct Section {
     pub sigma: f64,
     /// Share of the points nearer than ε.
     pub inlier_ratio: f64,
-    /// Root mean square residual of the inner points, mm; 0 where there is none.
+    /// Root mean square residual of the inliers, mm; 0 where there is none.
     pub rms: f64,
-    /// Angle that the inner points span, seen from the centre.
+    /// Angle that the inliers span, seen from the centre.
     pub arc: Angle,
     /// Fits made.
     pub iterations_count: u32,
@@ -180,9 +180,9 @@ pub enum Reason {
     TooFewPoints,
     /// No ellipse could be fitted.
     NotConverged,
-    /// Too small a share of inner points.
+    /// Too small a share of inliers.
     LowInlierRatio,
-    /// The inner points span too small an arc; a straight line does, too.
+    /// The inliers span too small an arc; a straight line does, too.
     ArcTooShort,
     /// Its centre lies too far from the axis that the other profiles agree on.
     OffAxis,
@@ -254,7 +254,7 @@ pub struct Conditioning {
 pub struct Residuals {
     /// Median of the sections' robust spreads, mm.
     pub sigma: f64,
-    /// Share of inner points among all points of the valid profiles.
+    /// Share of inliers among all points of the valid profiles.
     pub inlier_ratio: f64,
 }
 

@@ -59,7 +59,7 @@ pub enum Refusal {
         most_common: Reason,
         /// Median spread of the points about their sections, mm; `None` without a section.
         sigma_mm: Option<f64>,
-        /// What counts as an inner point, mm.
+        /// What counts as an inlier, mm.
         epsilon_mm: f64,
     },
     /// The valid profiles lie too close together to give a direction.

@@ -160,17 +160,17 @@ impl End {
 pub struct Settings {
     /// How the pose is found.
     pub method: Method,
-    /// A point nearer than this to its ellipse is an inner point. A radius below four of these is not resolved.
+    /// A point nearer than this to its ellipse is an inlier. A radius below four of these is not resolved.
     ///
     /// 0.111 mm reproduces the published inner ratio of 97.4 % on a smooth profile with a noise of 0.05 mm in y and z.
     pub epsilon_mm: f64,
-    /// A profile with a smaller share of inner points is rejected.
+    /// A profile with a smaller share of inliers is rejected.
     pub inlier_ratio_min: f64,
     /// Re-weighted ellipse fits of one profile, 1 to 50 (3 to 5 in the publication).
     pub iterations_max: u32,
     /// A profile with fewer points is rejected.
     pub points_min: u32,
-    /// A profile whose inner points span a smaller arc is rejected.
+    /// A profile whose inliers span a smaller arc is rejected.
     pub arc_min_deg: f64,
     /// Fewer valid profiles than this refuse the scan.
     pub profiles_min: u32,
@@ -236,7 +236,7 @@ pub struct SettingError {
     pub value: f64,
 }
 
-/// A radius below this many ε is not resolved: every point is an inner point of it.
+/// A radius below this many ε is not resolved: every point is an inlier of it.
 const RESOLVED: f64 = 4.0;
 
 impl Settings {

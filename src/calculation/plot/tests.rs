@@ -26,7 +26,7 @@ const SUBJECT: Subject<'_> = Subject {
 };
 const RADIUS: f64 = 200.0;
 
-/// A made part: profiles of a known cylinder, some of them with a clamp that spoils their centre.
+/// A synthetic part: profiles of a known cylinder, some of them with a clamp that spoils their centre.
 struct Made {
     axis: AxisLine,
     spacing: f64,

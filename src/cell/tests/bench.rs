@@ -1,4 +1,4 @@
-//! A made cell with a cell in charge of it, and eyes on what really goes over the lines.
+//! A simulated cell with a cell in charge of it, and eyes on what really goes over the lines.
 
 use crate::cell::start::start;
 use crate::cell::{Cell, Devices, Job, LeaseRequest, Manual, Settings, Snapshot, State, now};

@@ -12,7 +12,7 @@ use std::time::Duration;
 /// Faults that struck and are remembered; the oldest go first.
 const STRUCK_MAX: usize = 4096;
 
-/// A device of the made cell.
+/// A device of the simulated cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Device {
     /// One of the two.

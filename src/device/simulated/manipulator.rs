@@ -18,7 +18,7 @@ impl SimulatedManipulator {
         Self { carrier, link, gate: FenceGate::default() }
     }
 
-    /// Which device of the made cell it is.
+    /// Which device of the simulated cell it is.
     #[must_use]
     pub const fn device(&self) -> Device {
         Device::Manipulator(self.carrier)

@@ -1,4 +1,4 @@
-//! The made cell: devices that behave like real ones, with faults on demand, for tests and for trying coaxis without a
+//! The simulated cell: devices that behave like real ones, with faults on demand, for tests and for trying coaxis without a
 //! machine. Seeded, on tokio's clock.
 //!
 //! ```text

@@ -1,4 +1,4 @@
-//! The profile sensor of the made cell: armed, it takes a profile each time that the stage has come one pitch further. In:
+//! The profile sensor of the simulated cell: armed, it takes a profile each time that the stage has come one pitch further. In:
 //! where the stage is and where the part lies. Out: profiles in the rail frame.
 
 use super::part::Place;

@@ -1,4 +1,4 @@
-//! What the made cell is like, as the configuration says it: lengths in mm, angles in degrees. Defaults are the published
+//! What the simulated cell is like, as the configuration says it: lengths in mm, angles in degrees. Defaults are the published
 //! situation: a part of 200 mm radius with holes and clamps on it, tilted by about a degree.
 
 use super::rail::{Rail, Straightness};
@@ -6,7 +6,7 @@ use crate::motion::{Axes, Axis, AxisLimits, Pair};
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 
-/// The made cell. The same settings and the same course of events give the same bytes.
+/// The simulated cell. The same settings and the same course of events give the same bytes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
@@ -322,7 +322,7 @@ fn below(name: &'static str, lower: f64, upper: f64) -> Result<(), SettingError>
     if lower < upper { Ok(()) } else { Err(SettingError::Inverted { name, lower, upper }) }
 }
 
-/// Checks what stands around the made cell.
+/// Checks what stands around the simulated cell.
 pub(super) fn check_mountings(mountings: &Pair<Mounting>) -> Result<(), SettingError> {
     for (_, mounting) in mountings.iter() {
         for (axis, own) in mounting.limits.iter() {

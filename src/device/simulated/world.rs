@@ -1,4 +1,4 @@
-//! The made cell itself: a part on two manipulators, a stage with a sensor above it, one simulated time for all. In: requests
+//! The simulated cell itself: a part on two manipulators, a stage with a sensor above it, one simulated time for all. In: requests
 //! of the adaptors, each at its moment. Out: what the devices answer, and the truth.
 
 use super::carriage::Carriage;
@@ -19,7 +19,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// The made cell, cheap to share: clones are the same cell.
+/// The simulated cell, cheap to share: clones are the same cell.
 #[derive(Debug, Clone)]
 pub struct World {
     began: Instant,

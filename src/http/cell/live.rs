@@ -35,7 +35,7 @@ pub(in super::super) struct CellDocument {
     lease: Option<LeaseViewDocument>,
     /// Whether a move by the holder of the lease would be begun.
     commands_allowed: bool,
-    /// Why not; all reasons, the first to see to first.
+    /// Why not; all reasons, the most urgent first.
     reasons: Vec<ReasonDocument>,
     /// Latched until a reset, oldest first.
     faults: Vec<FaultDocument>,

@@ -166,7 +166,7 @@ pub(in super::super) struct JsonProfile {
 /// Measure a scan
 ///
 /// The body is a scan file, its format told by `?format=`, by Content-Type or by its first bytes; gzip and zstd are
-/// undone, whether Content-Encoding says so or their first bytes do. Or it is JSON that names a kept scan: an object with `scan_id`, where what the body says
+/// decompressed, whether Content-Encoding says so or their first bytes do. Or it is JSON that names a kept scan: an object with `scan_id`, where what the body says
 /// holds over the query. A JSON body with `profiles`, or of more than 64 KiB, is a scan.
 ///
 /// Or it is JSON with `"source": "sensor"`: the cell's sensor scans first, which needs the lease. 201 comes at once, with the

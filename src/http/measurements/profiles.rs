@@ -42,11 +42,11 @@ pub struct ProfileDocument {
     pub centre_z_mm: Option<f64>,
     /// Distance of its centre from the axis.
     pub offset_mm: Option<f64>,
-    /// Root mean square distance of its inner points from its section.
+    /// Root mean square distance of its inliers from its section.
     pub rms_mm: Option<f64>,
     /// Robust spread of its points about its section.
     pub sigma_mm: Option<f64>,
-    /// Arc that its inner points span.
+    /// Arc that its inliers span.
     pub arc_deg: Option<f64>,
     /// Longer half axis of its section.
     pub semi_major_mm: Option<f64>,

@@ -1,4 +1,4 @@
-//! Measurements by the sensor: how one is asked for, and how it looks until it has run, or where it came to nothing.
+//! Measurements by the sensor: how one is asked for, and how it looks until it has run, or where it failed.
 
 use super::super::app::App;
 use super::super::cell::permille;
@@ -66,7 +66,7 @@ pub(super) enum Source {
     Sensor,
 }
 
-/// A measurement by the sensor that has not run yet, or came to nothing.
+/// A measurement by the sensor that has not run yet, or failed.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = SensorMeasurement)]
 pub(in super::super) struct SensorMeasurementDocument {
@@ -90,7 +90,7 @@ pub(in super::super) struct SensorMeasurementDocument {
     #[schema(value_type = Option<String>, format = DateTime)]
     #[serde(serialize_with = "crate::http::times::optional")]
     ended_at: Option<Timestamp>,
-    /// Why it came to nothing; null while it is under way.
+    /// Why it failed; null while it is under way.
     failure: Option<EndingDocument>,
     /// Name of the recipe, where one was named.
     recipe: Option<String>,

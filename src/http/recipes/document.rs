@@ -21,7 +21,7 @@ pub struct RecipeDocument {
     /// How the pose is found.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(in super::super) method: Option<MethodName>,
-    /// A point nearer than this to its ellipse is an inner point. Not together with `epsilon_noise_multiple`.
+    /// A point nearer than this to its ellipse is an inlier. Not together with `epsilon_noise_multiple`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
     pub epsilon_mm: Option<f64>,
@@ -33,7 +33,7 @@ pub struct RecipeDocument {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
     pub noise_sigma_mm: Option<f64>,
-    /// A profile with a smaller share of inner points is rejected.
+    /// A profile with a smaller share of inliers is rejected.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0.0, maximum = 1.0)]
     pub inlier_ratio_min: Option<f64>,
@@ -45,7 +45,7 @@ pub struct RecipeDocument {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 6, maximum = 10000)]
     pub points_min: Option<u32>,
-    /// A profile whose inner points span a smaller arc is rejected.
+    /// A profile whose inliers span a smaller arc is rejected.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0.0, maximum = 360.0)]
     pub arc_min_deg: Option<f64>,

@@ -1,4 +1,4 @@
-//! Another surface about the same axis beneath the one that was fitted: then that may be a jaw or a sleeve that follows the
+//! Another surface about the same axis beneath the one that was fitted: then that may be a clamp or a sleeve that follows the
 //! part, and what shows beside it the part. In: the sample and the fit. Out: how deep it lies and on how many profiles.
 
 use super::model::Cylinder;

@@ -95,7 +95,7 @@ pub(super) fn candidates(sample: &Sample, bounds: &Bounds, noise: Noise, hold: H
     counted(&found, sample)
 }
 
-/// A floor or a jaw's face is a plane: a cylinder of any large radius fits it, and none is the part.
+/// A floor or a clamp's face is a plane: a cylinder of any large radius fits it, and none is the part.
 fn is_plane(settled: &Settled, sample: &Sample, bounds: &Bounds) -> bool {
     let [_, most] = bounds.radius_mm;
     let radius = settled.cylinder.radius;

@@ -1,4 +1,4 @@
-//! Layers close to the surface: tape, a weld bead, a thin jaw, nearly as high as the noise. No single point tells them from the
+//! Layers close to the surface: tape, a weld bead, a thin clamp, nearly as high as the noise. No single point tells them from the
 //! part, averages over patches do. In: the fit. Out: the fit without what lies in layers, or why nobody can tell.
 //!
 //! Averages that scatter no more than their neighbours make likely, and none far off, leave the fit as it is. Otherwise the

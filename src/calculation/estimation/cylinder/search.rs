@@ -176,7 +176,7 @@ impl Search<'_> {
         }
     }
 
-    /// Where another surface about the same axis lies beneath, the fit may be a jaw; a nominal radius says which is the part.
+    /// Where another surface about the same axis lies beneath, the fit may be a clamp; a nominal radius says which is the part.
     fn sleeve(
         &self,
         problem: &Problem<'_>,

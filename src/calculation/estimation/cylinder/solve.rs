@@ -29,7 +29,7 @@ pub(super) struct Problem<'a> {
     /// The stations that serve.
     pub(super) used: &'a [bool],
     pub(super) hold: Hold,
-    /// Distance of an inner point, mm.
+    /// Distance of an inlier, mm.
     pub(super) epsilon: f64,
     pub(super) progress: &'a Progress,
 }

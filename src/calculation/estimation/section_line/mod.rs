@@ -1,4 +1,4 @@
-//! The published method: an ellipse a profile by Tukey M-estimation, valid when enough of its points are inner points, then
+//! The published method: an ellipse a profile by Tukey M-estimation, valid when enough of its points are inliers, then
 //! a robust line through the valid centres; and its non-robust comparison.
 //!
 //! ```text

@@ -1,4 +1,4 @@
-//! Compressed transfer, gzip and zstd, undone within limits: a stream in, a longer stream out.
+//! Compressed transfer, gzip and zstd, decompressed within limits: a stream in, a longer stream out.
 
 use super::{DecodeError, Limits};
 use flate2::bufread::MultiGzDecoder;

@@ -1,4 +1,4 @@
-//! The ends of a made part: an end plane square to the axis, a chamfer, columns that end early, and what lies beyond.
+//! The ends of a synthetic part: an end plane square to the axis, a chamfer, columns that end early, and what lies beyond.
 //! Says of a line of sight whether, and how far from the cylinder's surface, it meets something.
 
 use super::laser_plane::Sight;

@@ -1,4 +1,4 @@
-//! What sits on a made part: holes, clamps, a weld bead. In: a place along the arc. Out: how far the feature moves a point
+//! What sits on a synthetic part: holes, clamps, a weld bead. In: a place along the arc. Out: how far the feature moves a point
 //! there away from the surface. Holes and clamps cover whole profiles: where the laser plane is tilted, so are their ends.
 
 /// Shares of the profiles that carry each kind of feature; the rest is smooth. They stand in blocks along x.
@@ -28,9 +28,9 @@ pub enum ClampShape {
     /// Follows the part: a band of even thickness.
     #[default]
     Concentric,
-    /// A flat jaw, square to the direction of its middle.
+    /// A flat clamp, square to the direction of its middle.
     Flat,
-    /// A round jaw of this radius, whose axis is not the part's.
+    /// A round clamp of this radius, whose axis is not the part's.
     Round {
         /// Its own radius, mm.
         radius_mm: f64,
@@ -138,7 +138,7 @@ impl ClampShape {
                 centre * cos + (own * own - (centre * sin).powi(2)).max(0.0).sqrt() - radius_mm
             }
         };
-        // Where a jaw would dip into the part, the part is seen.
+        // Where a clamp would dip into the part, the part is seen.
         face.max(0.0)
     }
 }
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flat_jaw_is_flat_and_a_round_one_round() {
+    fn a_flat_clamp_is_flat_and_a_round_one_round() {
         for angle in [-0.6, -0.1, 0.0, 0.3, 0.5] {
             assert!((face(ClampShape::Flat, angle)[1] - 225.0).abs() < 1e-9);
             for own in [60.0, 150.0, 400.0] {

@@ -114,7 +114,7 @@ pub enum Side {
     #[default]
     Outside,
     /// The inner surface of a pipe: the sensor sees the wall opposite to it. What stands on the part rises towards the axis by
-    /// the same height as outside, so a flat jaw does not look flat.
+    /// the same height as outside, so a flat clamp does not look flat.
     Inside,
 }
 

@@ -1,4 +1,4 @@
-//! What a sensor sees beside a made part: the floor below it and a support next to it. In: the part and a plane. Out: points,
+//! What a sensor sees beside a synthetic part: the floor below it and a support next to it. In: the part and a plane. Out: points,
 //! left and right of the part's own.
 
 use super::Part;

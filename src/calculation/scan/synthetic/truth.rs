@@ -9,7 +9,7 @@ use crate::geometry::AxisLine;
 use nalgebra::{Matrix5, Vector5};
 use serde::{Deserialize, Serialize};
 
-/// The truth beside a made scan.
+/// The truth beside a synthetic scan.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Truth {
     /// Profiles made.

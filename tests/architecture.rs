@@ -1,13 +1,13 @@
-//! Holds the code to the house: which room may know which, where waiting, HTTP, clock and chance may stand, and how long
-//! a file may be. Reads the sources as text; must not know what they do.
+//! Holds the code to the architecture: which module may import which, where waiting, HTTP, clock and chance may stand, and how
+//! long a file may be. Reads the sources as text.
 
 #![expect(clippy::expect_used, reason = "a test may fail")]
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Each room with the rooms that it may import from.
-const ROOMS: [(&str, &[&str]); 12] = [
+/// Each module with the modules that it may import from.
+const MODULES: [(&str, &[&str]); 12] = [
     ("geometry", &[]),
     ("scan", &["geometry"]),
     ("estimation", &["geometry", "scan"]),
@@ -25,7 +25,7 @@ const ROOMS: [(&str, &[&str]); 12] = [
     ),
 ];
 
-/// Crates and calls with the rooms that may use them.
+/// Crates and calls with the modules that may use them.
 const RESERVED: [(&str, &[&str]); 12] = [
     ("tokio::", &["device", "cell", "store", "service", "http", "cli"]),
     ("tokio_modbus::", &["device"]),
@@ -44,7 +44,7 @@ const RESERVED: [(&str, &[&str]); 12] = [
 const LINES_BEFORE_TESTS_MAX: usize = 500;
 
 struct Source {
-    room: String,
+    module: String,
     path: PathBuf,
     /// The text before the file's tests.
     text: String,
@@ -61,8 +61,8 @@ fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// Every source file that is not a test, with its room.
-fn house() -> Vec<Source> {
+/// Every source file that is not a test, with its module.
+fn modules() -> Vec<Source> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     let mut paths = Vec::new();
     sources(&root, &mut paths);
@@ -72,15 +72,15 @@ fn house() -> Vec<Source> {
             let inside = path.strip_prefix(&root).expect("below src");
             let inside = inside.strip_prefix("calculation").unwrap_or(inside).to_path_buf();
             let tests = inside.components().any(|part| part.as_os_str() == "tests" || part.as_os_str() == "tests.rs");
-            let room = inside.components().next()?.as_os_str().to_string_lossy().trim_end_matches(".rs").to_owned();
+            let module = inside.components().next()?.as_os_str().to_string_lossy().trim_end_matches(".rs").to_owned();
             let whole = fs::read_to_string(&path).expect("readable source");
             let text = whole.split("\n#[cfg(test)]").next().unwrap_or_default().to_owned();
-            (!tests).then_some(Source { room, path: inside, text })
+            (!tests).then_some(Source { module, path: inside, text })
         })
         .collect()
 }
 
-/// The rooms that a line of code imports from.
+/// The modules that a line of code imports from.
 fn imported(line: &str) -> impl Iterator<Item = &str> {
     let code = line.split("//").next().unwrap_or_default();
     code.match_indices("crate::").map(move |(at, found)| {
@@ -90,38 +90,42 @@ fn imported(line: &str) -> impl Iterator<Item = &str> {
 }
 
 #[test]
-fn no_room_knows_more_than_it_may() {
-    for Source { room, path, text } in house() {
-        let Some((_, allowed)) = ROOMS.iter().find(|(name, _)| *name == room) else {
-            assert!(["lib", "main"].contains(&room.as_str()), "{} is in no room of the house", path.display());
+fn no_module_imports_more_than_it_may() {
+    for Source { module, path, text } in modules() {
+        let Some((_, allowed)) = MODULES.iter().find(|(name, _)| *name == module) else {
+            assert!(
+                ["lib", "main"].contains(&module.as_str()),
+                "{} is in no module of the architecture",
+                path.display()
+            );
             continue;
         };
         for (number, line) in text.lines().enumerate() {
-            for other in imported(line).filter(|other| *other != room) {
+            for other in imported(line).filter(|other| *other != module) {
                 let place = format!("{}:{}", path.display(), number + 1);
                 assert!(
                     !other.is_empty(),
-                    "{place}: import rooms by name, one a line, so that this test can read them"
+                    "{place}: import modules by name, one a line, so that this test can read them"
                 );
-                assert!(allowed.contains(&other), "{place}: {room} must not know {other}");
+                assert!(allowed.contains(&other), "{place}: {module} must not know {other}");
             }
         }
     }
 }
 
 #[test]
-fn waiting_http_clock_and_chance_stay_in_their_rooms() {
-    for Source { room, path, text } in house().iter().filter(|source| source.room != "main") {
-        for (reserved, rooms) in RESERVED {
+fn waiting_http_clock_and_chance_stay_in_their_modules() {
+    for Source { module, path, text } in modules().iter().filter(|source| source.module != "main") {
+        for (reserved, modules) in RESERVED {
             let used = text.lines().any(|line| line.split("//").next().is_some_and(|code| code.contains(reserved)));
-            assert!(!used || rooms.contains(&room.as_str()), "{}: {reserved} is not for {room}", path.display());
+            assert!(!used || modules.contains(&module.as_str()), "{}: {reserved} is not for {module}", path.display());
         }
     }
 }
 
 #[test]
 fn every_file_says_what_it_is_for_and_stays_short() {
-    for Source { path, text, .. } in house() {
+    for Source { path, text, .. } in modules() {
         assert!(text.starts_with("//!"), "{} must open with what it is for", path.display());
         let lines_count = text.lines().count();
         assert!(lines_count <= LINES_BEFORE_TESTS_MAX, "{} has {lines_count} lines before its tests", path.display());
