@@ -169,7 +169,7 @@ codes! {
     Internal              "internal"                500 No  "The service failed; the log says why, under the request id"
     TransferCodingUnsupported "transfer_coding_unsupported" 501 No "The transfer coding of the body is not decoded"
     // Later.
-    Busy                  "busy"                    503 Yes "The queue for this request is full"
+    Busy                  "busy"                    503 Yes "The limit for requests of this kind is reached"
     NotReady              "not_ready"               503 Yes "The service is not ready"
     DeviceUnavailable     "device_unavailable"      503 Yes "A device does not answer, or its state is old"
     StoreUnavailable      "store_unavailable"       503 Yes "The store cannot be used now"
