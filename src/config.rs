@@ -322,7 +322,7 @@ impl Config {
             ("limits.pictures_running_max", limits.pictures_running_max, 1, 1024),
             ("limits.pictures_queue_max", limits.pictures_queue_max, 0, 100_000),
             ("limits.threads", limits.threads, 0, 1024),
-            ("limits.memory_max_mb", limits.memory_max_mb, 512, 1 << 20),
+            ("limits.memory_max_mb", limits.memory_max_mb, 1024, 1 << 20),
             ("timeouts.header_ms", timeouts.header_ms, 10, hour),
             ("timeouts.body_idle_ms", timeouts.body_idle_ms, 10, hour),
             ("timeouts.body_total_ms", timeouts.body_total_ms, 10, 24 * hour),

@@ -159,7 +159,7 @@ def npy(kind, shape, numbers):
 
 def hungry_scans():
     """Scans that take much memory for their length, with the query that reads them."""
-    count, chance = 1_000_000, random.Random(5)
+    count, chance = 3_000_000, random.Random(5)
     places = [(chance.randrange(5000), chance.uniform(-50, 50)) for _ in range(count)]
     points = b"".join(struct.pack("<3d", x, y, 300 - y * y / 400) for x, y in places)
     unordered = npy("<f8", (count, 3), points)
@@ -167,7 +167,7 @@ def hungry_scans():
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
         packed.writestr("scan.npy", unordered)
     table = b"".join(b"%d,%.2f,%.2f\n" % (x, y, 300 - y * y / 400) for x, y in places)
-    heights = npy("<f2", (4000, 1000), struct.pack("<e", 42.0) * 4_000_000)
+    heights = npy("<f2", (8000, 1000), struct.pack("<e", 42.0) * 8_000_000)
     return [
         ("", unordered),
         ("?format=npz", archive.getvalue()),

@@ -1,6 +1,7 @@
 //! Measures a scan and records the result once per request.
 
-use super::points::{PointFile, Points, Turn};
+use super::compute::Place;
+use super::points::{Context, PointFile, Points};
 use super::sensor::TAKEN_BY_SENSOR;
 use super::{
     Acquisition, Arrived, Identity, Measured, Measurement, Origin, Recipe, RecipeName, Resolved, Service, ServiceError,
@@ -98,6 +99,7 @@ impl Service {
         if let Some(earlier) = self.earlier_answer(request.as_ref()).await? {
             return Ok(earlier);
         }
+        let queued = self.compute.take_place()?;
         let points = match read {
             Some(read) => Points::Read(Box::new(read)),
             None => Points::InFile(Box::new(PointFile {
@@ -110,7 +112,8 @@ impl Service {
             })),
         };
         let acquisition = Some(accepted.acquisition.clone());
-        let Calculated { measurement, profiles } = self.calculate(&scan.id(), points, accepted, acquisition).await?;
+        let Calculated { measurement, profiles } =
+            self.calculate(&scan.id(), (queued, points), accepted, acquisition).await?;
         let row = scan_row(&scan, &measurement, &origin, arrival);
         let new = new_measurement(&measurement, profiles, Some(row), request)?;
         // It holds its place among the uploads until it is kept.
@@ -127,6 +130,8 @@ impl Service {
         if let Some(earlier) = self.earlier_answer(request.as_ref()).await? {
             return Ok(earlier);
         }
+        // Before its file is read, which takes a while.
+        let queued = self.compute.take_place()?;
         let file = self.scan_file(&row.id).await?;
         // A scan by the sensor has the same uncertainty whenever it is measured.
         let accepted = match row.description.as_deref() {
@@ -143,7 +148,8 @@ impl Service {
             origin: Origin { parameter: Format::from_name(&row.format), ..Origin::default() },
             resolved: accepted.resolved.clone(),
         }));
-        let Calculated { measurement, profiles } = self.calculate(&row.id, points, accepted, acquisition).await?;
+        let Calculated { measurement, profiles } =
+            self.calculate(&row.id, (queued, points), accepted, acquisition).await?;
         let new = new_measurement(&measurement, profiles, None, request)?;
         self.insert(measurement, new, None).await
     }
@@ -165,7 +171,7 @@ impl Service {
     async fn calculate(
         &self,
         scan_id: &str,
-        points: Points,
+        (place, points): (Place, Points),
         accepted: Accepted,
         acquisition: Option<Acquisition>,
     ) -> Result<Calculated, ServiceError> {
@@ -179,12 +185,12 @@ impl Service {
             recipe_name: order.recipe.map(RecipeName::into_string),
             acquisition,
         };
-        let work = move |decoded, turn: &Turn<'_>| {
-            let measured = super::measure(decoded, &resolved, &limits, &Progress::until(turn.stop))?;
-            identity.duration_ms = turn.watch.elapsed_ms();
+        let work = move |decoded, context: &Context<'_>| {
+            let measured = super::measure(decoded, &resolved, &limits, &Progress::until(context.stop))?;
+            identity.duration_ms = context.watch.elapsed_ms();
             Calculated::of(identity, measured, &resolved)
         };
-        self.with_points(&self.compute, points, work).await
+        self.with_points((&self.compute, place), points, work).await
     }
 
     /// Records a measurement and remembers it, whoever hangs up meanwhile.

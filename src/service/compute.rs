@@ -31,10 +31,17 @@ pub struct Bounds {
     pub deadline: Duration,
 }
 
-/// A place before a door, for one request; kept while its calculation runs, whoever goes on waiting.
+/// A place in the queue for one request; kept until its calculation has ended, also where its client hangs up.
 #[derive(Debug, Clone)]
 pub struct Place {
     _permit: Arc<OwnedSemaphorePermit>,
+}
+
+/// The turn of a request that had a place.
+#[derive(Debug)]
+pub struct Turn {
+    _place: Place,
+    _permit: OwnedSemaphorePermit,
 }
 
 /// Why a calculation was not made, or not finished.
@@ -109,8 +116,8 @@ impl Compute {
         Ok(Place { _permit: Arc::new(place) })
     }
 
-    /// Runs `work` on the pool when it is its turn. It is told to stop, and nobody hears of it any more, where the caller stops
-    /// waiting or the deadline passes.
+    /// Runs `work` on the pool when it is its turn. Where the caller stops waiting or the deadline passes, it is told to stop, and its
+    /// result is dropped.
     ///
     /// # Errors
     /// [`ComputeError::Busy`] at once where there is no place; [`ComputeError::TooLong`], [`ComputeError::Panicked`].
@@ -118,25 +125,39 @@ impl Compute {
         &self,
         work: impl FnOnce(&Stop) -> T + Send + 'static,
     ) -> Result<T, ComputeError> {
-        self.run_at(&self.take_place()?, work).await
+        let turn = self.take_turn(&self.take_place()?).await?;
+        self.run_in(turn, work).await
     }
 
-    /// The same from a place that was taken before.
+    /// Waits for the turn of a place.
+    ///
+    /// # Errors
+    /// [`ComputeError::Busy`] where the semaphore is closed, which it never is.
+    pub async fn take_turn(&self, place: &Place) -> Result<Turn, ComputeError> {
+        let permit = Arc::clone(&self.turns).acquire_owned().await.map_err(|_| self.busy())?;
+        Ok(Turn { _place: place.clone(), _permit: permit })
+    }
+
+    /// Runs `work` on the pool in a turn that was taken before. The deadline counts from the moment at which a thread begins.
     ///
     /// # Errors
     /// [`ComputeError::TooLong`], [`ComputeError::Panicked`].
-    pub async fn run_at<T: Send + 'static>(
+    pub async fn run_in<T: Send + 'static>(
         &self,
-        place: &Place,
+        turn: Turn,
         work: impl FnOnce(&Stop) -> T + Send + 'static,
     ) -> Result<T, ComputeError> {
-        // The semaphores are never closed; should they be, nobody can be served.
-        let turn = Arc::clone(&self.turns).acquire_owned().await.map_err(|_| self.busy())?;
+        let (begin, begun) = oneshot::channel();
         let (sender, receiver) = oneshot::channel();
         let stop = Stop::default();
         let _stopped = StopWhenDropped(stop.clone());
-        let place = place.clone();
-        self.pool.spawn(move || work_and_answer(|| work(&stop), sender, (place, turn)));
+        let work = move || {
+            // Nobody listens any more where the client hung up.
+            let _ = begin.send(());
+            work(&stop)
+        };
+        self.pool.spawn(move || work_and_answer(work, sender, turn));
+        begun.await.map_err(|_| ComputeError::Panicked)?;
         let outcome = timeout(self.bounds.deadline, receiver).await.map_err(|_| self.too_long())?;
         outcome.map_err(|_| ComputeError::Panicked)?
     }
@@ -167,14 +188,10 @@ impl Compute {
     }
 }
 
-fn work_and_answer<T>(
-    work: impl FnOnce() -> T,
-    sender: oneshot::Sender<Result<T, ComputeError>>,
-    permits: (Place, OwnedSemaphorePermit),
-) {
+fn work_and_answer<T>(work: impl FnOnce() -> T, sender: oneshot::Sender<Result<T, ComputeError>>, turn: Turn) {
     // A panic must not take the pool's thread with it. Nothing that `work` borrows is used again after one.
     let result = catch_unwind(AssertUnwindSafe(work)).map_err(|_| ComputeError::Panicked);
-    drop(permits);
+    drop(turn);
     // Nobody listens any more where the client hung up.
     let _ = sender.send(result);
 }

@@ -21,7 +21,9 @@ pub enum ServiceError {
         uploads_max: usize,
     },
     /// The points of earlier scans by the sensor, which are still calculated with, take the memory for those.
-    #[error("scans by the sensor are still being calculated, and their points take the memory that there is for them")]
+    #[error(
+        "a scan by the sensor is being taken or calculated, and its points may take all the memory for such scans (limits.memory_max_mb)"
+    )]
     ScansBusy,
     /// The store did not do its part.
     #[error(transparent)]

@@ -2,25 +2,26 @@
 //! once wait for each other instead of taking the memory of the machine.
 //!
 //! ```text
-//! limits.memory_max_mb = 1/8 scans by the sensor + 1/4 uploads that are read while they come in + 5/8 everything else
+//! limits.memory_max_mb = 1/8 (at least 256 MiB) scans by the sensor + 1/4 uploads that are read while they come in + the rest
 //! ```
 //!
-//! The shares are separate so that nobody holds memory while waiting for more of it: a slow client cannot hold up a calculation,
-//! nor an upload the line's own scan.
+//! The shares are separate, so that a slow client cannot hold up a calculation, nor an upload the line's own scan.
 
 use super::ComputeError;
 use crate::scan::decode::{DecodeError, Limits};
 use std::sync::Arc;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-/// What a point takes at most on its way from a file to a pose; 111 were measured for points in no order (docs/reliability.md).
+/// What a point takes at most on its way from a file to a pose: 111 bytes were measured for double-precision points in no order.
 const BYTES_PER_POINT: u64 = 128;
 /// What a profile takes beside its points: its verdict, and the same as JSON.
 const BYTES_PER_PROFILE: u64 = 640;
 /// What a calculation takes whatever it calculates.
 const BYTES_BESIDE: u64 = 32 << 20;
 const MIB: u64 = 1 << 20;
-/// A file of single-precision coordinates has so many bytes a point; text has more, what is packed may have fewer.
+/// For scans by the sensor at least: 1.3 million points.
+const SENSOR_MIB_MIN: u64 = 256;
+/// Bytes a point of a file of single-precision coordinates. Most text has more; packed formats and matrices may have fewer.
 const FILE_BYTES_PER_POINT: u64 = 12;
 /// What is set aside for the smallest file, points.
 const POINTS_LEAST: usize = 100_000;
@@ -60,10 +61,11 @@ pub(super) struct Claim {
 impl MemoryShares {
     /// Of so many MiB, for scans within these limits.
     pub(super) fn of(whole_mib: u64, limits: &Limits) -> Self {
+        let (sensor_mib, readers_mib) = ((whole_mib / 8).max(SENSOR_MIB_MIN), whole_mib / 4);
         Self {
-            sensor: Memory::new(whole_mib / 8, limits, true),
-            readers: Memory::new(whole_mib / 4, limits, false),
-            rest: Memory::new(whole_mib / 8 * 5, limits, true),
+            sensor: Memory::new(sensor_mib, limits, true),
+            readers: Memory::new(readers_mib, limits, false),
+            rest: Memory::new(whole_mib.saturating_sub(sensor_mib + readers_mib), limits, true),
         }
     }
 
@@ -181,7 +183,7 @@ mod tests {
         let memory = MemoryShares::of(1024, &limits).rest;
         let mut whole = memory.claim(usize::MAX).await.expect("free");
         assert_eq!(memory.taken_bytes(), u64::from(whole.permit.num_permits() as u32) * MIB);
-        assert!(memory.taken_bytes() > 600 * MIB, "all but a rest");
+        assert!(memory.taken_bytes() > 500 * MIB, "all but a remainder");
         assert!(memory.try_claim(1_000_000).is_none(), "nothing is free");
         whole.keep_for(1_000_000);
         assert_eq!(memory.taken_bytes(), 216 * MIB, "122 for the points, 61 for the profiles, 32 beside");

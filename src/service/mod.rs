@@ -53,7 +53,7 @@ mod view;
 pub use acquisition::Acquisition;
 pub use answer::{Accepted, Answer, Order, RequestId};
 pub use clock::Stopwatch;
-pub use compute::{Bounds, Compute, ComputeError, Load, Place};
+pub use compute::{Bounds, Compute, ComputeError, Load, Place, Turn};
 pub use doctor::{Examined, accept_loss, examine};
 pub use document::{Entry, Unreadable, UnreadableRecord};
 pub use equipment::{Equipment, EquipmentError};

@@ -28,6 +28,8 @@ impl Service {
         let of_profile = || measurement.findings.part_of_profile(profile?).map(str::to_owned);
         let part = part.or_else(of_profile);
         measurement.findings.choose(part.as_deref())?;
+        // Before its profiles and its file are read, which take memory and time.
+        let queued = self.drawing.take_place()?;
         let profiles = self.profiles(id).await?;
         let resolved = measurement.recipe.resolve(&self.defaults)?;
         let file = self.scan_file(&measurement.scan_id()).await?;
@@ -41,7 +43,7 @@ impl Service {
         }));
         let limits = self.capacity.scan.clone();
         let wanted = Wanted { measurement, profiles, resolved, picture, part, profile };
-        self.with_points(&self.drawing, points, move |decoded, _| wanted.draw(decoded, &limits)).await
+        self.with_points((&self.drawing, queued), points, move |decoded, _| wanted.draw(decoded, &limits)).await
     }
 }
 

@@ -1,6 +1,6 @@
 //! The points of a kept or uploaded file, in memory: how they get there within what is set aside for them, and what is made of them.
 
-use super::compute::Compute;
+use super::compute::{Compute, Place};
 use super::memory::{Claim, points_expected};
 use super::tee::READ_BLOCK_BYTES;
 use super::{Decoded, MeasureError, Origin, Resolved, Service, ServiceError, Stopwatch};
@@ -8,6 +8,9 @@ use crate::estimation::Stop;
 use crate::scan::decode::{DecodeError, Limits, Sent};
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek};
+
+/// How many times as many points are expected of a file that held more than were expected.
+const MORE: usize = 6;
 
 /// A file of points, and what is known of it.
 #[derive(Debug)]
@@ -38,9 +41,9 @@ pub(super) struct ReadPoints {
     pub(super) claim: Claim,
 }
 
-/// The turn of a calculation.
+/// What a calculation on points is given besides them.
 #[derive(Debug)]
-pub(super) struct Turn<'a> {
+pub(super) struct Context<'a> {
     pub(super) stop: &'a Stop,
     /// When it began.
     pub(super) watch: Stopwatch,
@@ -84,45 +87,48 @@ impl PointFile {
 }
 
 impl Service {
-    /// Has `work` done on points, when it is their turn and there is memory for them: first as much as a file of this size mostly
-    /// needs, and where it needs more, as much as any may.
+    /// Has `work` done on points when it is the turn of `place` and there is memory for them: first what a file of this size mostly
+    /// needs, where it needs more [`MORE`] times that, and in the end what any file may need.
     pub(super) async fn with_points<T: Send + 'static>(
         &self,
-        door: &Compute,
+        (door, place): (&Compute, Place),
         points: Points,
-        work: impl FnOnce(Decoded, &Turn<'_>) -> Result<T, ServiceError> + Send + 'static,
+        work: impl FnOnce(Decoded, &Context<'_>) -> Result<T, ServiceError> + Send + 'static,
     ) -> Result<T, ServiceError> {
-        let (place, clock) = (door.take_place()?, self.clock);
+        let clock = self.clock;
         let (mut file, mut work) = match points {
             Points::InFile(file) => (file, work),
             Points::Read(read) => {
                 let ReadPoints { decoded, claim } = *read;
                 let work = move |stop: &Stop| {
                     let _claim = claim;
-                    work(decoded.map_err(MeasureError::from)?, &Turn { stop, watch: clock.start() })
+                    work(decoded.map_err(MeasureError::from)?, &Context { stop, watch: clock.start() })
                 };
-                return door.run_at(&place, work).await?;
+                return door.run_in(door.take_turn(&place).await?, work).await?;
             }
         };
         let mut points_count = file.points_expected();
         loop {
-            // Memory before a turn: whoever has a turn goes on to the end without waiting.
+            // Whoever has memory of this share has a turn, so it is given back without waiting for anything else.
+            let turn = door.take_turn(&place).await?;
             let mut claim = self.memory.rest.claim(points_count).await?;
             let limits = claim.limits(&self.capacity.scan);
             let attempt = move |stop: &Stop| {
-                let turn = Turn { stop, watch: clock.start() };
+                let context = Context { stop, watch: clock.start() };
                 match file.decode(&limits, stop) {
                     Err(error) if claim.is_outgrown(&error) => Attempt::Outgrown(file, work),
                     Err(error) => Attempt::Over(Err(MeasureError::from(error).into())),
                     Ok(decoded) => {
                         claim.keep_for(decoded.cloud.columns.len());
-                        Attempt::Over(work(decoded, &turn))
+                        Attempt::Over(work(decoded, &context))
                     }
                 }
             };
-            match door.run_at(&place, attempt).await? {
+            match door.run_in(turn, attempt).await? {
                 Attempt::Over(outcome) => return outcome,
-                Attempt::Outgrown(back, again) => (file, work, points_count) = (back, again, usize::MAX),
+                Attempt::Outgrown(back, again) => {
+                    (file, work, points_count) = (back, again, points_count.saturating_mul(MORE));
+                }
             }
         }
     }

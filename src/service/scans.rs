@@ -60,6 +60,7 @@ impl Service {
         let (format, points_count) = match read {
             Some(read) => read.decoded.map(|decoded| count_points(&decoded)).map_err(MeasureError::from)?,
             None => {
+                let queued = self.compute.take_place()?;
                 let points = Points::InFile(Box::new(PointFile {
                     file: scan.open().await?,
                     bytes_count: scan.bytes_count(),
@@ -68,7 +69,7 @@ impl Service {
                     origin,
                     resolved: accepted.resolved,
                 }));
-                self.with_points(&self.compute, points, |decoded, _| Ok(count_points(&decoded))).await?
+                self.with_points((&self.compute, queued), points, |decoded, _| Ok(count_points(&decoded))).await?
             }
         };
         let created_at = self.clock.now();

@@ -179,12 +179,17 @@ impl Service {
         order.by = self.authorise(&lease_id, request.as_ref()).await?;
         let id = self.clock.new_id("m-");
         let beginning = Beginning { kind: Kind::Scan, id, plan_id: None, request, order: &order };
-        // What is taken can be calculated with: memory is set aside for it before anything moves.
-        let claim = self.memory.sensor.claim_free().ok_or(ServiceError::ScansBusy)?;
         let started = self.write_down(beginning).await?;
         if started.replayed {
             return Ok(started);
         }
+        // Memory for the points is set aside before anything moves.
+        let Some(claim) = self.memory.sensor.claim_free() else {
+            let busy = ServiceError::ScansBusy;
+            let ending = Ending { code: "busy".to_owned(), text: busy.to_string() };
+            self.conclude(&started.job, JobStanding::Refused, Some(&ending)).await;
+            return Err(busy);
+        };
         let SensorOrder { x_from_mm, x_to_mm, profiles_count, speed_mm_s, .. } = order;
         let way = ScanOrder { x_from_mm, x_to_mm, profiles_count, speed_mm_s };
         match side.cell.start_scan(&lease_id, &started.job.id, way).await {

@@ -198,11 +198,14 @@ fn a_file_with_more_points_than_its_length_lets_expect_is_read_all_the_same() {
 
 #[test]
 fn the_memory_that_points_may_take_bounds_how_many_are_read() {
-    let (service, _folder) = start_with(|config| config.limits.memory_max_mb = 512);
-    let body = height_map(2000, 2000);
+    let (service, _folder) = start_with(|config| config.limits.memory_max_mb = 1024);
+    let body = height_map(2500, 2000);
     let refused = service.post("/v1/measurements?format=npy&x_pitch_mm=1&y_pitch_mm=0.1", &body);
     let points_max = refused.problem(413, "too_many_points")["points_max"].as_u64().expect("a number");
-    assert!((1_500_000..2_300_000).contains(&points_max), "{points_max}: five eighths of 512 MiB at 128 bytes a point");
+    assert!(
+        (3_000_000..3_700_000).contains(&points_max),
+        "{points_max}: 480 MiB at 128 bytes a point, and the profiles"
+    );
 }
 
 #[test]

@@ -336,7 +336,9 @@ pub enum DecodeError {
         missing_count: u64,
     },
     /// More points than allowed.
-    #[error("the file holds more than {limit} points; thin it out or raise the limit")]
+    #[error(
+        "the scan has more than {limit} points; thin it out, or raise scan.points_max and limits.memory_max_mb, the smaller of which decides"
+    )]
     TooManyPoints {
         /// Most points.
         limit: usize,
