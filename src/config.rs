@@ -120,7 +120,7 @@ pub struct Limits {
     /// Threads that calculate; 0 takes one a core.
     pub threads: u64,
     /// Memory that the points of all requests may take together, MiB: what a request can need is set aside before its scan is
-    /// read, and who finds too little free waits. Where a scan of `scan.points_max` can need more than five eighths of it, fewer
+    /// read, and a request for which less is free waits. Where a scan of `scan.points_max` can need more than five eighths of it, fewer
     /// points are read.
     pub memory_max_mb: u64,
 }

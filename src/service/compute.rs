@@ -1,6 +1,6 @@
-//! The way to the processor: a pool of threads of its own behind doors, one for each kind of work. A door lets a few
-//! calculations run at a time, has a short queue, and answers at once when both are full. A calculation has a deadline, and
-//! is told to stop when the deadline passes or when nobody waits for it any more. Async threads never calculate.
+//! The one entry point to the processor: a pool of threads behind bounded queues, one for each kind of work. A few calculations
+//! of a queue run at a time, a few wait, and a further one is refused at once. A calculation has a deadline, and is told to stop
+//! when the deadline passes or its client disconnects. Async threads never calculate.
 
 use crate::estimation::Stop;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -9,7 +9,7 @@ use std::time::Duration;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 use tokio::time::timeout;
 
-/// A door: a pool of threads behind a bounded queue.
+/// A bounded queue before a pool of threads.
 #[derive(Debug, Clone)]
 pub struct Compute {
     pool: Arc<rayon::ThreadPool>,
@@ -17,12 +17,12 @@ pub struct Compute {
     places: Arc<Semaphore>,
     /// One permit for everybody who runs.
     turns: Arc<Semaphore>,
-    bounds: Bounds,
+    limits: QueueLimits,
 }
 
-/// What a door lets through.
+/// What a queue takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Bounds {
+pub struct QueueLimits {
     /// Calculations that may run at a time.
     pub running_max: usize,
     /// Calculations that may wait.
@@ -85,26 +85,26 @@ impl Drop for StopWhenDropped {
 }
 
 impl Compute {
-    /// A pool of `threads` threads (0: one a core) behind a door.
+    /// A pool of `threads` threads (0: one a core) with a queue.
     ///
     /// # Errors
     /// Where the threads cannot be started.
-    pub fn start(threads: usize, bounds: Bounds) -> Result<Self, rayon::ThreadPoolBuildError> {
+    pub fn start(threads: usize, limits: QueueLimits) -> Result<Self, rayon::ThreadPoolBuildError> {
         let pool =
             rayon::ThreadPoolBuilder::new().num_threads(threads).thread_name(|i| format!("compute-{i}")).build()?;
-        Ok(Self::to(Arc::new(pool), bounds))
+        Ok(Self::to(Arc::new(pool), limits))
     }
 
-    /// A further door to the same pool, with places of its own: neither is refused for what goes through the other.
+    /// A further queue for the same pool, with places of its own: neither is refused because the other is full.
     #[must_use]
     pub fn beside(&self, running_max: usize, queue_max: usize) -> Self {
-        Self::to(Arc::clone(&self.pool), Bounds { running_max, queue_max, ..self.bounds })
+        Self::to(Arc::clone(&self.pool), QueueLimits { running_max, queue_max, ..self.limits })
     }
 
-    fn to(pool: Arc<rayon::ThreadPool>, bounds: Bounds) -> Self {
-        let places_count = bounds.running_max.saturating_add(bounds.queue_max).min(Semaphore::MAX_PERMITS);
-        let (places, turns) = (Semaphore::new(places_count), Semaphore::new(bounds.running_max));
-        Self { pool, places: Arc::new(places), turns: Arc::new(turns), bounds }
+    fn to(pool: Arc<rayon::ThreadPool>, limits: QueueLimits) -> Self {
+        let places_count = limits.running_max.saturating_add(limits.queue_max).min(Semaphore::MAX_PERMITS);
+        let (places, turns) = (Semaphore::new(places_count), Semaphore::new(limits.running_max));
+        Self { pool, places: Arc::new(places), turns: Arc::new(turns), limits }
     }
 
     /// A place in the queue.
@@ -158,7 +158,7 @@ impl Compute {
         };
         self.pool.spawn(move || work_and_answer(work, sender, turn));
         begun.await.map_err(|_| ComputeError::Panicked)?;
-        let outcome = timeout(self.bounds.deadline, receiver).await.map_err(|_| self.too_long())?;
+        let outcome = timeout(self.limits.deadline, receiver).await.map_err(|_| self.too_long())?;
         outcome.map_err(|_| ComputeError::Panicked)?
     }
 
@@ -173,18 +173,18 @@ impl Compute {
     /// What runs and waits right now.
     #[must_use]
     pub fn load(&self) -> Load {
-        let Bounds { running_max, queue_max, .. } = self.bounds;
+        let QueueLimits { running_max, queue_max, .. } = self.limits;
         let running_count = running_max.saturating_sub(self.turns.available_permits());
         let taken = running_max.saturating_add(queue_max).saturating_sub(self.places.available_permits());
         Load { running_count, queued_count: taken.saturating_sub(running_count) }
     }
 
     const fn busy(&self) -> ComputeError {
-        ComputeError::Busy { running_max: self.bounds.running_max, queue_max: self.bounds.queue_max }
+        ComputeError::Busy { running_max: self.limits.running_max, queue_max: self.limits.queue_max }
     }
 
     fn too_long(&self) -> ComputeError {
-        ComputeError::TooLong { deadline_ms: u64::try_from(self.bounds.deadline.as_millis()).unwrap_or(u64::MAX) }
+        ComputeError::TooLong { deadline_ms: u64::try_from(self.limits.deadline.as_millis()).unwrap_or(u64::MAX) }
     }
 }
 
@@ -201,8 +201,8 @@ mod tests {
     use super::*;
     use std::sync::mpsc;
 
-    fn bounds(queue_max: usize) -> Bounds {
-        Bounds { running_max: 1, queue_max, deadline: Duration::from_secs(60) }
+    fn limits(queue_max: usize) -> QueueLimits {
+        QueueLimits { running_max: 1, queue_max, deadline: Duration::from_secs(60) }
     }
 
     /// Starts a calculation that runs until told to end; returns once it runs.
@@ -224,7 +224,7 @@ mod tests {
 
     #[tokio::test]
     async fn beyond_running_and_queue_the_answer_is_busy_at_once_and_a_hung_up_client_frees_its_place() {
-        let compute = Compute::start(1, bounds(1)).expect("threads");
+        let compute = Compute::start(1, limits(1)).expect("threads");
         let (end, running) = occupy(&compute).await;
 
         let mut queued = Box::pin(compute.run(|_| 1));
@@ -242,7 +242,7 @@ mod tests {
 
     #[tokio::test]
     async fn a_panic_is_an_error_of_its_own_calculation_only() {
-        let compute = Compute::start(1, bounds(0)).expect("threads");
+        let compute = Compute::start(1, limits(0)).expect("threads");
         let panicked: Result<(), _> = compute.run(|_| panic!("made to")).await;
         assert_eq!(panicked, Err(ComputeError::Panicked));
         assert_eq!(compute.run(|_| 4).await, Ok(4));
@@ -251,7 +251,7 @@ mod tests {
     #[tokio::test]
     async fn what_takes_longer_than_its_deadline_is_told_to_stop_and_keeps_its_place_until_it_has() {
         let deadline = Duration::from_millis(20);
-        let compute = Compute::start(1, Bounds { running_max: 1, queue_max: 0, deadline }).expect("threads");
+        let compute = Compute::start(1, QueueLimits { running_max: 1, queue_max: 0, deadline }).expect("threads");
         let (end, ended) = mpsc::channel::<()>();
         let (told, was_told) = oneshot::channel();
         let outcome: Result<(), _> = compute
@@ -275,7 +275,7 @@ mod tests {
 
     #[tokio::test]
     async fn what_nobody_waits_for_any_more_is_told_to_stop() {
-        let compute = Compute::start(1, bounds(0)).expect("threads");
+        let compute = Compute::start(1, limits(0)).expect("threads");
         let (told, was_told) = oneshot::channel();
         let mut running = Box::pin(compute.run(move |stop| {
             while !stop.is_stopped() {

@@ -25,6 +25,9 @@ const SENSOR_MIB_MIN: u64 = 256;
 const FILE_BYTES_PER_POINT: u64 = 12;
 /// What is set aside for the smallest file, points.
 const POINTS_LEAST: usize = 100_000;
+/// A file that held more points than were set aside for is read again with this many times as many: four readings reach the
+/// largest scan from the smallest.
+const MORE: usize = 6;
 /// What a decoder may hold unpacked beside the points, bytes a point.
 const UNPACKED_PER_POINT: u64 = 64;
 
@@ -140,6 +143,11 @@ impl Claim {
         !self.is_most && matches!(error, DecodeError::TooManyPoints { .. } | DecodeError::InflatedTooLarge { .. })
     }
 
+    /// How many points to claim for after this claim was too small.
+    pub(super) fn more(&self) -> usize {
+        self.points_max.saturating_mul(MORE)
+    }
+
     /// Gives back what so many points do not need.
     pub(super) fn keep_for(&mut self, points_count: usize) {
         let needed = usize::try_from(need_mib(points_count, self.profiles_max)).unwrap_or(usize::MAX);
@@ -215,5 +223,7 @@ mod tests {
         let reader = MemoryShares::of(4096, &limits).readers.try_claim(usize::MAX).expect("free");
         assert!(reader.is_outgrown(&refused), "it can be read later");
         assert!(!memory.claim(0).await.expect("free").is_outgrown(&DecodeError::Empty));
+        // Also where next to nothing was expected, the next claim is larger.
+        assert_eq!(memory.claim(0).await.expect("free").more(), 600_000);
     }
 }

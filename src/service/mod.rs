@@ -53,7 +53,7 @@ mod view;
 pub use acquisition::Acquisition;
 pub use answer::{Accepted, Answer, Order, RequestId};
 pub use clock::Stopwatch;
-pub use compute::{Bounds, Compute, ComputeError, Load, Place, Turn};
+pub use compute::{Compute, ComputeError, Load, Place, QueueLimits, Turn};
 pub use doctor::{Examined, accept_loss, examine};
 pub use document::{Entry, Unreadable, UnreadableRecord};
 pub use equipment::{Equipment, EquipmentError};
@@ -154,11 +154,11 @@ impl Capacity {
 #[derive(Debug)]
 pub struct Service {
     store: Store,
-    /// The door of measurements.
+    /// The queue of measurements.
     compute: Compute,
-    /// The door of pictures: however many are asked for, no measurement is refused for them.
+    /// The queue of pictures: however many are asked for, no measurement is refused for them.
     drawing: Compute,
-    /// The door of packed uploads. There is room for each of them to wait.
+    /// The queue of packed uploads. There is room for each of them to wait.
     unpacking: Compute,
     /// Threads of their own for scans by the sensor, so that the line waits neither for uploads nor for what was asked to be
     /// measured again.
@@ -206,8 +206,8 @@ impl Service {
     ) -> Result<Arc<Self>, ServiceError> {
         let store = Store::open(folder).await?;
         let start = |running_max, queue_max| {
-            let bounds = Bounds { running_max, queue_max, deadline: capacity.calculation };
-            Compute::start(capacity.threads, bounds).map_err(|source| ServiceError::Threads(Arc::new(source)))
+            let limits = QueueLimits { running_max, queue_max, deadline: capacity.calculation };
+            Compute::start(capacity.threads, limits).map_err(|source| ServiceError::Threads(Arc::new(source)))
         };
         let compute = start(capacity.running_max, capacity.queue_max)?;
         // Memory is set aside for each before it begins, so there are few.

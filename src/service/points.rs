@@ -1,4 +1,4 @@
-//! The points of a kept or uploaded file, in memory: how they get there within what is set aside for them, and what is made of them.
+//! Reads the points of a kept or uploaded file within the memory that is set aside for them, and hands them to a calculation.
 
 use super::compute::{Compute, Place};
 use super::memory::{Claim, points_expected};
@@ -8,9 +8,6 @@ use crate::estimation::Stop;
 use crate::scan::decode::{DecodeError, Limits, Sent};
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek};
-
-/// How many times as many points are expected of a file that held more than were expected.
-const MORE: usize = 6;
 
 /// A file of points, and what is known of it.
 #[derive(Debug)]
@@ -57,16 +54,16 @@ enum Attempt<T, W> {
     Outgrown(Box<PointFile>, W),
 }
 
-/// A file that ends with an error when its points are not wanted any more.
-struct Wanted<'a> {
+/// A file whose reading fails as soon as the calculation is told to stop.
+struct StoppableFile<'a> {
     file: &'a File,
     stop: &'a Stop,
 }
 
-impl Read for Wanted<'_> {
+impl Read for StoppableFile<'_> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         if self.stop.is_stopped() {
-            return Err(io::Error::other("nobody waits for these points any more"));
+            return Err(io::Error::other("the calculation was told to stop"));
         }
         self.file.read(buffer)
     }
@@ -75,7 +72,7 @@ impl Read for Wanted<'_> {
 impl PointFile {
     fn decode(&mut self, limits: &Limits, stop: &Stop) -> Result<Decoded, DecodeError> {
         self.file.rewind()?;
-        let mut reader = BufReader::with_capacity(READ_BLOCK_BYTES, Wanted { file: &self.file, stop });
+        let mut reader = BufReader::with_capacity(READ_BLOCK_BYTES, StoppableFile { file: &self.file, stop });
         super::read(&mut reader, &self.origin.claims(), &self.resolved, limits, self.sent.as_ref())
     }
 
@@ -88,10 +85,10 @@ impl PointFile {
 
 impl Service {
     /// Has `work` done on points when it is the turn of `place` and there is memory for them: first what a file of this size mostly
-    /// needs, where it needs more [`MORE`] times that, and in the end what any file may need.
+    /// needs, and where it needs more, [`Claim::more`] until that is what any file may need.
     pub(super) async fn with_points<T: Send + 'static>(
         &self,
-        (door, place): (&Compute, Place),
+        (queue, place): (&Compute, Place),
         points: Points,
         work: impl FnOnce(Decoded, &Context<'_>) -> Result<T, ServiceError> + Send + 'static,
     ) -> Result<T, ServiceError> {
@@ -104,15 +101,15 @@ impl Service {
                     let _claim = claim;
                     work(decoded.map_err(MeasureError::from)?, &Context { stop, watch: clock.start() })
                 };
-                return door.run_in(door.take_turn(&place).await?, work).await?;
+                return queue.run_in(queue.take_turn(&place).await?, work).await?;
             }
         };
         let mut points_count = file.points_expected();
         loop {
-            // Whoever has memory of this share has a turn, so it is given back without waiting for anything else.
-            let turn = door.take_turn(&place).await?;
+            // The turn first: memory of this share is then given back without waiting for anything else.
+            let turn = queue.take_turn(&place).await?;
             let mut claim = self.memory.rest.claim(points_count).await?;
-            let limits = claim.limits(&self.capacity.scan);
+            let (limits, more) = (claim.limits(&self.capacity.scan), claim.more());
             let attempt = move |stop: &Stop| {
                 let context = Context { stop, watch: clock.start() };
                 match file.decode(&limits, stop) {
@@ -124,12 +121,38 @@ impl Service {
                     }
                 }
             };
-            match door.run_in(turn, attempt).await? {
+            match queue.run_in(turn, attempt).await? {
                 Attempt::Over(outcome) => return outcome,
                 Attempt::Outgrown(back, again) => {
-                    (file, work, points_count) = (back, again, points_count.saturating_mul(MORE));
+                    (file, work, points_count) = (back, again, more);
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimation::Settings;
+    use crate::service::Recipe;
+
+    #[test]
+    fn a_file_is_not_read_on_once_its_points_are_not_wanted() {
+        let path = std::env::temp_dir().join(format!("coaxis-points-{}", std::process::id()));
+        std::fs::write(&path, "0,1,2\n0,2,3\n1,1,2\n").expect("written");
+        let mut file = PointFile {
+            file: File::open(&path).expect("there"),
+            bytes_count: 18,
+            points_count: None,
+            sent: None,
+            origin: Origin::default(),
+            resolved: Recipe::default().resolve(&Settings::default()).expect("the defaults hold"),
+        };
+        let (limits, stop) = (Limits::default(), Stop::default());
+        assert_eq!(file.decode(&limits, &stop).expect("read").cloud.columns.len(), 3);
+        stop.stop();
+        file.decode(&limits, &stop).expect_err("told to stop");
+        std::fs::remove_file(path).expect("removed");
     }
 }

@@ -15,9 +15,9 @@ use std::sync::Arc;
 use std::thread;
 use tokio::sync::{Semaphore, oneshot};
 
-/// Points that are expected of a body whose length is not announced.
+/// Points that are expected of a body whose length is not announced: an eighth of what the readers may hold by default.
 const POINTS_UNANNOUNCED: usize = 1_000_000;
-/// What a packed scan is expected to unpack to, times its size.
+/// What a packed scan is expected to unpack to, times its size: text shrinks to a third or a quarter, binary numbers less.
 const PACKED_TO: u64 = 4;
 
 /// Places for scans that are read while they come in, and memory for their points.

@@ -57,3 +57,24 @@ impl Progress {
         self.stop.is_stopped()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimation::{Method, Outcome, Settings, estimate};
+    use crate::scan::synthetic::{Part, make};
+
+    #[test]
+    fn an_estimation_that_is_told_to_stop_looks_no_further_whatever_the_method() {
+        let (scan, _) = make(&Part { profiles_count: 60, points_count: 120, ..Part::smooth(3) }).expect("a scan");
+        for method in Method::ALL {
+            let settings = Settings { method, ..Settings::default() };
+            let stop = Stop::default();
+            let is_accepted =
+                || matches!(estimate(&scan, &settings, &Progress::until(&stop)).outcome, Outcome::Accepted(_));
+            assert!(is_accepted(), "{method:?}");
+            stop.stop();
+            assert!(!is_accepted(), "{method:?}");
+        }
+    }
+}

@@ -79,14 +79,14 @@ async fn measure_once(service: &Arc<Service>, order: Order) -> Answer {
     service.measure_upload(arrived).await.expect("measured")
 }
 
-/// Takes a door's only place until the sender is dropped.
-async fn occupy(door: &Compute) -> (mpsc::Sender<()>, JoinHandle<()>) {
+/// Takes a queue's only place until the sender is dropped.
+async fn occupy(queue: &Compute) -> (mpsc::Sender<()>, JoinHandle<()>) {
     let (end, ended) = mpsc::channel::<()>();
-    let held = door.clone();
+    let held = queue.clone();
     let held = tokio::spawn(async move {
         let _ = held.run(move |_| ended.recv()).await;
     });
-    while door.load().running_count == 0 {
+    while queue.load().running_count == 0 {
         tokio::task::yield_now().await;
     }
     (end, held)
