@@ -22,7 +22,13 @@ README = ROOT / "README.md"
 README_LINES_MAX = 150
 PROBLEMS = ROOT / "docs" / "problems.md"
 PAGES = [README, *sorted((ROOT / "docs").glob("*.md"))]
-LINKING = [*PAGES, *sorted((ROOT / "docs" / "decisions").glob("*.md")), ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md"]
+LINKING = [
+    *PAGES,
+    *sorted((ROOT / "docs" / "decisions").glob("*.md")),
+    *sorted((ROOT / "examples").glob("*/README.md")),
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "SECURITY.md",
+]
 
 # Where the pages let the service listen, and where they let further programs listen.
 SERVICE = "http://127.0.0.1:8080"
