@@ -1,12 +1,11 @@
-"""Attacks on the listener of the service, and whether a stop gets through while they go on.
+"""Attacks on the listener of the service: measures whether stops are answered during each attack.
 
 Usage: attacks.py COAXIS (the built command) [STOPS]. Starts `coaxis serve` with a simulated cell on a free port and a folder
-in memory. During each attack it sends stops (1000 unless said otherwise), each over a new connection, and prints how long they
-took. Fails where a stop is lost, or where the 99th percentile is above 50 ms. Then 16 scans that take much memory are sent at
-once, to a service with 4096 and one with 1024 MiB for points; fails where the process takes more. The figures are in
-docs/reliability.md.
+in memory. During each attack it sends stops (1000 by default), each over a new connection, and prints their durations. It fails
+if a stop is lost, or if the 99th percentile is above 50 ms. Then 16 scans that need much memory are sent at once, to a service
+with 4096 and one with 1024 MiB for points; it fails if the process needs more. The figures are in docs/reliability.md.
 
-The attackers run in a process of their own and open the connections again that the service closes, up to 500 a second.
+The attackers run in a separate process and reopen the connections that the service closes, up to 500 a second.
 """
 
 import gzip
@@ -27,7 +26,7 @@ import time
 import zipfile
 
 STOP_P99_MS_MAX = 50
-# The process is more than its points: 64 MiB by docs/benchmarks.md.
+# Memory of the process beside its points: 64 MiB by docs/benchmarks.md.
 BESIDE_MIB = 64
 OPENED_PER_S_MAX = 500
 PATIENCE_S = 5
@@ -35,7 +34,7 @@ LENGTH = 1_000_000
 
 
 def start(binary, data, *settings):
-    """The service and its port, read from the line of the log that tells it."""
+    """The service and its port, which is read from the log."""
     command = [binary, "serve", "--listen", "127.0.0.1:0", "--data", data]
     for setting in ("log.filter=error,coaxis::cli=info", *settings):
         command += ["--set", setting]
@@ -49,7 +48,7 @@ def start(binary, data, *settings):
 
 
 def ask(port, head, body=b"", source="127.0.0.1", patience_s=PATIENCE_S):
-    """One request over a connection of its own: the status, 0 where there was no answer."""
+    """One request over a new connection: the status (0 if there was no answer) and the answer."""
     try:
         with socket.create_connection(("127.0.0.1", port), patience_s, (source, 0)) as connection:
             lines = f"{head} HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(body)}\r\nConnection: close\r\n\r\n"
@@ -63,7 +62,7 @@ def ask(port, head, body=b"", source="127.0.0.1", patience_s=PATIENCE_S):
 
 
 class Attack:
-    """Connections that are kept open, each fed with `feed` at once and with `trickle` every `pause` seconds."""
+    """Connections that are kept open; each sends `feed` at once and `trickle` every `pause` seconds."""
 
     def __init__(self, port, count, feed, trickle=b"", pause=1.0):
         self.arguments = (port, count, feed, trickle, pause)
@@ -96,7 +95,7 @@ class Attack:
                     connection.close()
                     break
                 connections[connection.fileno()] = connection
-                # Answers are not read; only the end of the connection is noticed.
+                # Answers are not read; only the end of the connection is detected.
                 poll.register(connection, select.POLLRDHUP)
             self.ready.set()
             for number, _ in poll.poll(10):
@@ -112,7 +111,7 @@ class Attack:
 
 
 def stops(port, count):
-    """The times of so many stops in ms, and how many got no answer."""
+    """Sends `count` stops: their durations in ms, and the number without an answer."""
     times, lost = [], 0
     for _ in range(count):
         begun = time.perf_counter()
@@ -128,20 +127,20 @@ def stops(port, count):
 def measure(name, port, count):
     times, lost = stops(port, count)
     if not times:
-        print(f"{name:<44}{'no stop got through':>32}")
+        print(f"{name:<44}{'no stop was answered':>32}")
         return False
     p99 = times[min(len(times) - 1, int(len(times) * 0.99))]
     kept = lost == 0 and p99 <= STOP_P99_MS_MAX
     print(
         f"{name:<44}{len(times):>8}{lost:>8}{statistics.median(times):>10.1f}{p99:>10.1f}{times[-1]:>10.1f}"
-        f"{'' if kept else '   NOT KEPT'}",
+        f"{'' if kept else '   GOAL MISSED'}",
         flush=True,
     )
     return kept
 
 
 def others_upload(port):
-    """Whether uploads of another address are taken, and how long those of the attacker's address are refused, s."""
+    """Whether uploads of another address are accepted, and how long those of the address of the attacker are refused, in s."""
     scan = b"".join(b"%d,%d,%d\n" % (x, y, 200 - y * y // 400) for x in range(20) for y in range(-50, 51, 5))
     other, _ = ask(port, "POST /v1/scans", scan, "127.0.0.2")
     begun = time.monotonic()
@@ -158,7 +157,7 @@ def npy(kind, shape, numbers):
 
 
 def hungry_scans():
-    """Scans that take much memory for their length, with the query that reads them."""
+    """Scans that need much memory for their length, with the query that reads them."""
     count, chance = 3_000_000, random.Random(5)
     places = [(chance.randrange(5000), chance.uniform(-50, 50)) for _ in range(count)]
     points = b"".join(struct.pack("<3d", x, y, 300 - y * y / 400) for x, y in places)
@@ -182,7 +181,7 @@ def peak_mib(service):
 
 
 def measure_memory(binary, scans, most_mib):
-    """Sends every scan four times, all at once; whether the process stayed within its memory."""
+    """Sends every scan four times, all at once: whether all were answered and the process stayed within its memory."""
     with tempfile.TemporaryDirectory(dir="/dev/shm") as data:
         settings = (f"limits.memory_max_mb={most_mib}", "limits.measurements_running_max=8", "limits.peer_share_percent=100")
         service, port = start(binary, data, *settings)
@@ -203,7 +202,8 @@ def measure_memory(binary, scans, most_mib):
             service.wait(timeout=20)
     answered = sum(status in (200, 201) for status in statuses)
     kept = peak <= most_mib + BESIDE_MIB and answered == len(statuses)
-    print(f"16 scans at once, {most_mib} MiB: {answered} answered in {took_s:.0f} s, {peak:.0f} MiB at most{'' if kept else '   NOT KEPT'}")
+    missed = "" if kept else "   GOAL MISSED"
+    print(f"16 scans at once, {most_mib} MiB: {answered} answered in {took_s:.0f} s, {peak:.0f} MiB at most{missed}")
     return kept
 
 
@@ -219,13 +219,13 @@ def main():
             scan = re.search(rb"s-[0-9a-f]{64}", answer).group().decode()
             large = f"GET /v1/scans/{scan}/content HTTP/1.1\r\nHost: localhost\r\n\r\n".encode() * 20
             upload = f"POST /v1/scans HTTP/1.1\r\nHost: localhost\r\nContent-Length: {LENGTH}\r\n\r\n1,2,3\n".encode()
-            print(f"{'ms':<44}{'stops':>8}{'lost':>8}{'median':>10}{'99 %':>10}{'most':>10}")
+            print(f"{'ms':<44}{'stops':>8}{'lost':>8}{'median':>10}{'99 %':>10}{'maximum':>10}")
             kept.append(measure("no attack", port, count))
             attacks = [
                 ("530 sockets that never read", Attack(port, 530, large)),
                 ("530 sockets that send nothing", Attack(port, 530, b"")),
-                ("530 sockets with half a head", Attack(port, 530, b"GET /v1/status HTTP/1.1\r\nHost: loc", b"a")),
-                ("512 trickling bodies", Attack(port, 512, upload, b"1", 1.0)),
+                ("530 sockets with incomplete header lines", Attack(port, 530, b"GET /v1/status HTTP/1.1\r\nHost: loc", b"a")),
+                ("512 slow bodies", Attack(port, 512, upload, b"1", 1.0)),
                 ("64 slow uploads", Attack(port, 64, upload, b"1", 5.0)),
             ]
             for name, attack in attacks:
@@ -233,15 +233,15 @@ def main():
                     kept.append(measure(name, port, count))
             with Attack(port, 200, upload, b"1", 5.0):
                 taken, refused_s = others_upload(port)
-            print(f"200 slow uploads: those of another address are {'taken' if taken else 'NOT TAKEN'}, those of the same")
-            print(f"address, while the attack goes on, after {refused_s:.0f} s")
+            print(f"200 slow uploads: those of another address are {'accepted' if taken else 'NOT ACCEPTED'}, those of the")
+            print(f"same address during the attack after {refused_s:.0f} s")
             kept.append(taken)
         finally:
             service.terminate()
             kept.append(service.wait(timeout=20) == 0)
     scans = hungry_scans()
     kept += [measure_memory(binary, scans, most_mib) for most_mib in (4096, 1024)]
-    raise SystemExit(0 if all(kept) else "an attack kept a stop or another client out, or took too much memory")
+    raise SystemExit(0 if all(kept) else "a stop or another client was blocked by an attack, or the memory was exceeded")
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
 """The container image: built from the Dockerfile as it stands, examined, and run as docker/compose.yaml runs it.
 
-Usage: container.py (as root). buildah builds without a daemon, runc runs the result, and container_base.sh makes the base
-image, so no image registry is needed. Images, crates and build products stay in target/container, which makes a second run
+Usage: container.py (as root). buildah builds without a daemon, runc runs the result, and container_base.sh creates the base
+image, so no image registry is needed. Images, crates and build products stay in target/container, so that a second run is
 short.
 
-Exit code 1 where the image is not what docs/container.md says, and 77 where this machine cannot build or run it: nothing has
-been tested then.
+The exit code is 1 if the image differs from docs/container.md, and 77 if this machine cannot build or run it: then nothing was
+tested.
 """
 
 import contextlib
@@ -33,7 +33,7 @@ LICENCES = (
     "Apache License",
     "GNU LESSER GENERAL PUBLIC LICENSE",
 )
-# What the runs below take over from docker/compose.yaml.
+# The settings of docker/compose.yaml that the runs below use.
 COMPOSE = ("read_only: true", "cap_drop: [ALL]", "no-new-privileges:true", "COAXIS_CONFIG: /etc/coaxis.toml")
 
 
@@ -42,22 +42,22 @@ def skip(reason):
     sys.exit(77)
 
 
-def check(holds, text):
-    if not holds:
+def check(condition, text):
+    if not condition:
         sys.exit(f"tests/container.py: {text}")
 
 
 def run(*command, code=0):
-    """What the command prints; ends the test where its exit code is another."""
+    """The output of the command; the test fails if the exit code is another."""
     done = subprocess.run(command, cwd=HOME, capture_output=True, text=True, timeout=120)
     check(done.returncode == code, f"{' '.join(map(str, command))}: exit code {done.returncode}\n{done.stdout}{done.stderr}")
     return done.stdout
 
 
 def base_name():
-    """The image that the Dockerfile builds on, where this machine can stand in for it; otherwise skips."""
+    """The base image of the Dockerfile, if this machine can create it; otherwise the test is skipped."""
     if os.geteuid() != 0:
-        skip("it takes root, for the base image and the container's namespaces")
+        skip("it needs root, for the base image and the namespaces of the container")
     if missing := [tool for tool in TOOLS if not shutil.which(tool)]:
         skip(f"{', '.join(missing)} missing")
     unshare = ["unshare", "--mount", "--net", "--pid", "--ipc", "--uts", "--fork", "true"]
@@ -72,7 +72,7 @@ def base_name():
 
 
 def logged(name, *command):
-    """Runs a long command with its output in a file: the exit code, and the end of what it printed."""
+    """Runs a long command with its output in a file: the exit code, and the end of the output."""
     log = WORK / f"{name}.log"
     with log.open("w") as file:
         code = subprocess.call(command, cwd=HOME, stdout=file, stderr=subprocess.STDOUT)
@@ -80,21 +80,21 @@ def logged(name, *command):
 
 
 def build():
-    """Builds the image, and the base image where it is not there yet."""
+    """Builds the image, and the base image if it does not exist yet."""
     name = base_name()
     (WORK / "tmp").mkdir(parents=True, exist_ok=True)
     storage = WORK / "storage.conf"
     storage.write_text(f'[storage]\ndriver = "overlay"\ngraphroot = "{WORK}/images"\nrunroot = "{WORK}/run"\n')
-    # Below TMPDIR buildah keeps the caches that the Dockerfile mounts.
+    # buildah stores the caches that the Dockerfile mounts below TMPDIR.
     os.environ.update(CONTAINERS_STORAGE_CONF=str(storage), TMPDIR=str(WORK / "tmp"))
-    # What an interrupted run has left.
+    # Containers of an interrupted run.
     run("buildah", "rm", "--all")
     if subprocess.run(["buildah", "inspect", "--type", "image", name], capture_output=True).returncode != 0:
         code, end = logged("base", HOME / "tests/container_base.sh", name)
         if code != 0:
-            skip(f"the base image {name} cannot be made here (is a Debian mirror reached?); the end of {end}")
+            skip(f"the base image {name} cannot be created here (can a Debian mirror be reached?); the end of {end}")
     begin = time.monotonic()
-    # Only Docker's format has a health check.
+    # Only the format of Docker has a health check.
     code, end = logged(
         "build", "buildah", "bud", "--isolation", "chroot", "--format", "docker", "--pull-never", "--tag", IMAGE, "."
     )
@@ -103,13 +103,13 @@ def build():
 
 
 def documented():
-    """The rows of the tables in docs/container.md: the first cell, and what is in code type in the others."""
+    """The rows of the tables in docs/container.md: the first cell, and the code spans of the others."""
     rows = re.findall(r"^\| (.+?) \| (.+) \|$", (HOME / "docs/container.md").read_text(), re.M)
     return {first.strip("`"): re.findall(r"`([^`]+)`", others) for first, others in rows}
 
 
 def settings(config):
-    """The configuration of the image in the words of docs/container.md."""
+    """The configuration of the image in the terms of docs/container.md."""
     health = config.get("Healthcheck")
     check(health, "the image has no health check")
     seconds = [f"{health[key] // 10**9} s" for key in ("Interval", "Timeout", "StartPeriod")]
@@ -138,15 +138,15 @@ def files(root):
 def examine(config, root):
     rows = documented()
     for name, value in settings(config).items():
-        check(rows.get(name) == value, f"{name} is {value}, and docs/container.md says {rows.get(name)}")
-    found, said = files(root), {path: row for path, row in rows.items() if path.startswith("/")}
-    check(found == said, f"the image holds {found}, and docs/container.md says {said}")
+        check(rows.get(name) == value, f"{name} is {value}, and docs/container.md states {rows.get(name)}")
+    found, stated = files(root), {path: row for path, row in rows.items() if path.startswith("/")}
+    check(found == stated, f"the image contains {found}, and docs/container.md states {stated}")
     check((root / "licences/coaxis.txt").read_bytes() == (HOME / "LICENSE").read_bytes(), "another licence than LICENSE")
     third_party = (root / "licences/third-party.txt").read_text()
     for text in LICENCES:
         check(text in third_party, f"/licences/third-party.txt has no {text!r}")
     size = (root / "coaxis").stat().st_size
-    check(size <= BINARY_BYTES_MAX, f"the binary has {size} bytes, and {BINARY_BYTES_MAX} are the most")
+    check(size <= BINARY_BYTES_MAX, f"the binary has {size} bytes; at most {BINARY_BYTES_MAX} are allowed")
     print(f"binary {size / 1e6:.1f} MB, image {run('buildah', 'images', '--format', '{{.Size}}', IMAGE).strip()}")
 
 
@@ -195,7 +195,7 @@ class Container:
         return json.loads(run(*self.runc("state", self.name)))["pid"]
 
     def health(self, *flags):
-        """The exit code of the image's health check, None where it takes longer than the image allows."""
+        """The exit code of the health check of the image, None if it takes longer than the image allows."""
         health = self.config["Healthcheck"]
         command = self.runc("exec", *flags, self.name, *health["Test"][1:])
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -211,7 +211,7 @@ class Container:
         print(f"{self.name}: healthy after {time.monotonic() - begin:.1f} s")
 
     def curl(self, path, *arguments):
-        """The command that asks the service from within its network."""
+        """The command that sends a request from within the network of the service."""
         inside = ["nsenter", f"--net=/proc/{self.pid()}/ns/net"]
         return [*inside, "curl", "--silent", "--show-error", "--fail-with-body", *arguments, f"http://127.0.0.1:8080{path}"]
 
@@ -219,7 +219,7 @@ class Container:
         return json.loads(run(*self.curl(path, "--max-time", "60", *arguments)))
 
     def stop(self, within_ms):
-        """Sends the image's stop signal, and holds the service to the time and to exit code 0."""
+        """Sends the stop signal of the image, and checks that the service ends in time with exit code 0."""
         begin = time.monotonic()
         run(*self.runc("kill", self.name, self.config["StopSignal"]))
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -229,8 +229,8 @@ class Container:
         print(f"{self.name}: ended {took_ms:.0f} ms after {self.config['StopSignal']}")
 
 
-def hold_privileges(container):
-    """As whom it runs, and that nothing but /data can be written."""
+def check_privileges(container):
+    """Checks the user, and that only /data can be written."""
     process = pathlib.Path(f"/proc/{container.pid()}")
     status = dict(line.split(":\t", 1) for line in (process / "status").read_text().splitlines() if ":\t" in line)
     user, none = "\t".join(["65532"] * 4), "0" * 16
@@ -244,7 +244,7 @@ def hold_privileges(container):
 
 
 def measure(container):
-    """Has the example scan measured, and compares the pose with the truth beside the scan: the id of the measurement."""
+    """Measures the example scan, and compares the pose with the truth beside the scan: the id of the measurement."""
     answer = container.ask("/v1/measurements?format=csv", "--data-binary", f"@{SCAN}")
     check(answer["verdict"] == "accepted", f"the example scan is {answer}")
     truth = json.loads(SCAN.with_suffix(".truth.json").read_text())
@@ -268,12 +268,12 @@ def serve(config, root):
 
     with Container("defaults", config, root, data) as container:
         container.wait_until_healthy()
-        check(container.health("--env", "COAXIS_LISTEN=0.0.0.0:9") != 0, "the health check is content without a service")
-        hold_privileges(container)
+        check(container.health("--env", "COAXIS_LISTEN=0.0.0.0:9") != 0, "the health check succeeds without a service")
+        check_privileges(container)
         measured = measure(container)
         owners = {f"{path.stat().st_uid}:{path.stat().st_gid}" for path in data.rglob("*")}
         check(owners == {"65532:65532"}, f"the files in /data belong to {owners}")
-        # A client that would stay for ever keeps the service from nothing.
+        # A client that would stay connected for ever must not delay the shutdown.
         events = container.curl("/v1/events", "--no-buffer", "--header", "Accept: text/event-stream")
         reader = subprocess.Popen(events, stdout=subprocess.PIPE)
         check(reader.stdout.readline() != b"", "no event arrives")
@@ -300,7 +300,7 @@ def main():
         serve(config, root)
     finally:
         subprocess.run(["buildah", "rm", working], capture_output=True)
-    print("the image is what docs/container.md says, serves, measures and ends in time")
+    print("the image is as docs/container.md states, serves, measures and ends in time")
 
 
 if __name__ == "__main__":

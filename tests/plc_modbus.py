@@ -1,8 +1,8 @@
-"""A PLC of its own kind on Modbus TCP, made with pymodbus from docs/modbus.md alone: shares no line with coaxis.
+"""An independent PLC on Modbus TCP, written with pymodbus from docs/modbus.md alone, without code of coaxis.
 
-It works as a PLC does: the server only moves registers, a cycle every 10 ms reads the command block, moves the axes and
+It works like a PLC: the server only transfers registers, and a cycle every 10 ms reads the command block, moves the axes and
 writes the status block. Three devices: m1 at base 0, m2 at 256, a stage at 512. Axes start without a reference; every
-hundredth cycle leaves the status torn for a moment.
+hundredth cycle leaves the status inconsistent for a moment.
 
     python tests/plc_modbus.py          prints READY and the port, then one line for each command that it executed
 """
@@ -185,7 +185,7 @@ class Device:
 
 
 async def access(_function, start, address, count, current, values):
-    """Moves registers between the server's memory and the PLC's. Status blocks cannot be written."""
+    """Transfers registers between the server and the PLC. Status blocks cannot be written."""
     if values is None:
         current[address - start : address - start + count] = registers[address : address + count]
     else:

@@ -1,13 +1,13 @@
-"""A PLC with two manipulators behind an OPC UA server, written without a line of coaxis: the other side for tests/plc_opcua.rs.
+"""A PLC with two manipulators behind an OPC UA server, written without code of coaxis: the counterpart of tests/plc_opcua.rs.
 
     plc_opcua.py [--port 0] [--secure FOLDER] [--fault NAME]
 
-Its nodes are those of docs/opcua.md. It says on standard output, a line each: `ready PORT`, then what it executes
-(`executed m1 3 5`: manipulator, sequence number, code), what it refuses (`rejected m1 4 101`: a code of its own) and when it
-stops by itself (`watchdog m1`). A line of its standard input it says again: all before it has been said then. It ends with
-its standard input.
-With --secure it takes only Basic256Sha256 and Aes256Sha256RsaPss, signed and encrypted, from the user `coaxis` with the password in FOLDER/password,
-and leaves its certificate in FOLDER/plc.der. --fault makes it lie in one way.
+Its nodes are those of docs/opcua.md. It prints on standard output, a line each: `ready PORT`, then each command that it
+executes (`executed m1 3 5`: manipulator, sequence number, code) or refuses (`rejected m1 4 101`: with its own code), and each
+stop by its watchdog (`watchdog m1`). It echoes each line of its standard input, so that a caller knows that all earlier lines
+were printed. It ends when its standard input ends.
+With --secure it accepts only Basic256Sha256 and Aes256Sha256RsaPss, signed and encrypted, from the user `coaxis` with the
+password in FOLDER/password, and writes its certificate to FOLDER/plc.der. --fault makes it give false answers of one kind.
 """
 
 import argparse
@@ -46,7 +46,7 @@ def newer(number, last):
 
 
 class Manipulator:
-    """What the PLC knows of one manipulator: degrees and millimetres, a step every cycle."""
+    """The state of one manipulator in the PLC: degrees and millimetres, a step every cycle."""
 
     def __init__(self, name):
         self.name = name
@@ -156,11 +156,11 @@ class Plc:
         self.beat = 0
 
     async def build(self):
-        # Others come first, so that no index is one that anybody could guess.
-        await self.server.register_namespace("urn:somebody:else")
+        # Other namespaces come first, so that the index cannot be guessed.
+        await self.server.register_namespace("urn:example:first")
         own = await self.server.register_namespace("urn:coaxis:manipulators")
         robotics = await self.server.register_namespace("http://opcfoundation.org/UA/Robotics/")
-        await self.server.register_namespace("urn:somebody:more")
+        await self.server.register_namespace("urn:example:second")
         di = await self.server.register_namespace("http://opcfoundation.org/UA/DI/")
         devices = await self.server.nodes.objects.add_object(di, "DeviceSet")
         cell = await devices.add_object(own, "Cell")
@@ -280,7 +280,7 @@ class Plc:
             self.beat += 1
             for name, manipulator in self.manipulators.items():
                 await self.command(name)
-                # Frozen for a while, it does not jump: what it missed is not made up for.
+                # After it was frozen it does not jump: missed cycles are not executed later.
                 manipulator.step(min(now - last, 5 * CYCLE_S))
                 await self.publish(name)
             last = now

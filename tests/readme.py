@@ -1,9 +1,9 @@
-"""Runs every command of the README and of docs/ as printed, and checks what else the documents state about the program.
+"""Runs every command of the README and of docs/ as printed, and checks other statements of the documents about the program.
 
 Usage: readme.py COAXIS [PAGE ...] (the built command; with pages, those are run and nothing else is checked). Each page with `sh`
-blocks gets a folder and a `coaxis demo` of its own on a free port. Its blocks run there one after the other in one shell, with
+blocks gets its own folder and its own `coaxis demo` on a free port. Its blocks run there one after the other in one shell, with
 free ports put in: in `sh` every curl must be answered with success, in `sh refused` with a 4xx or 5xx. An `output` block
-right below has what must be printed. `console` blocks are not run.
+right below contains the expected output. `console` blocks are not run.
 """
 
 import json
@@ -30,7 +30,7 @@ LINKING = [
     ROOT / "SECURITY.md",
 ]
 
-# Where the pages let the service listen, and where they let further programs listen.
+# The address of the service in the pages, and the addresses of further programs.
 SERVICE = "http://127.0.0.1:8080"
 FURTHER = ("127.0.0.1:8081", "127.0.0.1:1502")
 # Printed after every block.
@@ -52,7 +52,7 @@ def check_problem_table(coaxis: str) -> None:
     printed = PROBLEMS.read_text().split(begin)[1].split(end)[0]
     table = subprocess.run([coaxis, "openapi", "--problems"], capture_output=True, text=True, check=True).stdout
     if printed != table:
-        fail(PROBLEMS, "the table of problem codes is not what `coaxis openapi --problems` prints")
+        fail(PROBLEMS, "the table of problem codes differs from the output of `coaxis openapi --problems`")
 
 
 def without_blocks(page: pathlib.Path) -> str:
@@ -76,7 +76,7 @@ def check_links(page: pathlib.Path) -> None:
         if not linked.exists():
             fail(page, f"the link {target} leads nowhere")
         if anchor and anchor not in anchors(linked):
-            fail(page, f"the link {target} names a heading that {linked.name} has not")
+            fail(page, f"the link {target} names a heading that does not exist in {linked.name}")
 
 
 class Block(typing.NamedTuple):

@@ -1,5 +1,5 @@
-"""Holds the running service to its OpenAPI document: starts the given binary on a free port with a temporary data folder,
-lets schemathesis loose on it for a bounded time, and stops it.
+"""Compares the running service with its OpenAPI document: starts the given binary on a free port with a temporary data folder,
+runs schemathesis against it for a bounded time, and stops it.
 
     tests/.venv/bin/python tests/schemathesis.py target/debug/coaxis [SECONDS]
 """
@@ -15,7 +15,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 
 
 def start(binary, data):
-    """The service and its address, read from the line of the log that tells it."""
+    """The service and its address, which is read from the log."""
     service = subprocess.Popen(
         [binary, "serve", "--listen", "127.0.0.1:0", "--data", data, "--set", "log.filter=warn,coaxis::cli=info"],
         stderr=subprocess.PIPE,
@@ -24,7 +24,7 @@ def start(binary, data):
     for line in service.stderr:
         found = re.search(r"listening on (http://[0-9.:]+)", line)
         if found:
-            # Whatever it says later must not fill the pipe.
+            # Later lines of the log must not fill the pipe.
             threading.Thread(target=lambda: [print(line, end="", file=sys.stderr) for line in service.stderr]).start()
             return service, found.group(1)
     raise SystemExit(f"{binary} ended before it listened")
@@ -54,7 +54,7 @@ def main():
         finally:
             service.terminate()
             if service.wait(timeout=20) != 0:
-                raise SystemExit("the service did not stop in good order")
+                raise SystemExit("the service did not end with exit code 0")
     raise SystemExit(code)
 
 
