@@ -292,7 +292,7 @@ class Client:
         request_id: Optional[str] = None,
         options: Optional[Query] = None,
     ) -> Measurement:
-        """Uploads a scan file and measures it. The file is sent in blocks and never held in memory as a whole.
+        """Uploads a scan file and measures it. The file is sent in blocks, so its size does not matter for the memory.
 
         A call with the same `request_id`, the same file and the same options returns the first result again. Without a
         `request_id` one is made for this call. `options` are query parameters, such as `{"format": "ply"}`.

@@ -3,7 +3,7 @@
     python3 scan_plan_move.py --deflection-deg 0.2 --pitch-deg 0 --y-c0-mm 0 --z-c0-mm 5
 
 Ctrl-C stops every device of the cell. This is an operational stop: emergency stop and guards belong to the machine.
-The exit code is 0 if the part was moved and measured again, 3 if nobody confirmed, 130 after Ctrl-C, 1 for anything
+The exit code is 0 if the part was moved and measured again, 3 without a confirmation, 130 after Ctrl-C, 1 for anything
 else. Try it with `coaxis demo`, whose cell is simulated.
 """
 
