@@ -15,6 +15,7 @@ import pathlib
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -265,6 +266,52 @@ def node_red(demo: Demo) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+def free_port() -> int:
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return listener.getsockname()[1]
+
+
+def node_red_headless(demo: Demo) -> None:
+    program = os.environ.get("NODE_RED") or shutil.which("node-red")
+    if program is None:
+        raise Skipped("Node-RED is not installed; NODE_RED may name it")
+    nodes = json.loads((EXAMPLES / "node-red" / "coaxis-flow.json").read_text())
+    settings = {"COAXIS_URL": demo.base, "SCAN_FILE": str(demo.folder / "data" / "demo" / "scan.ply"), "RECIPE": ""}
+    tab = next(node for node in nodes if node["type"] == "tab")
+    tab["env"] = [{"name": name, "value": value, "type": "str"} for name, value in settings.items()]
+    button = next(node["id"] for node in nodes if node.get("name") == "Measure the file")
+    port = free_port()
+    with tempfile.TemporaryDirectory() as folder:
+        (pathlib.Path(folder) / "flows.json").write_text(json.dumps(nodes))
+        command = [program, "--userDir", folder, "-p", str(port), "flows.json"]
+        runtime = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+        def answer(path: str, method: str = "GET") -> typing.Any:
+            request = urllib.request.Request(f"http://127.0.0.1:{port}{path}", method=method)
+            with urllib.request.urlopen(request, timeout=10) as response:
+                return json.loads(response.read())
+
+        def wait_for(reached: typing.Callable[[], object]) -> None:
+            deadline = time.monotonic() + 60.0
+            while True:
+                with contextlib.suppress(OSError):
+                    if reached():
+                        return
+                assert time.monotonic() < deadline and runtime.poll() is None, "Node-RED does not show the expected state"
+                time.sleep(0.2)
+
+        try:
+            wait_for(lambda: answer("/coaxis/state")["cell"]["state"] == "idle")
+            pressed = urllib.request.Request(f"http://127.0.0.1:{port}/inject/{button}", method="POST")
+            urllib.request.urlopen(pressed, timeout=10).close()
+            wait_for(lambda: (answer("/coaxis/state")["measurement"] or {}).get("verdict") == "accepted")
+            assert isinstance(answer("/coaxis/stop", "POST")["confirmed"], bool)
+        finally:
+            runtime.terminate()
+            runtime.wait(timeout=20)
+
+
 def section(page: str, heading: str) -> str:
     return page.split(f"\n## {heading}")[1].split("\n## ")[0]
 
@@ -369,6 +416,7 @@ EXAMPLES_RUN = {
     "python/coaxis_client.py: what is repeated": client_repeats_what_is_safe,
     "python: types (mypy --strict)": python_types,
     "node-red/coaxis-flow.json": node_red,
+    "node-red/coaxis-flow.json in Node-RED": node_red_headless,
     "plc/coaxis_modbus.st against docs/modbus.md": structured_text_and_map,
     "plc/coaxis_rest.st against openapi/coaxis.json": structured_text_and_api,
     "plc: syntax": structured_text_syntax,
