@@ -1,8 +1,8 @@
 """Runs the examples, and prints a line for each; the exit code is 1 if one fails.
 
 Usage: examples.py COAXIS (the built command). Starts a demo with its simulated cell on a free port in a temporary folder. The
-packages of tests/requirements.txt are taken from tests/.venv, or from the Python named by COAXIS_PYTHON. What this machine
-lacks (node, mypy, the grammar) is skipped, and the line says so.
+packages of tests/requirements.txt are taken from tests/.venv, or from the Python named by COAXIS_PYTHON. Checks whose
+tools are missing (node, mypy, the grammar) are skipped, and their line names the tool.
 """
 
 import contextlib

@@ -152,7 +152,7 @@ def run_page(coaxis: str, page: pathlib.Path) -> None:
             code = demo.wait(timeout=20)
         if code != 0:
             fail(page, f"the demo ended with {code}")
-    print(f"{page.relative_to(ROOT)}: {count} commands did what the page says")
+    print(f"{page.relative_to(ROOT)}: {count} commands did what the page states")
 
 
 def check_documents(coaxis: str) -> None:
