@@ -295,7 +295,7 @@ class Client:
         """Uploads a scan file and measures it. The file is sent in blocks, so its size does not matter for the memory.
 
         A call with the same `request_id`, the same file and the same options returns the first result again. Without a
-        `request_id` one is made for this call. `options` are query parameters, such as `{"format": "ply"}`.
+        `request_id` one is generated for this call. `options` are query parameters, such as `{"format": "ply"}`.
         """
         query = {**(options or {}), "recipe": recipe, "request_id": request_id or str(uuid.uuid4())}
         with path.open("rb") as file:
@@ -513,8 +513,11 @@ class Lease:
         document = self._client._call(
             "POST", "/v1/cell/lease", body={"holder": self._holder, "ttl_s": self._ttl_s}, repeatable=False
         ).document
-        self._lease_id = str(document["lease_id"])
-        self._ttl_s = float(document["ttl_ms"]) / 1000.0
+        try:
+            self._lease_id = str(document["lease_id"])
+            self._ttl_s = float(document["ttl_ms"]) / 1000.0
+        except (KeyError, TypeError, ValueError) as error:
+            raise AnswerInvalid(f"the answer is no lease: {error!r}") from error
         self._thread = threading.Thread(target=self._keep, name="coaxis lease", daemon=True)
         self._thread.start()
         return self
