@@ -1,6 +1,8 @@
 //! What has happened, numbered without a gap, the newest 1024 kept; readable from any number on, and waited for by a watch.
 
-use super::{Fault, JobEnd, State, StopCause};
+use super::failure::{Fault, StopCause};
+use super::job::JobEnd;
+use super::state::State;
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;

@@ -1,7 +1,7 @@
 //! Why a job ended early, why a device is not trusted any more, and what is latched until a reset. An operator reads these.
 
-use super::Refusal;
 use super::number::said;
+use super::refusal::Refusal;
 use crate::device::DeviceError;
 use crate::motion::{Axis, Carrier};
 use std::time::Duration;

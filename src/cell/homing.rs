@@ -2,8 +2,10 @@
 //! stands. Pure.
 
 use super::driver::{Handling, Outcome, moves};
+use super::failure::Failure;
+use super::obstacles;
 use super::run::Step;
-use super::{Failure, Settings, obstacles};
+use super::settings::Settings;
 use crate::device::{Action, CommandResult, DeviceError, Reading};
 use crate::motion::{Axes, Carrier, Pair, Position};
 use std::time::Duration;

@@ -1,7 +1,12 @@
 //! What the machine is told and what it answers: the requests and events that go in, the verdict and the acts that come out.
 //! Words only.
 
-use super::{EventKind, Failure, Fault, JobEnd, LeaseRequest, Refusal, State};
+use super::events::EventKind;
+use super::failure::{Failure, Fault};
+use super::job::JobEnd;
+use super::lease::LeaseRequest;
+use super::refusal::Refusal;
+use super::state::State;
 use crate::motion::Carrier;
 
 /// What a manipulator can be told by hand.

@@ -1,6 +1,6 @@
 //! A move or a scan as the one who started it sees it, and how it ended. Dropping a [`Job`] changes nothing about the job.
 
-use super::{Failure, StopCause};
+use super::failure::{Failure, StopCause};
 use std::fmt;
 use tokio::sync::watch;
 

@@ -1,7 +1,7 @@
 //! Who may move: one lease at a time, with a time to live, renewed by use, and a fence number that grows with every lease and
 //! goes to the devices with every command. Pure: the time comes in as an argument.
 
-use super::Refusal;
+use super::refusal::Refusal;
 use std::time::Duration;
 use tokio::time::Instant;
 

@@ -2,8 +2,9 @@
 
 use super::driver::moves;
 use super::input::{Manual, Taken};
+use super::refusal::{Refusal, ScanNumber};
+use super::settings::ScanOrder;
 use super::snapshot::Live;
-use super::{Refusal, ScanNumber, ScanOrder};
 use crate::device::{AxisReading, AxisState, CommandResult, Mode, Reading, SensorReading, StageReading};
 use crate::motion::{Axes, Axis, Carrier, MotionRefusal, Pair, Path, Position};
 use tokio::time::Instant;

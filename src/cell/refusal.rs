@@ -1,8 +1,8 @@
 //! Why the cell does not do what it is asked, as an operator would say it. Nothing was sent to any device then.
 
-use super::State;
 use super::failure::fault_code;
 use super::number::said;
+use super::state::State;
 use crate::device::{AxisState, Mode};
 use crate::motion::{Axis, Carrier};
 use std::time::Duration;

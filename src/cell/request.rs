@@ -1,6 +1,10 @@
 //! What is asked of the cell's task. A request is a message: whoever sent it may hang up, and nothing about it changes.
 
-use super::{Job, Lease, LeaseRequest, Manual, Refusal, ScanOrder, Taken};
+use super::input::{Manual, Taken};
+use super::job::Job;
+use super::lease::{Lease, LeaseRequest};
+use super::refusal::Refusal;
+use super::settings::ScanOrder;
 use crate::device::Profile;
 use crate::motion::{Carrier, Path};
 use tokio::sync::{mpsc, oneshot};

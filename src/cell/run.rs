@@ -9,8 +9,11 @@
 //! Nothing is sent for a waypoint before both manipulators were read for it.
 
 use super::driver::{Handling, Outcome, moves};
+use super::failure::Failure;
 use super::following::{Following, Lag};
-use super::{Failure, Refusal, Settings, obstacles};
+use super::obstacles;
+use super::refusal::Refusal;
+use super::settings::Settings;
 use crate::device::{Action, AxisState, CommandResult, DeviceError, Reading};
 use crate::motion::{Arrangement, Axis, Carrier, MotionRefusal, Pair, Path, Position, Waypoint};
 use std::time::Duration;

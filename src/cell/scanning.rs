@@ -8,7 +8,8 @@
 //! ```
 
 use super::driver::{Outcome, Travel};
-use super::{Failure, ScanOrder, Settings};
+use super::failure::Failure;
+use super::settings::{ScanOrder, Settings};
 use crate::device::{DeviceError, ScanFault, SensorDeadlines, StageReading};
 use std::time::Duration;
 use tokio::time::Instant;

@@ -1,6 +1,9 @@
 //! The cell as everybody may see it, at one moment: published as a whole, never changed.
 
-use super::{Fault, LeaseView, Refusal, State};
+use super::failure::Fault;
+use super::lease::LeaseView;
+use super::refusal::Refusal;
+use super::state::State;
 use crate::device::{Reading, SensorReading, StageReading};
 use crate::motion::Pair;
 use std::time::Duration;

@@ -5,10 +5,11 @@ use super::driver::{
 };
 use super::events::EventLog;
 use super::input::Member;
+use super::settings::{Devices, Settings};
 use super::snapshot::Live;
 use super::stop::StopDoor;
 use super::task::{Lines, Task};
-use super::{Cell, Devices, Settings, now};
+use super::{Cell, now};
 use crate::device::{Manipulator, ProfileSensor, Stage};
 use crate::motion::{Carrier, Pair};
 use std::sync::Arc;

@@ -21,9 +21,11 @@
 mod events;
 mod requests;
 
+use super::events::EventKind;
+use super::failure::{Fault, StopCause};
 use super::input::{Act, Activity, Input, Verdict};
+use super::job::JobEnd;
 use super::lease::{Bounds, Tenancy};
-use super::{EventKind, Fault, JobEnd, StopCause};
 use crate::motion::Pair;
 use tokio::time::Instant;
 

@@ -3,9 +3,11 @@
 
 use super::driver::{Outcome, Taking};
 use super::homing::Homing;
+use super::input::Manual;
+use super::job::{Job, JobEnd, JobState};
 use super::run::{Run, Step};
 use super::scanning::{ScanStep, Scanning};
-use super::{Job, JobEnd, JobState, JobView, Manual};
+use super::snapshot::JobView;
 use crate::device::{Reading, StageReading};
 use crate::motion::{Carrier, Pair, Position};
 use tokio::sync::watch;

@@ -4,9 +4,10 @@
 
 pub mod motion;
 
-use super::{
-    AxisReading, AxisState, DeviceError, Manipulator, ProfileSensor, Reading, SensorReading, Stage, StageReading,
-};
+use super::error::DeviceError;
+use super::manipulator::{AxisReading, AxisState, Manipulator, Reading};
+use super::sensor::{ProfileSensor, SensorReading};
+use super::stage::{Stage, StageReading};
 use crate::motion::{Axes, Axis};
 use serde::Serialize;
 use std::fmt::Display;

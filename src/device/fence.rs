@@ -1,7 +1,7 @@
 //! The fence: a command that carries an older lease's number goes nowhere. Every adaptor holds one, for as long as it lives,
 //! across reconnects.
 
-use super::DeviceError;
+use super::error::DeviceError;
 
 /// The newest fence that a device was commanded with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

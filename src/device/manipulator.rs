@@ -9,7 +9,8 @@
 //! - a device executes a command only where its sequence number is newer than the last one that it has seen;
 //! - a device that does not see our heartbeat for the watchdog's time stops by itself.
 
-use super::{DeviceError, Pending};
+use super::Pending;
+use super::error::DeviceError;
 use crate::motion::{Axes, Position};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;

@@ -1,6 +1,7 @@
 //! What a profile sensor's adaptor promises.
 
-use super::{DeviceError, Pending};
+use super::Pending;
+use super::error::DeviceError;
 use std::time::Duration;
 
 /// A laser profile sensor behind its adaptor.

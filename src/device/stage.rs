@@ -1,6 +1,7 @@
 //! What the adaptor of the linear stage promises, which carries the sensor along the rail.
 
-use super::{DeviceError, Pending};
+use super::Pending;
+use super::error::DeviceError;
 
 /// The linear stage behind its adaptor. The rules for commands are those of a manipulator.
 pub trait Stage: Send {

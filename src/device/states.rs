@@ -1,7 +1,7 @@
 //! The numbers by which a PLC says the states of PLCopen: a known maker's table, or one's own. Every adaptor of a PLC reads
 //! states by it.
 
-use super::AxisState;
+use super::manipulator::AxisState;
 use serde::{Deserialize, Serialize};
 
 /// A known maker's table, or one's own.

@@ -1,7 +1,8 @@
 //! When a scan was taken, in terms that no clock on the wall changes: how often something had moved by then, how long this instance
 //! had run, and where the manipulators were. Goes into the record of what is measured from the scan.
 
-use super::{Service, Stale};
+use super::Service;
+use super::plans::Stale;
 use crate::motion::{Axis, Carrier, Pair, Position};
 use crate::service::side::CellSide;
 use jiff::Timestamp;

@@ -1,8 +1,10 @@
 //! Commands that no job follows: stop, reset, and those to a single manipulator; each with its record.
 
+use super::Service;
+use super::error::ServiceError;
+use super::jobs::Commander;
 use super::jobs::{Beginning, Ending, JobStanding, Kind};
 use super::unwritten::{PAUSE_FIRST, PAUSE_MAX};
-use super::{Commander, Service, ServiceError};
 use crate::cell::{Cell, Manual, Refusal, StopReport, Taken};
 use crate::motion::Carrier;
 use serde::{Deserialize, Serialize};

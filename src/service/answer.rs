@@ -1,12 +1,17 @@
 //! Measures a scan and records the result once per request.
 
+use super::acquisition::Acquisition;
 use super::compute::Place;
+use super::error::ServiceError;
+use super::measure::Measured;
+use super::measurement::{Identity, Measurement};
 use super::points::{Context, PointFile, Points};
+use super::recipe::{Recipe, Resolved};
+use super::recipes::RecipeName;
+use super::scans::Origin;
 use super::sensor::TAKEN_BY_SENSOR;
-use super::{
-    Acquisition, Arrived, Identity, Measured, Measurement, Origin, Recipe, RecipeName, Resolved, Service, ServiceError,
-    document,
-};
+use super::upload::Arrived;
+use super::{Service, document};
 use crate::estimation::{Progress, Settings};
 use crate::scan::decode::Format;
 use crate::store::{CompleteScan, Inserted, MeasurementRow, NewMeasurement, RequestKey, ScanRow};

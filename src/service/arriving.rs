@@ -5,7 +5,7 @@ use crate::device::Profile;
 use crate::scan::decode::{DecodeError, Format, Limits, Unit};
 use crate::scan::{Cloud, Columns, Labels, Stripe};
 
-use super::Decoded;
+use super::measure::Decoded;
 
 /// What the kept file calls the number of a profile.
 const PROFILE_COLUMN: &str = "profile";

@@ -1,8 +1,11 @@
 //! Examines what is kept in a folder: the database, its records, the files of the scans. Changes nothing, and may run beside a
 //! service.
 
+use super::error::ServiceError;
 use super::jobs::{self, Kind};
-use super::{MoveOrder, SensorOrder, ServiceError, document, plans, recipes, records};
+use super::moves::MoveOrder;
+use super::scan_order::SensorOrder;
+use super::{document, plans, recipes, records};
 use crate::store::{Checkup, Cursor, JobRow, Listing, Page, ScanCheck, ScanRow, Store, StoreError};
 use std::path::Path;
 

@@ -5,7 +5,7 @@
 //! {"document_version": 1, "content": …}     what is written before there were versions is the content alone
 //! ```
 
-use super::ServiceError;
+use super::error::ServiceError;
 use jiff::Timestamp;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};

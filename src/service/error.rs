@@ -1,6 +1,12 @@
 //! Why the service could not do what it was asked.
 
-use super::{ComputeError, EquipmentError, JobStanding, MeasureError, RecipeError, Stale, Unreadable};
+use super::compute::ComputeError;
+use super::document::Unreadable;
+use super::equipment::EquipmentError;
+use super::jobs::JobStanding;
+use super::measure::MeasureError;
+use super::plans::Stale;
+use super::recipe::RecipeError;
 use crate::cell::Refusal;
 use crate::motion::MotionRefusal;
 use crate::scan::decode::DecodeError;

@@ -1,7 +1,8 @@
 //! What has happened, for clients: what the cell tells, the progress of jobs and the ends of measurements in one numbered list
 //! of which the newest are kept. Times are those of the wall.
 
-use super::{Service, Verdict};
+use super::Service;
+use super::measurement::Verdict;
 use crate::cell::EventKind;
 use jiff::Timestamp;
 use std::collections::VecDeque;

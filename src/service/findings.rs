@@ -1,6 +1,7 @@
 //! What came out of a measurement, as it is kept: for the whole scan, or part by part. The profiles lie beside it.
 
-use super::{ServiceError, Tally, Verdict};
+use super::error::ServiceError;
+use super::measurement::{Tally, Verdict};
 use crate::estimation::{
     Conditioning, Estimate, Outcome, PartEstimate, Parts, Profile, Refusal, Residuals, ScanEstimate,
 };

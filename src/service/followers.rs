@@ -1,7 +1,8 @@
 //! Tasks that go on when whoever asked for them hangs up: those that see jobs to their end, and work that is done as a whole or
 //! not at all. The end of the service waits for them.
 
-use super::{ComputeError, ServiceError};
+use super::compute::ComputeError;
+use super::error::ServiceError;
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::{oneshot, watch};

@@ -1,9 +1,11 @@
 //! Jobs of the cell as they are kept: what was commanded by whom, and what became of it. Written before the cell is told, ended
 //! when the cell has told the end.
 
+use super::document::Entry;
+use super::error::ServiceError;
 use super::followers::aside;
 use super::unwritten::End;
-use super::{Entry, Service, ServiceError, document};
+use super::{Service, document};
 use crate::cell::{JobEnd, Lease, Refusal, StopCause};
 use crate::store::{EndedJob, InsertedJob, JobRow, Listing, NewJob, Page, RequestKey, StoreError};
 use jiff::Timestamp;

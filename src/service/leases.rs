@@ -1,7 +1,9 @@
 //! The lease: taken, used, given back. Whoever names another than the one that is held is told so.
 
+use super::Service;
+use super::error::ServiceError;
+use super::jobs::Commander;
 use super::side::CellSide;
-use super::{Commander, Service, ServiceError};
 use crate::cell::{Lease, LeaseRequest, Refusal};
 use crate::store::RequestKey;
 use jiff::Timestamp;

@@ -1,7 +1,9 @@
 //! The cell as it is at this moment, with what turns its times into ages and into those of the wall.
 
+use super::Service;
+use super::clock::Clock;
+use super::error::ServiceError;
 use super::side::CellSide;
-use super::{Clock, Service, ServiceError};
 use crate::cell::Snapshot;
 use crate::config::Cell as CellConfig;
 use jiff::Timestamp;

@@ -1,7 +1,7 @@
 //! The whole way from the bytes of a scan to an estimate, in one place for service and offline command, so that both give
 //! the same bits. In: a reader and a resolved recipe. Plain calculation: must not know store, clock or network.
 
-use super::Resolved;
+use super::recipe::Resolved;
 use crate::estimation::{Progress, ScanEstimate, Warning, estimate_parts};
 use crate::scan::decode::{DecodeError, Format, FormatClaims, Limits, Request, Sent, Unit, decode, find_format};
 use crate::scan::missing::{MissingKind, Removed, clean};

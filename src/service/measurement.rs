@@ -1,7 +1,10 @@
 //! A measurement as it is kept: what was measured, with what, and what came out. The profiles lie beside it, since a list of
 //! measurements has no use for them.
 
-use super::{Acquisition, Findings, Prepared, Recipe, Resolved};
+use super::acquisition::Acquisition;
+use super::findings::Findings;
+use super::measure::Prepared;
+use super::recipe::{Recipe, Resolved};
 use crate::estimation::{Method, Profile, Reason, ScanEstimate};
 use crate::scan::decode::{Format, Unit};
 use jiff::Timestamp;

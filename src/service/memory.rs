@@ -7,7 +7,7 @@
 //!
 //! The shares are separate, so that a slow client cannot hold up a calculation, nor an upload the line's own scan.
 
-use super::ComputeError;
+use super::compute::ComputeError;
 use crate::scan::decode::{DecodeError, Limits};
 use std::sync::Arc;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};

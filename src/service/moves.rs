@@ -1,10 +1,14 @@
 //! Moves: a path that was planned and checked is written down, given to the cell, and seen to its end. A client that hangs up
 //! changes nothing about it.
 
+use super::Service;
 use super::answer::fingerprint_of;
+use super::document::Entry;
+use super::error::ServiceError;
+use super::events::Happening;
 use super::followers::aside;
+use super::jobs::Commander;
 use super::jobs::{self, Beginning, Ending, JobStanding, Kind, Recorded, Started};
-use super::{Commander, Entry, Happening, Service, ServiceError};
 use crate::cell::{Job, JobState, JobView};
 use crate::motion::{MoveTargets, Plan, plan_move};
 use crate::store::{Listing, Page, RequestKey};

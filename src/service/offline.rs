@@ -2,8 +2,12 @@
 //! function, so that both give the same bits.
 
 use super::clock::Clock;
+use super::measure;
+use super::measure::{MeasureError, read};
+use super::measurement::{Identity, Measurement};
+use super::recipe::Resolved;
+use super::scans::Origin;
 use super::tee::{READ_BLOCK_BYTES, Tee};
-use super::{Identity, MeasureError, Measurement, Origin, Resolved, measure, read};
 use crate::estimation::{Profile, Progress};
 use crate::scan::Scan;
 use crate::scan::decode::{DecodeError, Encoding, Limits, Sent, inflate};

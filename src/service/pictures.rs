@@ -1,7 +1,13 @@
 //! Pictures of recorded measurements, drawn anew from the kept scan.
 
+use super::Service;
+use super::error::ServiceError;
+use super::measure::Decoded;
+use super::measurement::Measurement;
 use super::points::{PointFile, Points};
-use super::{Decoded, Measurement, Origin, PictureRequest, Resolved, Service, ServiceError};
+use super::recipe::Resolved;
+use super::scans::Origin;
+use super::view::PictureRequest;
 use crate::estimation::Profile;
 use crate::plot::Picture;
 use crate::scan::decode::Limits;
@@ -59,7 +65,7 @@ struct Wanted {
 impl Wanted {
     fn draw(self, decoded: Decoded, limits: &Limits) -> Result<String, ServiceError> {
         let Self { measurement, profiles, resolved, picture, part, profile } = self;
-        let prepared = super::cut(decoded, &resolved, limits)?;
+        let prepared = super::measure::cut(decoded, &resolved, limits)?;
         let chosen = measurement.findings.choose(part.as_deref())?;
         let view = measurement.view(&prepared.scan, &profiles, chosen, profile);
         let (name, recipe) = (&measurement.id, measurement.recipe_name.as_deref());

@@ -1,12 +1,17 @@
 //! Plans: from a measured pose and a target to what would move, how far, and what the part would bear. A plan moves nothing,
 //! remembers the positions it assumed, and can be executed once.
 
+use super::acquisition::Acquisition;
 use super::answer::fingerprint_of;
+use super::document::Entry;
+use super::error::ServiceError;
+use super::findings::Chosen;
 use super::followers::aside;
 use super::jobs::Started;
+use super::measurement::Measurement;
 use super::moves::{Departure, MoveOrder};
 use super::side::CellSide;
-use super::{Acquisition, Chosen, Entry, Measurement, Service, ServiceError, document};
+use super::{Service, document};
 use crate::estimation::{Outcome, Pose};
 use crate::geometry::AxisLine;
 use crate::motion::{Axis, Carrier, Pair, PartPose, Plan, PoseTarget, Position, plan_alignment};

@@ -1,9 +1,14 @@
 //! Reads the points of a kept or uploaded file within the memory that is set aside for them, and hands them to a calculation.
 
+use super::Service;
+use super::clock::Stopwatch;
 use super::compute::{Compute, Place};
+use super::error::ServiceError;
+use super::measure::{Decoded, MeasureError};
 use super::memory::{Claim, points_expected};
+use super::recipe::Resolved;
+use super::scans::Origin;
 use super::tee::READ_BLOCK_BYTES;
-use super::{Decoded, MeasureError, Origin, Resolved, Service, ServiceError, Stopwatch};
 use crate::estimation::Stop;
 use crate::scan::decode::{DecodeError, Limits, Sent};
 use std::fs::File;
@@ -73,7 +78,7 @@ impl PointFile {
     fn decode(&mut self, limits: &Limits, stop: &Stop) -> Result<Decoded, DecodeError> {
         self.file.rewind()?;
         let mut reader = BufReader::with_capacity(READ_BLOCK_BYTES, StoppableFile { file: &self.file, stop });
-        super::read(&mut reader, &self.origin.claims(), &self.resolved, limits, self.sent.as_ref())
+        super::measure::read(&mut reader, &self.origin.claims(), &self.resolved, limits, self.sent.as_ref())
     }
 
     /// A file that was read before has as many points as then; of any other its length says more or less how many.

@@ -5,9 +5,11 @@
 //! file --read, clean--> Cloud --detect--> cylinders --in_frame--> Proposal: the cylinder and its recipe
 //! ```
 
+use super::measure::read;
 use super::offline::unpacked;
+use super::recipe::{Recipe, Resolved};
+use super::scans::Origin;
 use super::tee::READ_BLOCK_BYTES;
-use super::{Origin, Recipe, Resolved, read};
 use crate::estimation::{DetectRequest, Detected, FoundCylinder, Orientation, detect};
 use crate::geometry::{Axis, Frame};
 use crate::scan::Cloud;

@@ -4,10 +4,14 @@
 //! Such a reader waits for a client, so it has a thread of its own and not one of those that calculate; and it holds the
 //! points in memory until their turn comes, so there are few. A scan that finds no place is read from its file later.
 
+use super::compute::ComputeError;
+use super::error::{ContentError, ServiceError};
+use super::measure::read;
 use super::memory::{Claim, Memory, points_expected};
 use super::points::ReadPoints;
+use super::recipe::Resolved;
+use super::scans::Origin;
 use super::tee::{READ_BLOCK_BYTES, Tee};
-use super::{ComputeError, ContentError, Origin, Resolved, ServiceError, read};
 use crate::scan::decode::{Encoding, Limits, Sent, inflate};
 use crate::store::{CompleteScan, ScanPart, ScanTrail, StoreError};
 use std::io::{self, BufRead, BufReader};

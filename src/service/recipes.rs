@@ -1,7 +1,10 @@
 //! Recipes under a name: put under a precondition, looked up, listed.
 
+use super::document::Entry;
+use super::error::ServiceError;
 use super::followers::aside;
-use super::{Entry, Recipe, Service, ServiceError, document};
+use super::recipe::Recipe;
+use super::{Service, document};
 use crate::store::{Listing, Page, Precondition, PutRecipe, RecipeRow};
 use jiff::Timestamp;
 use serde::Serialize;

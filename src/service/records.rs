@@ -1,7 +1,10 @@
 //! Measurements that were made: one, a page of them, their profiles, and the last one.
 
+use super::document::{Entry, Unreadable};
+use super::error::ServiceError;
 use super::followers::aside;
-use super::{Entry, Measurement, Service, ServiceError, Unreadable, Verdict, document};
+use super::measurement::{Measurement, Verdict};
+use super::{Service, document};
 use crate::estimation::Profile;
 use crate::store::{Filter, Listing, MeasurementRow, NewestMeasurement, Page};
 use jiff::Timestamp;

@@ -1,8 +1,9 @@
 //! What is ordered of a scan: where it goes, how fast, with how many profiles; whether that can be, and whether the profiles
 //! came from there.
 
+use super::answer::Order;
+use super::error::ServiceError;
 use super::jobs::{Commander, Ending};
-use super::{Order, ServiceError};
 use crate::motion::{Pair, Position};
 use crate::scan::Cloud;
 use serde::{Deserialize, Serialize};

@@ -1,7 +1,10 @@
 //! Raw scans: kept under their content, looked up, handed out byte for byte.
 
+use super::Service;
+use super::error::ServiceError;
+use super::measure::{Decoded, MeasureError};
 use super::points::{PointFile, Points};
-use super::{Arrived, Decoded, MeasureError, Service, ServiceError};
+use super::upload::Arrived;
 use crate::scan::decode::{Format, FormatClaims};
 use crate::store::{Listing, Page, RecordedScan, ScanRow};
 use std::fs::File;

@@ -2,17 +2,24 @@
 //! estimated while the points are kept as a file. The record is there from the start, in a state in -ing; what fails on the way
 //! fails by name.
 
+use super::Service;
+use super::acquisition::Acquisition;
+use super::answer::Accepted;
 use super::answer::{Calculated, fingerprint_of, new_measurement};
 use super::arriving::Arriving;
+use super::compute::ComputeError;
+use super::document::Entry;
+use super::error::ServiceError;
+use super::events::Happening;
 use super::followers::aside;
+use super::jobs::Commander;
 use super::jobs::{Beginning, Ending, JobStanding, Kind, Recorded, Started, read_back};
+use super::measure::Decoded;
+use super::measurement::{Identity, Measurement};
 use super::memory::Claim;
+use super::recipes::RecipeName;
 use super::scan_order::{SensorOrder, SensorRequest, check, misplaced};
 use super::unwritten::{End, MeasuredScan, Points};
-use super::{
-    Accepted, Acquisition, Commander, ComputeError, Decoded, Entry, Happening, Identity, Measurement, RecipeName,
-    Service, ServiceError,
-};
 use crate::cell::{Job, JobEnd, ScanOrder};
 use crate::device::Profile;
 use crate::estimation::{Progress, Settings};
@@ -236,7 +243,8 @@ impl Service {
         mut claim: Claim,
     ) -> Result<Arrived, Ending> {
         let arriving = collect(profiles, &task.limits).await.map_err(|error| ending_of(&error))?;
-        let decoded = arriving.finish().map_err(|error| ending_of(&super::MeasureError::from(error).into()))?;
+        let decoded =
+            arriving.finish().map_err(|error| ending_of(&super::measure::MeasureError::from(error).into()))?;
         let tolerance_mm = self.cell_side().map_err(|error| ending_of(&error))?.config.scan.place_tolerance_mm;
         misplaced(&decoded.cloud, &task.job.order, tolerance_mm).map_or(Ok(()), Err)?;
         claim.keep_for(decoded.cloud.columns.len());
@@ -364,7 +372,7 @@ async fn collect(mut profiles: mpsc::Receiver<Vec<Profile>>, limits: &Limits) ->
     while let Some(new) = profiles.recv().await {
         for profile in &new {
             collected = collected.and_then(|mut arriving: Arriving| {
-                arriving.take(profile).map_err(super::MeasureError::from)?;
+                arriving.take(profile).map_err(super::measure::MeasureError::from)?;
                 Ok(arriving)
             });
         }

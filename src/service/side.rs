@@ -1,7 +1,7 @@
 //! The cell as the service holds it, with what is remembered about it: the newest fence, when the set-points of the move under
 //! way are due, which stops are not recorded yet.
 
-use super::Equipment;
+use super::equipment::Equipment;
 use crate::cell::{Cell, JobView};
 use crate::config::Cell as CellConfig;
 use crate::motion::{Arrangement, Carrier, Pair, Path, Position};

@@ -5,7 +5,8 @@
 //! end ──> store ── failed ──> kept here ──> tried again after 0.25 s, 0.5 s, … 30 s, and once more when the service ends
 //! ```
 
-use super::{Service, ServiceError};
+use super::Service;
+use super::error::ServiceError;
 use crate::store::{CompleteScan, EndedJob, Filter, JobRow, MeasurementRow, NewMeasurement, StoreError};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

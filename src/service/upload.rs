@@ -4,11 +4,14 @@
 //! Nothing but memory and disk is waited for here, and no thread that others need is held while a client sends: as many
 //! uploads as may be under way go on beside each other on however few threads.
 
+use super::Service;
+use super::answer::Accepted;
+use super::error::ServiceError;
 use super::memory::Memory;
 use super::points::ReadPoints;
 use super::reading::{Readers, Reading, Wanted, unpack};
+use super::scans::Origin;
 use super::tee::READ_BLOCK_BYTES;
-use super::{Accepted, Origin, Service, ServiceError};
 use crate::estimation::Stop;
 use crate::scan::decode::{Encoding, Limits, Sent};
 use crate::store::{CompleteScan, ScanWriter};

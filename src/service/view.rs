@@ -1,6 +1,7 @@
 //! What a picture is drawn of: one part of a measurement with its profiles, or all of the scan.
 
-use super::{Chosen, Finding, Measurement};
+use super::findings::{Chosen, Finding};
+use super::measurement::Measurement;
 use crate::estimation::{Conditioning, Estimate, Outcome, Pose, Profile};
 use crate::plot::{Picture, Subject, draw};
 use crate::scan::{Scan, Station};

@@ -4,15 +4,15 @@ use std::path::{Path, PathBuf};
 
 use sqlx::{Row, SqlitePool};
 
-use super::{
-    JobRow, Listing, Loss, MeasurementRow, Page, RecipeRow, ScanRow, StoreError,
-    commits::{CommitFile, Counted},
-    connection, folder,
-    migration::{self, MIGRATIONS},
-    page,
-    plans::ListedPlan,
-    scan_files::{blocking, open_verified},
-};
+use super::commits::{CommitFile, Counted, Loss};
+use super::error::StoreError;
+use super::jobs::JobRow;
+use super::migration::{self, MIGRATIONS};
+use super::page::{Listing, Page};
+use super::plans::ListedPlan;
+use super::rows::{MeasurementRow, RecipeRow, ScanRow};
+use super::scan_files::{blocking, open_verified};
+use super::{connection, folder, page};
 
 /// A service that writes meanwhile may be met between a commit and its count; then both are read again.
 const TRIES: usize = 100;

@@ -3,7 +3,7 @@
 use jiff::Timestamp;
 use sqlx::{Row, sqlite::SqliteRow};
 
-use super::StoreError;
+use super::error::StoreError;
 
 /// A time as microseconds since 1970; finer digits are dropped.
 pub(super) fn micros(time: Timestamp) -> i64 {

@@ -23,11 +23,9 @@ use std::{
 use sha2::{Digest, Sha256};
 use sqlx::{Row, SqliteConnection};
 
-use super::{
-    StoreError, columns,
-    folder::{self, FILE_MODE},
-    hex, statements,
-};
+use super::error::StoreError;
+use super::folder::{self, FILE_MODE};
+use super::{columns, hex, statements};
 
 /// Bytes of a slot: a sector, so that one is written or not.
 const SLOT_BYTES: usize = 512;

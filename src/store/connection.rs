@@ -7,7 +7,7 @@ use sqlx::{
     sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous},
 };
 
-use super::StoreError;
+use super::error::StoreError;
 
 /// Takes the write lock at once: a transaction that reads first and asks for the lock later could be refused it.
 pub(super) const BEGIN: &str = "BEGIN IMMEDIATE";

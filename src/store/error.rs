@@ -4,7 +4,7 @@ use std::{io, path::PathBuf, sync::Arc};
 
 use sqlx::error::{DatabaseError, ErrorKind};
 
-use super::Loss;
+use super::commits::Loss;
 
 /// A reason of the store. Cheap to clone, since one failed commit answers many writers.
 #[derive(Debug, Clone, thiserror::Error)]

@@ -20,7 +20,7 @@ use std::{
     sync::atomic::{AtomicU64, Ordering},
 };
 
-use super::StoreError;
+use super::error::StoreError;
 
 /// Permissions of every file.
 pub(super) const FILE_MODE: u32 = 0o640;

@@ -16,7 +16,9 @@ use std::{
     sync::{Arc, Condvar, Mutex, PoisonError},
 };
 
-use super::{ScanPart, StoreError, folder::Folder};
+use super::error::StoreError;
+use super::folder::Folder;
+use super::scan_files::ScanPart;
 
 /// How far a file has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

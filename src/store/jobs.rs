@@ -6,15 +6,14 @@ use std::sync::Arc;
 use jiff::Timestamp;
 use sqlx::{FromRow, SqliteConnection, sqlite::SqliteRow};
 
-use super::{
-    CompleteScan, NewMeasurement, RequestKey, Store, StoreError,
-    columns::{count, integer, micros, optional_text, optional_timestamp, text, timestamp},
-    page::{self, Listed, Listing, Page},
-    placing::WithFile,
-    rows::Inserted,
-    statements,
-    writer::Write,
-};
+use super::columns::{count, integer, micros, optional_text, optional_timestamp, text, timestamp};
+use super::error::StoreError;
+use super::page::{self, Listed, Listing, Page};
+use super::placing::WithFile;
+use super::rows::{Inserted, NewMeasurement, RequestKey};
+use super::scan_files::CompleteScan;
+use super::writer::Write;
+use super::{Store, statements};
 
 /// A job of the cell.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -4,15 +4,14 @@ use std::sync::Arc;
 
 use sqlx::{FromRow, SqliteConnection, error::ErrorKind, sqlite::SqliteRow};
 
-use super::{
-    CompleteScan, Store, StoreError, broken_constraint,
-    columns::{count, micros, optional_text, text, timestamp},
-    page::{self, Listed, Listing, Page},
-    placing::WithFile,
-    rows::{AnsweredRequest, Filter, Inserted, MeasurementRow, NewMeasurement, NewestMeasurement, RequestKey},
-    scans, statements,
-    writer::Write,
-};
+use super::columns::{count, micros, optional_text, text, timestamp};
+use super::error::{StoreError, broken_constraint};
+use super::page::{self, Listed, Listing, Page};
+use super::placing::WithFile;
+use super::rows::{AnsweredRequest, Filter, Inserted, MeasurementRow, NewMeasurement, NewestMeasurement, RequestKey};
+use super::scan_files::CompleteScan;
+use super::writer::Write;
+use super::{Store, scans, statements};
 
 impl Store {
     /// Records a measurement with its profiles, its request and, where given, its scan: all or nothing, durable on return.

@@ -4,7 +4,8 @@
 use sha2::{Digest, Sha256};
 use sqlx::{AssertSqlSafe, Connection, Row, SqliteConnection};
 
-use super::{StoreError, connection, hex, statements};
+use super::error::StoreError;
+use super::{connection, hex, statements};
 
 /// A step of the schema. Its text never changes once it was released: databases remember its checksum.
 #[derive(Debug, Clone, Copy)]

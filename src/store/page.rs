@@ -5,7 +5,8 @@ use std::fmt;
 
 use sqlx::{AssertSqlSafe, FromRow, SqlitePool, sqlite::SqliteRow};
 
-use super::{StoreError, columns, statements};
+use super::error::StoreError;
+use super::{columns, statements};
 
 /// The most rows that one page holds, whatever was asked for.
 pub const PAGE_ROWS_MAX: u32 = 1000;

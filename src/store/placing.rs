@@ -20,13 +20,11 @@ use std::{
 
 use sqlx::SqliteConnection;
 
-use super::{
-    CompleteScan, StoreError,
-    folder::{self, FILE_MODE, Folder},
-    scan_files::{blocking, digest_of},
-    statements,
-    writer::Write,
-};
+use super::error::StoreError;
+use super::folder::{self, FILE_MODE, Folder};
+use super::scan_files::{CompleteScan, blocking, digest_of};
+use super::statements;
+use super::writer::Write;
 
 /// A write of rows that brings the file of a scan along.
 pub(super) struct WithFile<W> {

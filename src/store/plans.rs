@@ -3,14 +3,13 @@
 use jiff::Timestamp;
 use sqlx::{FromRow, SqliteConnection, sqlite::SqliteRow};
 
-use super::{
-    RequestKey, Store, StoreError,
-    columns::{micros, optional_text, text, timestamp},
-    jobs::request,
-    page::{self, Listed, Listing, Page},
-    statements,
-    writer::Write,
-};
+use super::columns::{micros, optional_text, text, timestamp};
+use super::error::StoreError;
+use super::jobs::request;
+use super::page::{self, Listed, Listing, Page};
+use super::rows::RequestKey;
+use super::writer::Write;
+use super::{Store, statements};
 
 /// A plan.
 #[derive(Debug, Clone, PartialEq, Eq)]

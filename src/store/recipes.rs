@@ -3,14 +3,12 @@
 use jiff::Timestamp;
 use sqlx::{FromRow, SqliteConnection, sqlite::SqliteRow};
 
-use super::{
-    Store, StoreError,
-    columns::{count, integer, micros, text, timestamp},
-    page::{self, Listed, Listing, Page},
-    rows::{Precondition, PutRecipe, RecipeRow},
-    statements,
-    writer::Write,
-};
+use super::columns::{count, integer, micros, text, timestamp};
+use super::error::StoreError;
+use super::page::{self, Listed, Listing, Page};
+use super::rows::{Precondition, PutRecipe, RecipeRow};
+use super::writer::Write;
+use super::{Store, statements};
 
 impl Store {
     /// Puts a recipe if the precondition holds at that moment. Durable on return.

@@ -14,12 +14,10 @@ use std::{
 use sha2::{Digest, Sha256};
 use tokio::task::{JoinHandle, spawn_blocking};
 
-use super::{
-    ScanTrail, Store, StoreError,
-    folder::{Folder, Temporary},
-    following::Growth,
-    hex,
-};
+use super::error::StoreError;
+use super::folder::{Folder, Temporary};
+use super::following::{Growth, ScanTrail};
+use super::{Store, hex};
 
 /// What goes to the blocking thread at once, bytes: large against a thread's waking, small against memory.
 pub(super) const BLOCK_BYTES: usize = 256 * 1024;

@@ -4,15 +4,14 @@ use std::sync::Arc;
 
 use sqlx::{FromRow, SqliteConnection, sqlite::SqliteRow};
 
-use super::{
-    CompleteScan, Store, StoreError,
-    columns::{count, integer, micros, optional_count, optional_text, text, timestamp},
-    page::{self, Listed, Listing, Page},
-    placing::WithFile,
-    rows::{RecordedScan, ScanRow},
-    statements,
-    writer::Write,
-};
+use super::columns::{count, integer, micros, optional_count, optional_text, text, timestamp};
+use super::error::StoreError;
+use super::page::{self, Listed, Listing, Page};
+use super::placing::WithFile;
+use super::rows::{RecordedScan, ScanRow};
+use super::scan_files::CompleteScan;
+use super::writer::Write;
+use super::{Store, statements};
 
 impl Store {
     /// Records a scan; the row of the first time stays. Durable on return.

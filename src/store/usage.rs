@@ -1,7 +1,8 @@
 //! How much room the database takes, and how much is left on the disk of the data folder.
 
+use super::Store;
+use super::error::StoreError;
 use super::scan_files::blocking;
-use super::{Store, StoreError};
 use rustix::fs::statvfs;
 use std::fs;
 use std::io;

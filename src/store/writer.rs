@@ -17,13 +17,11 @@ use std::{future::Future, pin::Pin, sync::Arc};
 use sqlx::{Connection, SqliteConnection};
 use tokio::sync::{mpsc, oneshot};
 
-use super::{
-    StoreError, StoreLimits,
-    commits::{CommitLog, Commits},
-    connection,
-    folder::Folder,
-    scan_files::blocking,
-};
+use super::commits::{CommitLog, Commits};
+use super::error::StoreError;
+use super::folder::Folder;
+use super::scan_files::blocking;
+use super::{StoreLimits, connection};
 
 /// Something that is written within a transaction.
 pub(super) trait Write: Send + Sync + 'static {

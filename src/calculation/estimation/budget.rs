@@ -4,7 +4,7 @@
 //! The axis meets x = 0 at y_c0 = y_ref − x_ref·tan β, hence with j = ∂y_c0/∂β = −x_ref·(1 + tan² β) the variance
 //! var y_ref + j²·var β + 2·j·cov(β, y_ref); likewise z_c0 with the pitch.
 
-use super::{Component, Pose, Uncertainty};
+use super::estimate::{Component, Pose, Uncertainty};
 use crate::geometry::AxisLine;
 use nalgebra::{Matrix5, Vector5};
 

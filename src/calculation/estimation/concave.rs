@@ -1,7 +1,7 @@
 //! Whether the part is seen from inside: the sensor looks down from +Z, so that the points of a part that it sees from outside
 //! lie above the axis. Below it lies the inside of a pipe, or an axis of the coordinates is mirrored.
 
-use super::Pose;
+use super::estimate::Pose;
 use crate::scan::Scan;
 use nalgebra::Vector3;
 use std::f64::consts::FRAC_2_PI;

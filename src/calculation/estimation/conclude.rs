@@ -1,6 +1,9 @@
 //! Puts an estimate together from what a method found: conditioning, residuals, warnings.
 
-use super::{Conditioning, Estimate, Found, Method, Outcome, Profile, Reason, Residuals, Section, Settings, Warning};
+use super::Found;
+use super::estimate::{Conditioning, Estimate, Outcome, Profile, Reason, Residuals, Section};
+use super::settings::{Method, Settings};
+use super::warning::Warning;
 use crate::geometry::Angle;
 
 /// Below this arc a free ellipse is biased by more than its scatter, whatever the radius.

@@ -1,7 +1,10 @@
 //! What an estimation returns: the pose or the reason why there is none, and what became of every profile.
 //! Stored as it is; must not know how it is shown.
 
-use super::{EndFaceRule, Method, Refusal, SectionCut, Warning};
+use super::refusal::Refusal;
+use super::section_cut::SectionCut;
+use super::settings::{EndFaceRule, Method};
+use super::warning::Warning;
 use crate::geometry::{Angle, AxisLine, SectionEllipse};
 use serde::{Deserialize, Serialize};
 

@@ -1,6 +1,8 @@
 //! What is known too badly to be a result: the complete uncertainty against what is allowed.
 
-use super::{Refusal, Settings, Uncertainty};
+use super::estimate::Uncertainty;
+use super::refusal::Refusal;
+use super::settings::Settings;
 
 /// Standard uncertainty of a position that is allowed where nobody says, relative to the radius: a hundredth is far more than
 /// what a useful scan leaves open, whatever the size of the part.

@@ -10,12 +10,14 @@
 //! for a cloud, or an axis that lies elsewhere, the frame is made from the axis that was detected.
 
 use super::detect::{Detected, Detection};
+use super::estimate::{Estimate, Outcome, Pose};
+use super::progress::Progress;
+use super::refusal::{FoundCylinder, Refusal};
 use super::section_cut::SectionCut;
 use super::settings::NOMINAL_REACH;
-use super::{
-    Estimate, FoundCylinder, Method, Orientation, Outcome, Pose, Progress, Refusal, Settings, Warning, concave,
-    in_frame, least_squares, robust,
-};
+use super::settings::{Method, Orientation, Settings};
+use super::warning::Warning;
+use super::{concave, in_frame, least_squares, robust};
 use crate::geometry::Axis;
 use crate::scan::{Grouping, Scan};
 use std::ops::Range;
@@ -151,10 +153,10 @@ fn anywhere(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
 fn in_frame_refused(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
     let profiles = scan.stations().iter().map(|station| {
         progress.advance();
-        super::Profile {
+        super::estimate::Profile {
             x: station.x,
             points_count: station.end - station.start,
-            rejected: Some(super::Reason::NotConverged),
+            rejected: Some(super::estimate::Reason::NotConverged),
             section: None,
             offset: None,
         }
@@ -163,7 +165,7 @@ fn in_frame_refused(scan: &Scan, settings: &Settings, progress: &Progress) -> Es
         method: settings.method,
         outcome: Outcome::Refused(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm }),
         profiles: profiles.collect(),
-        conditioning: super::Conditioning::default(),
+        conditioning: super::estimate::Conditioning::default(),
         residuals: None,
     }
 }

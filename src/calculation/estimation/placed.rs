@@ -1,6 +1,6 @@
 //! A pose that was found in the frame of its sections, in the coordinates of the scan.
 
-use super::{Pose, Uncertainty};
+use super::estimate::{Pose, Uncertainty};
 use crate::geometry::{Axis, AxisLine};
 use nalgebra::{Matrix2, Matrix3, Matrix5, Vector3, Vector5};
 

@@ -1,7 +1,7 @@
 //! Why a scan has no pose: each reason a sentence that an operator could say aloud, with the numbers that decided and what to
 //! do.
 
-use super::Reason;
+use super::estimate::Reason;
 use serde::{Deserialize, Serialize};
 
 /// Why a scan has no pose, with the numbers that decided it.

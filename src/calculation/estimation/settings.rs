@@ -1,6 +1,6 @@
 //! What an estimation is told besides the scan.
 
-use super::TypeB;
+use super::type_b::TypeB;
 use serde::{Deserialize, Serialize};
 
 /// How far a radius that is looked for may be from the nominal one, relative to it.

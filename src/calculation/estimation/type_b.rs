@@ -2,9 +2,9 @@
 //! calibration, not from statistics (GUM, JCGM 100, 4.3: type B). In: standard uncertainties and how the method answers to a
 //! profile that is shifted. Out: lines of the budget.
 
-use super::SettingError;
 use super::budget::Line;
 use super::linearity::{self, PatchInfluence};
+use super::settings::SettingError;
 use crate::geometry::AxisLine;
 use nalgebra::{Matrix5, Matrix5x2, Vector3, Vector5};
 use serde::{Deserialize, Serialize};

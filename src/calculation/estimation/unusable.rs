@@ -1,6 +1,7 @@
 //! Scans that no method can make anything of, told by their points alone.
 
-use super::{Refusal, Settings};
+use super::refusal::Refusal;
+use super::settings::Settings;
 use crate::scan::Scan;
 
 /// A section whose arc stays below this is a straight line for every purpose.

@@ -1,6 +1,6 @@
 //! What a user of a pose should know beside its numbers.
 
-use super::End;
+use super::settings::End;
 use serde::{Deserialize, Serialize};
 
 /// Something that a user of the pose should know.

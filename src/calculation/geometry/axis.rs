@@ -1,6 +1,7 @@
 //! The axis of a part as a line in any direction.
 
-use super::{Angle, AxisLine};
+use super::angle::Angle;
+use super::axis_line::AxisLine;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 

@@ -1,6 +1,7 @@
 //! The axis of a part as a line that crosses every plane x = const.
 
-use super::{Angle, SectionEllipse};
+use super::angle::Angle;
+use super::section::SectionEllipse;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 

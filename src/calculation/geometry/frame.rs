@@ -1,6 +1,6 @@
 //! A right-handed frame declared in the coordinates of a file, and the rigid motion into it.
 
-use super::Axis;
+use super::axis::Axis;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 

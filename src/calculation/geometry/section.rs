@@ -1,6 +1,6 @@
 //! The ellipse that a plane x = const cuts out of a cylinder.
 
-use super::Angle;
+use super::angle::Angle;
 use serde::{Deserialize, Serialize};
 
 /// An ellipse in a plane x = const of the rail frame, millimetres.

@@ -1,7 +1,7 @@
 //! What the two manipulators are to each other and to the part: where they stand, what each axis can do, and how much the part
 //! between them bears. Comes from the configuration, checked once by [`Arrangement::check`].
 
-use super::{Axes, Axis, AxisLimits, Carrier, Pair};
+use super::axes::{Axes, Axis, AxisLimits, Carrier, Pair};
 use serde::{Deserialize, Serialize};
 
 /// Longest length that is taken for meant, mm: beyond, double precision no longer resolves the nanometre.

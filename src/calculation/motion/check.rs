@@ -1,9 +1,11 @@
 //! Whether a path may be executed. Asked of every path that is planned, and again right before a byte goes to a device: what
 //! comes back from a store or was planned under other limits is looked at as if nobody had.
 
+use super::arrangement::Arrangement;
+use super::axes::{Axis, AxisLimits, Carrier, Pair, Path, Position, Waypoint};
+use super::refusal::{MotionRefusal, PathFault};
 use super::run_on::check_run_on;
 use super::strain::Step;
-use super::{Arrangement, Axis, AxisLimits, Carrier, MotionRefusal, Pair, Path, PathFault, Position, Waypoint};
 
 /// Most waypoints of a path.
 pub(super) const WAYPOINTS_MAX: usize = 4096;

@@ -12,9 +12,10 @@
 //!
 //! Both are base + slope·s + cos·cos θs + sin·sin θs for each axis, so greatest rates are known in closed form, not by sampling.
 
+use super::arrangement::Arrangement;
+use super::axes::{Axes, Axis, AxisLimits, Carrier, Pair, Position};
 use super::kinematics::{ClampLine, at_centre};
 use super::progress::Pace;
-use super::{Arrangement, Axes, Axis, AxisLimits, Carrier, Pair, Position};
 use nalgebra::Vector3;
 use std::f64::consts::PI;
 

@@ -16,7 +16,8 @@
 //! φ = angle of T(X, u')^T R T(X, u) about X makes A(u', c + φ) A(u, c)^T = R. φ is the roll, but for a term of second order
 //! in the tilts (the area of the triangle X, u, u' on the sphere, as in a Foucault pendulum).
 
-use super::{Arrangement, Carrier, Pair, Position, Support};
+use super::arrangement::{Arrangement, Support};
+use super::axes::{Carrier, Pair, Position};
 use crate::geometry::AxisLine;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};

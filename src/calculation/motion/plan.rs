@@ -1,12 +1,15 @@
 //! From what is wanted to a path, or to the reason why not: [`plan_alignment`] for a part, [`plan_move`] for axes. A plan moves
 //! nothing.
 
+use super::arrangement::Arrangement;
+use super::axes::{Axes, Carrier, Pair, Path, Position};
 use super::check::{burden, check_burden, check_gap, check_target, each};
 use super::course::Course;
 use super::kinematics::{ClampLine, clamps_for};
+use super::kinematics::{PartPose, PoseTarget, carried};
+use super::refusal::MotionRefusal;
 use super::strain::Step;
 use super::waypoints::{check_start, cut};
-use super::{Arrangement, Axes, Carrier, MotionRefusal, Pair, PartPose, Path, PoseTarget, Position, carried};
 use serde::{Deserialize, Serialize};
 
 /// Least share of the greatest speeds.

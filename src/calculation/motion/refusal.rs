@@ -1,7 +1,8 @@
 //! Why a motion is not planned or not executed, as an operator would say it. Values as the edges know them, mm and degrees,
 //! so that messages and documents agree. Nothing was changed to make it fit.
 
-use super::{ArrangementError, Axis, Carrier};
+use super::arrangement::ArrangementError;
+use super::axes::{Axis, Carrier};
 
 /// Why a motion is refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

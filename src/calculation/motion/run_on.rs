@@ -8,9 +8,11 @@
 //! The cell supervises both manipulators between set-points and needs at most [`REACTION_S`] from the moment at which an axis
 //! sticks until the others brake, provided that the devices answer within some milliseconds.
 
+use super::arrangement::{Arrangement, Support};
+use super::axes::{AxisLimits, Carrier, Pair, Position};
 use super::course::Course;
 use super::progress::Pace;
-use super::{Arrangement, AxisLimits, Carrier, MotionRefusal, Pair, Position, Support};
+use super::refusal::MotionRefusal;
 
 /// From the moment at which an axis sticks until the halt has arrived at the other devices, s: two readings of 25 ms each, an
 /// answer, the halt's own way, and 40 ms for a device that starts or answers late.

@@ -5,8 +5,9 @@
 //! every axis anywhere between its two ends, independently. The difference of the two centres is then anywhere in a box, whose
 //! nearest and farthest point from zero are known in closed form: no order of arrival can strain the part more.
 
+use super::arrangement::Arrangement;
+use super::axes::{Pair, Position};
 use super::kinematics::clamp_centre;
-use super::{Arrangement, Pair, Position};
 use nalgebra::Vector3;
 
 /// Least and greatest of something.

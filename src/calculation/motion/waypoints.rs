@@ -6,12 +6,14 @@
 //! manipulator stops dead while the other finishes its step, the part bears it. Steps across the part come out long (mm to
 //! cm), steps along it about as long as the strain allowed.
 
+use super::arrangement::Arrangement;
+use super::axes::{Axis, Carrier, Pair, Path, Position, Waypoint};
 use super::check::{WAYPOINTS_MAX, check_lead, each};
 use super::course::Course;
 use super::progress::Progress;
+use super::refusal::MotionRefusal;
 use super::run_on::slowed;
 use super::strain::Step;
-use super::{Arrangement, Axis, Carrier, MotionRefusal, Pair, Path, Position, Waypoint};
 
 /// The path along a course, at a share of the greatest speeds.
 pub(super) fn cut(arrangement: &Arrangement, course: &Course, share: f64) -> Result<Path, MotionRefusal> {

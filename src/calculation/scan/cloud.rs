@@ -1,6 +1,6 @@
 //! What a scan file holds, before anyone decided which points make a profile.
 
-use super::Columns;
+use super::columns::Columns;
 use super::decode::Unit;
 
 /// Successive points of a file that share a label and an x: the laser's stripe, or a piece of it.

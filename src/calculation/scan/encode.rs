@@ -21,8 +21,9 @@ mod text;
 
 pub use cloud::encode_cloud;
 
+use super::columns::Columns;
 use super::decode::Format;
-use super::{Columns, Scan, Station};
+use super::{Scan, Station};
 use std::io::{self, Write};
 
 /// Writes a scan.

@@ -1,6 +1,6 @@
 //! The steps of the coordinates of a cloud whose values lie on a lattice.
 
-use super::Cloud;
+use super::cloud::Cloud;
 
 /// Points that are looked at.
 const POINTS_MAX: usize = 4096;

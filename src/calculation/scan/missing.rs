@@ -9,7 +9,8 @@ mod find;
 mod remove;
 mod repeats;
 
-use super::{Cloud, Columns};
+use super::cloud::Cloud;
+use super::columns::Columns;
 use crate::scan::decode::Unit;
 use find::Pattern;
 use std::fmt;

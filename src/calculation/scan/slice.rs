@@ -19,9 +19,11 @@ mod place;
 
 pub use place::{Region, RegionError};
 
+use super::cloud::Cloud;
 use super::decode::Limits;
 use super::lattice;
-use super::{Cloud, Grouping, ProfileRule, Scan, ScanError};
+use super::rule::ProfileRule;
+use super::{Grouping, Scan, ScanError};
 use crate::geometry::{Frame, FrameError};
 
 /// What a caller asks for.

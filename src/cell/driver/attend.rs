@@ -15,7 +15,8 @@
 
 use super::backoff::Backoff;
 use super::call::{Answer, raised};
-use super::{Gone, News, Order, Outcome, Post, Seen};
+use super::post::Post;
+use super::{Gone, News, Order, Outcome, Seen};
 use crate::cell::now;
 use crate::device::{DeviceError, Pending};
 use tokio::sync::mpsc;

@@ -1,6 +1,7 @@
 //! One call to a device: until it answers, its deadline passes, or a halt that is due has waited long enough for it.
 
-use super::{Gone, Halts};
+use super::Gone;
+use super::halts::Halts;
 use crate::device::{DeviceError, Pending};
 use std::time::Duration;
 use tokio::sync::watch;

@@ -2,8 +2,10 @@
 
 use super::attend::{Attendant, Driver, Met};
 use super::call::Answer;
-use super::{Gone, Handling, News, Order, Outcome, Post, Seen};
-use crate::cell::{Failure, now};
+use super::post::Post;
+use super::{Gone, Handling, News, Order, Outcome, Seen};
+use crate::cell::failure::Failure;
+use crate::cell::now;
 use crate::device::sequence::{is_newer, next};
 use crate::device::{Action, AxisState, Command, CommandResult, DeviceError, Manipulator, Mode, Pending, Reading};
 use crate::motion::Carrier;

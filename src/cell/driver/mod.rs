@@ -20,7 +20,7 @@ pub(super) use stage::StageDriver;
 pub use timing::SILENCE;
 pub(super) use timing::Timing;
 
-use super::Failure;
+use super::failure::Failure;
 use super::input::Member;
 use crate::device::{Action, DeviceError, Profile, Reading, SensorReading, StageReading};
 use std::time::Duration;

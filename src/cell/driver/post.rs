@@ -2,7 +2,9 @@
 //! minds when it did.
 
 use super::call::{Answer, Patience, call};
-use super::{Gone, HaltFlag, Halted, Halts, News, Outcome, Report, Seen, Timing};
+use super::halts::{HaltFlag, Halted, Halts};
+use super::timing::Timing;
+use super::{Gone, News, Outcome, Report, Seen};
 use crate::cell::input::Member;
 use crate::cell::now;
 use crate::device::{DeviceError, Pending};

@@ -4,8 +4,9 @@
 
 use super::attend::{Attendant, Driver, Met};
 use super::call::{Answer, raised};
-use super::{Gone, News, Order, Outcome, Post, Seen, Taking};
-use crate::cell::Failure;
+use super::post::Post;
+use super::{Gone, News, Order, Outcome, Seen, Taking};
+use crate::cell::failure::Failure;
 use crate::device::{DeviceError, Pending, Profile, ProfileSensor, ScanFault, SensorDeadlines};
 use tokio::sync::mpsc;
 use tokio::time::timeout;

@@ -3,8 +3,9 @@
 
 use super::attend::{Attendant, Driver, Met};
 use super::call::Answer;
-use super::{Gone, Order, Outcome, Post, Seen, Travel};
-use crate::cell::Failure;
+use super::post::Post;
+use super::{Gone, Order, Outcome, Seen, Travel};
+use crate::cell::failure::Failure;
 use crate::device::{Pending, Stage};
 use tokio::sync::mpsc;
 

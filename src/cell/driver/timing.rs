@@ -1,6 +1,6 @@
 //! How a driver waits: the settings' deadlines, and the silence that outlasts every watchdog.
 
-use crate::cell::Settings;
+use crate::cell::settings::Settings;
 use crate::device::SensorDeadlines;
 use std::time::Duration;
 

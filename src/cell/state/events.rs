@@ -2,8 +2,10 @@
 //! makes no difference any more, it was so already.
 
 use super::{Course, Machine, State, done};
+use crate::cell::events::EventKind;
+use crate::cell::failure::{Failure, Fault};
 use crate::cell::input::{Act, Activity, Member, Verdict};
-use crate::cell::{EventKind, Failure, Fault, JobEnd};
+use crate::cell::job::JobEnd;
 use tokio::time::Instant;
 
 /// How many faults are kept; what comes after them adds nothing an operator needs.

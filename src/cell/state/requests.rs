@@ -1,8 +1,12 @@
 //! What is asked of the machine: the lease, commands, jobs, stops and resets. Each is accepted, was so already, or is refused.
 
 use super::{Course, Machine, State, done};
+use crate::cell::events::EventKind;
+use crate::cell::failure::StopCause;
 use crate::cell::input::{Act, Activity, Manual, Taken, Verdict};
-use crate::cell::{EventKind, JobEnd, Lease, LeaseRequest, Refusal, StopCause};
+use crate::cell::job::JobEnd;
+use crate::cell::lease::{Lease, LeaseRequest};
+use crate::cell::refusal::Refusal;
 use crate::motion::Carrier;
 use tokio::time::Instant;
 

@@ -3,14 +3,15 @@
 
 use super::{Rereading, Rest, Task};
 use crate::cell::driver::{Handling, Order, Travel, moves};
+use crate::cell::failure::{Failure, Fault};
 use crate::cell::input::{Input, Manual, Member};
+use crate::cell::now;
 use crate::cell::obstacles::fault_of;
 use crate::cell::run::Step;
 use crate::cell::scanning::ScanStep;
 use crate::cell::snapshot::Link;
 use crate::cell::state::State;
 use crate::cell::work::{Next, Purpose};
-use crate::cell::{Failure, Fault, now};
 use crate::device::{Action, DeviceError};
 use crate::motion::{Axes, Carrier, Pair};
 use tokio::sync::mpsc;

@@ -2,10 +2,11 @@
 
 use super::Task;
 use crate::cell::input::Activity;
+use crate::cell::obstacles;
+use crate::cell::refusal::Refusal;
 use crate::cell::snapshot::Snapshot;
 use crate::cell::state::State;
 use crate::cell::work::Course;
-use crate::cell::{Refusal, obstacles};
 use tokio::time::Instant;
 
 impl Task {

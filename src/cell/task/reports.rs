@@ -2,12 +2,15 @@
 
 use super::Task;
 use crate::cell::driver::{News, Outcome, Report, Seen, moves};
+use crate::cell::events::EventKind;
+use crate::cell::failure::{Failure, Fault};
 use crate::cell::input::{Input, Member};
+use crate::cell::now;
 use crate::cell::obstacles::fault_of;
+use crate::cell::refusal::Refusal;
 use crate::cell::snapshot::{Link, Live};
 use crate::cell::state::State;
 use crate::cell::work::{Next, Purpose};
-use crate::cell::{EventKind, Failure, Fault, Refusal, now};
 use crate::device::{DeviceError, Reading};
 use crate::motion::Carrier;
 use tokio::time::Instant;

@@ -4,12 +4,16 @@ use super::Task;
 use crate::cell::driver::Taking;
 use crate::cell::homing::Homing;
 use crate::cell::input::{Activity, Input, Manual, Taken};
+use crate::cell::job::Job;
+use crate::cell::lease::{Lease, LeaseRequest};
+use crate::cell::now;
 use crate::cell::obstacles;
+use crate::cell::refusal::Refusal;
 use crate::cell::request::{Reply, Request, ScanBegun, answer};
 use crate::cell::run::Run;
 use crate::cell::scanning::Scanning;
+use crate::cell::settings::ScanOrder;
 use crate::cell::work::{Course, Work};
-use crate::cell::{Job, Lease, LeaseRequest, Refusal, ScanOrder, now};
 use crate::motion::{Carrier, Path, check_path};
 use tokio::sync::mpsc;
 

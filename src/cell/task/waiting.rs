@@ -5,10 +5,11 @@
 use super::Task;
 use crate::cell::driver::Outcome;
 use crate::cell::input::Manual;
+use crate::cell::now;
+use crate::cell::refusal::Refusal;
 use crate::cell::request::{Request, answer};
 use crate::cell::state::State;
 use crate::cell::work::Purpose;
-use crate::cell::{Refusal, now};
 use crate::device::CommandResult;
 use crate::motion::Carrier;
 use tokio::time::Instant;

@@ -1,6 +1,8 @@
 //! Which cell can be: every number within its range, every adaptor set up. What is wrong is told with its dotted key.
 
-use super::{Cell, CellError, ManipulatorAdaptor, SensorAdaptor, StageAdaptor};
+use super::Cell;
+use super::devices::{ManipulatorAdaptor, SensorAdaptor, StageAdaptor};
+use super::error::CellError;
 use crate::motion::Carrier;
 
 impl Cell {

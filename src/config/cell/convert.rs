@@ -1,7 +1,9 @@
 //! The cell's configuration as motion, cell and the simulation take it: lengths stay, degrees become radians, milliseconds
 //! become durations; and the calibration of a scan by a simulated sensor, which its simulation knows.
 
-use super::{Cell, LinearLimits, SensorAdaptor, SupportLimits, Timing, TurnLimits};
+use super::devices::SensorAdaptor;
+use super::supports::{LinearLimits, SupportLimits, TurnLimits};
+use super::{Cell, Timing};
 use crate::cell::Settings;
 use crate::device::simulated::{Mounting, Straightness};
 use crate::estimation::TypeB;

@@ -1,7 +1,9 @@
 //! Where each device of the cell is reached: whether real and simulated ones are told apart, and no machine has two names.
 
+use super::Cell;
 use super::check::key_of;
-use super::{Cell, CellError, ManipulatorAdaptor, SensorAdaptor, StageAdaptor};
+use super::devices::{ManipulatorAdaptor, SensorAdaptor, StageAdaptor};
+use super::error::CellError;
 use crate::device::modbus;
 use crate::motion::Carrier;
 

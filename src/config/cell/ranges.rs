@@ -1,7 +1,9 @@
 //! Every number of the cell with its key, its least and its greatest value, and what must lie below what.
 
+use super::Cell;
 use super::check::key_of;
-use super::{Cell, CellError, Manipulator};
+use super::devices::Manipulator;
+use super::error::CellError;
 use crate::motion::Carrier;
 
 /// A number with its key, its least and its greatest value.

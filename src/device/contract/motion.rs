@@ -2,11 +2,11 @@
 //! part. In: an adaptor, connected or not. Out: a [`Report`].
 
 use super::{Report, STANDS, moved, say_state};
+use crate::device::error::DeviceError;
+use crate::device::manipulator::{Acknowledged, Action, AxisState, Command, CommandResult, Manipulator, Reading};
+use crate::device::sensor::ProfileSensor;
 use crate::device::sequence::next;
-use crate::device::{
-    Acknowledged, Action, AxisState, Command, CommandResult, DeviceError, Manipulator, ProfileSensor, Reading, Stage,
-    StageReading,
-};
+use crate::device::stage::{Stage, StageReading};
 use crate::motion::{Axes, Position};
 use std::time::Duration;
 use tokio::time::{sleep, timeout};

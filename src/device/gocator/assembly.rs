@@ -4,7 +4,8 @@
 use super::codec::{CodecError, Framed, INVALID, Message, Profiles, Stamp, Stamps, Surface};
 use super::extrinsic::Placement;
 use super::travel::{Odometer, Stuck, Travel};
-use crate::device::{Profile, ScanFault};
+use crate::device::error::ScanFault;
+use crate::device::sensor::Profile;
 
 /// Why a message is no part of a scan.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -1,7 +1,7 @@
 //! A connection to one of the sensor's ports: connected within a time, read into frames.
 
 use super::codec::{CodecError, Splitter};
-use crate::device::DeviceError;
+use crate::device::error::DeviceError;
 use std::io;
 use std::time::Duration;
 use tokio::io::AsyncReadExt;

@@ -4,7 +4,7 @@
 use super::channel::{Channel, Peer};
 use super::codec::{Command, Identity, Reply, Request, SensorState, Status, VERSION_MAJOR, Version};
 use super::settings::{Settings, duration};
-use crate::device::DeviceError;
+use crate::device::error::DeviceError;
 use std::time::Duration;
 use tokio::io::AsyncWriteExt;
 use tokio::time::timeout;

@@ -2,7 +2,7 @@
 //! when the sensor does.
 
 use super::codec::{Health, indicator};
-use crate::device::ScanFault;
+use crate::device::error::ScanFault;
 
 /// What the state is where the sensor runs.
 const RUNNING: i64 = 1;

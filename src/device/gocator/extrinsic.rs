@@ -9,7 +9,7 @@
 //! ```
 
 use super::codec::{INVALID, Scale};
-use crate::device::Profile;
+use crate::device::sensor::Profile;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 

@@ -4,7 +4,7 @@ use super::channel::{Channel, Peer};
 use super::codec::{Message, decode};
 use super::drops::Wellness;
 use super::settings::{Settings, duration};
-use crate::device::DeviceError;
+use crate::device::error::DeviceError;
 use std::time::Duration;
 use tokio::time::timeout;
 

@@ -15,7 +15,9 @@ use super::drops::Wellness;
 use super::health::HealthLink;
 use super::running::RunningScan;
 use super::settings::{Checked, Deadlines, Settings, SettingsError, duration};
-use crate::device::{DeviceError, Pending, Profile, ProfileSensor, SensorDeadlines, SensorReading};
+use crate::device::Pending;
+use crate::device::error::DeviceError;
+use crate::device::sensor::{Profile, ProfileSensor, SensorDeadlines, SensorReading};
 
 /// A Gocator; nothing is connected before it is asked to.
 #[derive(Debug)]

@@ -1,7 +1,7 @@
 //! How far the stage had come when a frame was taken, by the frame's stamp.
 
 use super::codec::Stamp;
-use crate::device::ScanFault;
+use crate::device::error::ScanFault;
 use serde::{Deserialize, Serialize};
 
 /// Ticks of the sensor's clock in a second: 1.024 a microsecond.

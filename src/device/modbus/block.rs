@@ -6,7 +6,8 @@ use super::layout::Layout;
 use super::link::{Link, now};
 use super::pulse::Pulse;
 use super::status::StatusRegisters;
-use crate::device::{Command, DeviceError};
+use crate::device::error::DeviceError;
+use crate::device::manipulator::Command;
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
 

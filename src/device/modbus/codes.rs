@@ -2,8 +2,9 @@
 //! own.
 
 use super::error::LayoutError;
+use crate::device::manipulator::{CommandResult, Mode};
+use crate::device::states::States;
 use crate::device::states::different;
-use crate::device::{CommandResult, Mode, States};
 use serde::{Deserialize, Serialize};
 
 /// All tables of a device.

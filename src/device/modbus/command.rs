@@ -5,7 +5,7 @@ use super::crc::crc16;
 use super::error::MapError;
 use super::layout::{CommandMap, Layout};
 use super::status::is_set;
-use crate::device::{Action, Command};
+use crate::device::manipulator::{Action, Command};
 use crate::motion::{Axes, Axis, Position};
 use std::time::Duration;
 

@@ -1,6 +1,6 @@
 //! Why a register map cannot be used, and why registers cannot be understood.
 
-use crate::device::SameCode;
+use crate::device::states::SameCode;
 use crate::motion::Axis;
 
 /// Why a register map is refused, with the names that the configuration gives its fields.

@@ -1,7 +1,7 @@
 //! A [`Reading`] as the registers of the status block: what a simulated device shows. Pure.
 
 use super::layout::Layout;
-use crate::device::{AxisReading, Reading};
+use crate::device::manipulator::{AxisReading, Reading};
 use crate::motion::{Axes, Axis};
 
 /// What a device shows besides its state.
@@ -61,7 +61,7 @@ impl Image<'_> {
         }
     }
 
-    fn state(&self, state: crate::device::AxisState) -> u16 {
+    fn state(&self, state: crate::device::manipulator::AxisState) -> u16 {
         self.layout.codes.states.codes().code(state)
     }
 

@@ -3,7 +3,8 @@
 //! Nothing is ever sent again here.
 
 use super::layout::StatusFunction;
-use crate::device::{DeviceError, Pending};
+use crate::device::Pending;
+use crate::device::error::DeviceError;
 use std::borrow::Cow;
 use std::fmt::Debug;
 use std::io;

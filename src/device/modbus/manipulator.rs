@@ -1,7 +1,10 @@
 //! A manipulator behind a PLC that speaks Modbus TCP. In: commands; out: readings.
 
 use super::block::Block;
-use crate::device::{Command, DeviceError, FenceGate, Manipulator, Pending, Reading};
+use crate::device::Pending;
+use crate::device::error::DeviceError;
+use crate::device::fence::FenceGate;
+use crate::device::manipulator::{Command, Manipulator, Reading};
 
 /// A manipulator's adaptor.
 pub struct ModbusManipulator {

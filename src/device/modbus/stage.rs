@@ -5,10 +5,12 @@ use super::block::Block;
 use super::error::MapError;
 use super::link::now;
 use super::status::{Head, StatusRegisters};
+use crate::device::Pending;
+use crate::device::error::DeviceError;
+use crate::device::fence::FenceGate;
+use crate::device::manipulator::{Action, AxisReading, AxisState, Command, CommandResult};
 use crate::device::sequence::{is_newer, next};
-use crate::device::{
-    Action, AxisReading, AxisState, Command, CommandResult, DeviceError, FenceGate, Pending, Stage, StageReading,
-};
+use crate::device::stage::{Stage, StageReading};
 use crate::motion::{Axes, Axis};
 use std::time::Duration;
 use tokio::time::sleep;

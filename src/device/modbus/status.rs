@@ -3,7 +3,7 @@
 
 use super::error::MapError;
 use super::layout::{Layout, StatusMap};
-use crate::device::{Acknowledged, AxisReading, AxisState, Mode, Reading, Safety};
+use crate::device::manipulator::{Acknowledged, AxisReading, AxisState, Mode, Reading, Safety};
 use crate::motion::{Axes, Axis};
 
 /// Beyond this no axis of this world is: mm, degrees. Positions may be many turns.

@@ -3,9 +3,10 @@
 
 use super::layout::Node;
 use super::nodes::{Answer, Odd};
-use crate::device::{
-    Acknowledged, Action, AxisReading, AxisState, Command, CommandResult, Mode, Reading, Safety, StateCodes,
+use crate::device::manipulator::{
+    Acknowledged, Action, AxisReading, AxisState, Command, CommandResult, Mode, Reading, Safety,
 };
+use crate::device::states::StateCodes;
 use crate::motion::{Axes, Axis, Position};
 use opcua::types::{DataValue, DateTime, Variant};
 use std::time::Duration;

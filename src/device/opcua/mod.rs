@@ -24,7 +24,7 @@ pub use security::Trouble;
 pub use server::{Plc, PlcServer, ServeError, device_path, serve};
 pub use settings::{Policy, Security, SettingRefusal, Settings};
 
-use super::Manipulator;
+use super::manipulator::Manipulator;
 
 /// A manipulator that is reached over OPC UA. Connects nothing yet.
 ///

@@ -3,7 +3,7 @@
 
 use super::layout::{Node, steps};
 use super::security::Trouble;
-use crate::device::{SameCode, States};
+use crate::device::states::{SameCode, States};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::PathBuf;

@@ -3,7 +3,7 @@
 
 use super::servo::Servo;
 use super::settings::StageSettings;
-use crate::device::StageReading;
+use crate::device::stage::StageReading;
 use std::time::Duration;
 
 /// A step of simulated time, s.

@@ -1,7 +1,7 @@
 //! Faults on demand: at which exchange with which device something goes wrong, and what. Planned, held, or by chance from a
 //! seed. In: exchanges, one after the other. Out: the fault that strikes each.
 
-use crate::device::ScanFault;
+use crate::device::error::ScanFault;
 use crate::motion::{Axis, Carrier, Pair};
 use rand::seq::IndexedRandom;
 use rand::{RngExt, SeedableRng};

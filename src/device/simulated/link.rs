@@ -3,7 +3,7 @@
 
 use super::faults::{Device, Fault, Step};
 use super::world::{MadeCell, World};
-use crate::device::DeviceError;
+use crate::device::error::DeviceError;
 use std::time::Duration;
 use tokio::time::sleep;
 

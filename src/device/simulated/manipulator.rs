@@ -2,7 +2,10 @@
 
 use super::faults::Device;
 use super::link::Link;
-use crate::device::{Command, DeviceError, FenceGate, Manipulator, Pending, Reading};
+use crate::device::Pending;
+use crate::device::error::DeviceError;
+use crate::device::fence::FenceGate;
+use crate::device::manipulator::{Command, Manipulator, Reading};
 use crate::motion::Carrier;
 
 /// A made manipulator behind its link.

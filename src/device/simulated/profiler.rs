@@ -2,7 +2,9 @@
 
 use super::link::Link;
 use super::scanning::PROFILES_MAX;
-use crate::device::{DeviceError, Pending, Profile, ProfileSensor, SensorReading};
+use crate::device::Pending;
+use crate::device::error::DeviceError;
+use crate::device::sensor::{Profile, ProfileSensor, SensorReading};
 use std::time::Duration;
 use tokio::time::sleep;
 

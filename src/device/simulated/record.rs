@@ -1,7 +1,7 @@
 //! What a made manipulator was told: each command that it executed, each that it ignored, and every target that it should never
 //! have been sent. For tests and campaigns.
 
-use crate::device::{Action, Command};
+use crate::device::manipulator::{Action, Command};
 use std::collections::VecDeque;
 use std::time::Duration;
 

@@ -4,7 +4,7 @@
 use super::part::Place;
 use super::rail::Rail;
 use super::settings::{SensorSettings, Settings};
-use crate::device::Profile;
+use crate::device::sensor::Profile;
 use crate::scan::synthetic::{Edge, Edges, Interference, Part, make_profile};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

@@ -1,7 +1,10 @@
 //! The adaptor of the made stage.
 
 use super::link::Link;
-use crate::device::{DeviceError, FenceGate, Pending, Stage, StageReading};
+use crate::device::Pending;
+use crate::device::error::DeviceError;
+use crate::device::fence::FenceGate;
+use crate::device::stage::{Stage, StageReading};
 
 /// The made stage behind its link.
 #[derive(Debug)]

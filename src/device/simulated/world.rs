@@ -12,7 +12,7 @@ use super::record::Record;
 use super::scanning::{Eye, Scanning};
 use super::settings::{Mounting, SettingError, Settings, check_mountings};
 use super::stage::SimulatedStage;
-use crate::device::{Mode, Safety};
+use crate::device::manipulator::{Mode, Safety};
 use crate::geometry::AxisLine;
 use crate::motion::{Axes, Axis, Carrier, Pair, Position};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

@@ -1,7 +1,8 @@
 //! The cell's and the motion's reasons as problems, one by one: what happened, what to do, and the numbers as members.
 
 use super::super::numbers::rounded;
-use super::{Code, Problem};
+use super::Problem;
+use super::code::Code;
 use crate::cell::{Refusal, ScanNumber, State};
 use crate::device::AxisState;
 use crate::motion::{Axis, Carrier, MotionRefusal};

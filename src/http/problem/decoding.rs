@@ -1,6 +1,7 @@
 //! What is wrong with an upload, as problems: the variants of the reader's and the slicer's errors, one by one.
 
-use super::{Code, Problem};
+use super::Problem;
+use super::code::Code;
 use crate::scan::decode::DecodeError;
 use crate::scan::slice::SliceError;
 use serde_json::Value;

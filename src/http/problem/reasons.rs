@@ -1,6 +1,7 @@
 //! The service's and the store's reasons as problems, one by one.
 
-use super::{Code, Problem};
+use super::Problem;
+use super::code::Code;
 use crate::scan::slice::RegionError;
 use crate::service::{ComputeError, ContentError, MeasureError, RecipeError, ServiceError};
 use crate::store::{Loss, StoreError};

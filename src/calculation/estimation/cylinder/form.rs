@@ -9,7 +9,7 @@
 
 use super::solve::Solution;
 use super::step::Hold;
-use crate::estimation::Warning;
+use crate::estimation::warning::Warning;
 use crate::scan::Scan;
 use nalgebra::{SMatrix, SVector, Vector5};
 

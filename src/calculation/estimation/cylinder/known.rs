@@ -7,8 +7,9 @@ use super::solve::Solution;
 use super::step::{self, Hold};
 use super::sums::Sums;
 use crate::estimation::budget::Line;
+use crate::estimation::robust;
+use crate::estimation::settings::Settings;
 use crate::estimation::type_b::{Found, Influence};
-use crate::estimation::{Settings, robust};
 use crate::scan::{Scan, Station};
 use nalgebra::Vector5;
 

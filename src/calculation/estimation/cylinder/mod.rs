@@ -46,10 +46,12 @@ mod step;
 mod sums;
 
 use super::budget::Line;
-use super::{
-    EndFaces, Found, Outcome, Pose, Profile, Progress, RadiusRule, RadiusSource, Reason, Refusal, Settings,
-    Uncertainty, Warning, limits,
-};
+use super::estimate::{EndFaces, Outcome, Pose, Profile, RadiusSource, Reason, Uncertainty};
+use super::progress::Progress;
+use super::refusal::Refusal;
+use super::settings::{RadiusRule, Settings};
+use super::warning::Warning;
+use super::{Found, limits};
 use crate::scan::{Scan, Station};
 use judge::Model;
 use solve::Solution;

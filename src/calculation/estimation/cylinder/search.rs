@@ -15,9 +15,12 @@ use super::settle::Settled;
 use super::solve::{self, Problem, Solution};
 use super::step::Hold;
 use super::{field, hold, too_few, too_short};
+use crate::estimation::estimate::Reason;
+use crate::estimation::progress::Progress;
+use crate::estimation::refusal::Refusal;
 use crate::estimation::settings::NOMINAL_REACH;
+use crate::estimation::settings::{Method, Settings};
 use crate::estimation::unusable::unusable;
-use crate::estimation::{Method, Progress, Reason, Refusal, Settings};
 use crate::scan::Scan;
 
 /// Sampled for the start: enough that the finest surface is told from its neighbours.

@@ -18,7 +18,11 @@ mod occupancy;
 mod posterior;
 mod unroll;
 
-use super::{End, EndFace, EndFaces, Estimate, Outcome, Pose, Settings, TypeB, Warning, type_b};
+use super::estimate::{EndFace, EndFaces, Estimate, Outcome, Pose};
+use super::settings::{End, Settings};
+use super::type_b;
+use super::type_b::TypeB;
+use super::warning::Warning;
 use crate::scan::{Grouping, Scan};
 use chamfer::Beneath;
 use likelihood::Likelihood;

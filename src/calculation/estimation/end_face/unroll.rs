@@ -5,7 +5,8 @@
 //! t = ±(n·dx + (p·u + q·w)/n); its squared distance from the axis is u² + w² − (p·u + q·w)²/n².
 
 use crate::estimation::conclude::median;
-use crate::estimation::{End, Pose};
+use crate::estimation::estimate::Pose;
+use crate::estimation::settings::End;
 use crate::geometry::AxisLine;
 use crate::scan::{Scan, Station};
 use nalgebra::{Matrix5, Vector4, Vector5};

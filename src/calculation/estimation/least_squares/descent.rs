@@ -2,7 +2,7 @@
 
 use super::axis::{Cylinder, Sums};
 use super::points::Points;
-use crate::estimation::Progress;
+use crate::estimation::progress::Progress;
 
 /// Rounds of a descent; one that needs more creeps along a valley that another start leaves sooner.
 const ROUNDS_MAX: usize = 100;

@@ -2,10 +2,15 @@
 
 use super::{GaussianCylinder, basis, cylinder_of};
 use crate::estimation::budget::Line;
-use crate::estimation::{
-    Conditioning, EndFaces, Estimate, Outcome, Pose, Profile, Progress, RadiusSource, Refusal, Residuals, SectionCut,
-    Settings, Uncertainty, Warning, limits, type_b,
+use crate::estimation::estimate::{
+    Conditioning, EndFaces, Estimate, Outcome, Pose, Profile, RadiusSource, Residuals, Uncertainty,
 };
+use crate::estimation::progress::Progress;
+use crate::estimation::refusal::Refusal;
+use crate::estimation::section_cut::SectionCut;
+use crate::estimation::settings::Settings;
+use crate::estimation::warning::Warning;
+use crate::estimation::{limits, type_b};
 use crate::geometry::{Axis, AxisLine};
 use crate::scan::{Scan, Station};
 use nalgebra::{Matrix3, Matrix5, Vector3, Vector5};

@@ -15,7 +15,7 @@ mod starts;
 
 pub use error::LeastSquaresError;
 
-use super::Progress;
+use super::progress::Progress;
 use axis::{Cylinder, basis_of};
 use descent::{Minimum, descend};
 use nalgebra::{Matrix5, Vector3, Vector5};

@@ -3,10 +3,10 @@
 //! A profile that shows an arc all by itself among its neighbours is an accident and counts as none. A stretch of profiles
 //! that is too short to be measured (fewer than `profiles_min`, or shorter than `axial_length_min_mm`) is no part.
 
-use super::super::Settings;
 use super::super::conclude::median;
 use super::rule::ByGap;
 use super::shows::shows;
+use crate::estimation::settings::Settings;
 use crate::scan::{Scan, Station};
 use std::ops::Range;
 

@@ -11,10 +11,13 @@ mod shows;
 
 pub use rule::{ByGap, PARTS_MAX, PartRule, PartsError, Window};
 
+use super::estimate;
+use super::estimate::{Conditioning, Estimate, Outcome, Profile, Reason};
+use super::progress::Progress;
+use super::refusal::Refusal;
+use super::settings::{Orientation, Settings};
 use super::unusable::unusable;
-use super::{
-    Conditioning, Estimate, Orientation, Outcome, Profile, Progress, Reason, Refusal, Settings, Warning, estimate,
-};
+use super::warning::Warning;
 use crate::scan::{Grouping, Scan};
 use std::ops::Range;
 

@@ -2,7 +2,7 @@
 //!
 //! In a recipe: `"one"`, `{"by_gap": {"gap_min_mm": 20, "count": 2}}` or `{"windows": [{"name": …, "x_min_mm": …, …}]}`.
 
-use super::super::{SettingError, Settings};
+use crate::estimation::settings::{SettingError, Settings};
 use serde::{Deserialize, Serialize};
 
 /// Most parts of one scan.

@@ -6,8 +6,8 @@
 //! 16 t/φ (its sagitta is chord · φ/8), which with t of at most a thousandth of the profile's size is 6 % of it; two planes
 //! touch a circle along twice 9 %.
 
-use super::super::Settings;
 use super::super::cylinder::extent;
+use crate::estimation::settings::Settings;
 use crate::scan::{Scan, Station};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

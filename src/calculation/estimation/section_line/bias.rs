@@ -5,7 +5,8 @@
 //! fixed seed.
 
 use super::section::Bench;
-use crate::estimation::{Section, Settings};
+use crate::estimation::estimate::Section;
+use crate::estimation::settings::Settings;
 use crate::geometry::SectionEllipse;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

@@ -3,8 +3,9 @@
 
 use super::axis::Fit;
 use super::section::Bench;
+use crate::estimation::estimate::Profile;
 use crate::estimation::linearity::{PatchInfluence, Patches};
-use crate::estimation::{Profile, Settings};
+use crate::estimation::settings::Settings;
 use crate::geometry::SectionEllipse;
 use crate::scan::{Scan, Station};
 use nalgebra::{Matrix5x2, Vector2, Vector5};

@@ -12,8 +12,12 @@ mod linearity;
 mod section;
 mod verdict;
 
+use super::Found;
 use super::conclude::median;
-use super::{Found, Method, Outcome, Profile, Progress, Refusal, Section, Settings};
+use super::estimate::{Outcome, Profile, Section};
+use super::progress::Progress;
+use super::refusal::Refusal;
+use super::settings::{Method, Settings};
 use crate::geometry::AxisLine;
 use crate::scan::{Scan, Station};
 use axis::{Centre, Reweighting};

@@ -2,8 +2,10 @@
 //! have lost their say. In: the points of one profile. Out: the section and its diagnostics, or the reason why there is none.
 
 use super::conic::Conic;
+use crate::estimation::estimate::{Reason, Section};
 use crate::estimation::linearity::Patches;
-use crate::estimation::{Method, Reason, Section, Settings, robust};
+use crate::estimation::robust;
+use crate::estimation::settings::{Method, Settings};
 use crate::geometry::{Angle, SectionEllipse};
 use std::f64::consts::TAU;
 

@@ -5,12 +5,13 @@ use super::axis::{Centre, Fit};
 use super::bias::Bias;
 use crate::estimation::budget::Line;
 use crate::estimation::conclude::{axial_length, median};
+use crate::estimation::estimate::{EndFaces, Pose, Profile, RadiusSource, Reason, Section, Uncertainty};
 use crate::estimation::linearity::PatchInfluence;
+use crate::estimation::refusal::Refusal;
+use crate::estimation::robust;
+use crate::estimation::settings::{Method, Settings};
 use crate::estimation::type_b::Found;
 use crate::estimation::unusable::unusable;
-use crate::estimation::{
-    EndFaces, Method, Pose, Profile, RadiusSource, Reason, Refusal, Section, Settings, Uncertainty, robust,
-};
 use crate::geometry::AxisLine;
 use crate::scan::{Scan, Station};
 use nalgebra::Vector5;

@@ -16,16 +16,19 @@
 //! | behind the rows | a line that states their number, `END`, and NUL |
 //! | the header again | passed over |
 
+use super::error::DecodeError;
 use super::fields::Separator;
+use super::format::Format;
 use super::gather::Gather;
+use super::gather::Precision;
 use super::hints::{NumberHint, shorten};
 use super::lines::{Lines, is_fill};
 use super::matrix::Matrix;
 use super::names;
 use super::number::Numbers;
 use super::table::{Line, Sample, Table, check_columns, is_comment, lone_count};
-use super::{DecodeError, Format, Precision, Request, settle_unit};
-use crate::scan::{Cloud, Labels};
+use super::{Request, settle_unit};
+use crate::scan::cloud::{Cloud, Labels};
 
 /// Reads a table.
 pub(super) fn decode(reader: &mut dyn std::io::BufRead, request: &Request<'_>) -> Result<Cloud, DecodeError> {

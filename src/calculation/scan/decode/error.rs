@@ -1,7 +1,8 @@
 //! Why a file cannot be read: each variant a reason with its numbers, each text what happened and what to do.
 
+use super::format::Format;
 use super::hints::{NumberHint, Pitches, json_hint};
-use super::{Format, Unit};
+use super::unit::Unit;
 use std::io::{self, ErrorKind};
 
 /// Why a file does not become a cloud.

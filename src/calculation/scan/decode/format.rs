@@ -1,6 +1,6 @@
 //! Which format a file has: what its sender says first, what its first bytes say second, its name last.
 
-use super::DecodeError;
+use super::error::DecodeError;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 

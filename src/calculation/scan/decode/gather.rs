@@ -1,9 +1,13 @@
 //! The one place where points enter a cloud: scales them, drops the missing, refuses the impossible, codes the stripes. Comes
 //! from every reader; goes out as a [`Cloud`].
 
+use super::error::DecodeError;
+use super::limits::Limits;
 use super::packed::{Packed, Run};
-use super::{DecodeError, Limits, Unit};
-use crate::scan::{Cloud, Columns, Labels, Stripe, huge_pages};
+use super::unit::Unit;
+use crate::scan::cloud::{Cloud, Labels, Stripe};
+use crate::scan::columns::Columns;
+use crate::scan::huge_pages;
 use std::collections::HashSet;
 
 /// How precise a file's coordinates are.

@@ -11,13 +11,17 @@
 //! left-handed swap, which the sensor-to-rail calibration takes up. Each frame, or row of a grid, is a row. Lengths are
 //! millimetres. The first section that has points counts.
 
+use super::error::DecodeError;
 use super::fields::{Fields, Separator};
+use super::format::Format;
 use super::gather::Gather;
+use super::gather::Precision;
 use super::hints::shorten;
 use super::lines::Lines;
 use super::number::{Numbers, parse_number};
-use super::{DecodeError, Format, Precision, Request, Unit, settle_unit};
-use crate::scan::{Cloud, Labels};
+use super::unit::Unit;
+use super::{Request, settle_unit};
+use crate::scan::cloud::{Cloud, Labels};
 use std::io::BufRead;
 
 const COMMA: Separator = Separator::Byte(b',');

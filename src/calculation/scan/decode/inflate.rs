@@ -1,6 +1,7 @@
 //! Compressed transfer, gzip and zstd, decompressed within limits: a stream in, a longer stream out.
 
-use super::{DecodeError, Limits};
+use super::error::DecodeError;
+use super::limits::Limits;
 use flate2::bufread::MultiGzDecoder;
 use std::io::{self, BufRead, BufReader, ErrorKind, Read};
 use std::sync::Arc;

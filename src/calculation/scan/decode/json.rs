@@ -3,10 +3,13 @@
 //! A profile may have `"y_mm": […], "z_mm": […]` in place of `points`. `null` stands for a point, or a coordinate, that
 //! is missing. Other fields are refused, so nothing nests deeper than this shape does; one profile is held at a time.
 
+use super::error::DecodeError;
 use super::gather::Gather;
+use super::gather::Precision;
 use super::hints::shorten;
-use super::{DecodeError, Precision, Request, Unit, settle_unit};
-use crate::scan::{Cloud, Labels};
+use super::unit::Unit;
+use super::{Request, settle_unit};
+use crate::scan::cloud::{Cloud, Labels};
 use serde::Deserialize;
 use serde::de::{DeserializeSeed, Deserializer, Error, MapAccess, SeqAccess, Visitor};
 use serde_json::error::Category;

@@ -1,6 +1,7 @@
 //! Lines of text from a reader, one at a time into one buffer, none longer than allowed.
 
-use super::{DecodeError, Limits};
+use super::error::DecodeError;
+use super::limits::Limits;
 use std::io::{BufRead, Read};
 
 /// A reader taken line by line.

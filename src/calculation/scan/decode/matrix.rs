@@ -10,10 +10,14 @@
 //!
 //! Numbers count from 0. Pitches are in millimetres, cells in the unit of the file.
 
+use super::error::DecodeError;
+use super::format::Format;
 use super::gather::Gather;
+use super::gather::Precision;
 use super::hints::Pitches;
-use super::{DecodeError, Format, Precision, Request, Unit, settle_unit};
-use crate::scan::{Cloud, Labels};
+use super::unit::Unit;
+use super::{Request, settle_unit};
+use crate::scan::cloud::{Cloud, Labels};
 
 /// Columns from which numbers without a header are a matrix: points have x, y, z and a few attributes.
 pub(super) const COLUMNS_MIN: usize = 9;

@@ -53,7 +53,7 @@ pub use matrix::Grid;
 pub use number::Decimal;
 pub use unit::Unit;
 
-use super::Cloud;
+use super::cloud::Cloud;
 use gather::Precision;
 use std::io::BufRead;
 

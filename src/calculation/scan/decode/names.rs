@@ -1,6 +1,8 @@
 //! What the names of columns, properties and fields mean: a coordinate (perhaps with its unit) or the profile.
 
-use super::{DecodeError, Request, Unit, settle_unit};
+use super::error::DecodeError;
+use super::unit::Unit;
+use super::{Request, settle_unit};
 
 /// Names, without case, under which a column counts the profiles.
 const PROFILE_NAMES: [&str; 25] = [

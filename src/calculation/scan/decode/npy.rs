@@ -1,14 +1,17 @@
 //! NPY, one numpy array: (N, 3) points, (P, M, 3) profiles, records with fields x, y, z, or a matrix (P, M) of heights with declared
 //! pitches; in either order of the axes. From bytes to a cloud.
 
+use super::error::DecodeError;
+use super::format::Format;
 use super::gather::Gather;
+use super::gather::Precision;
 use super::matrix::Matrix;
 use super::names;
 use super::npy_header::{ArrayHeader, Element, Field, read_header};
 use super::records::{Layout, Place, read_records};
 use super::scalar::{Kind, Scalar};
-use super::{DecodeError, Format, Precision, Request, settle_unit};
-use crate::scan::{Cloud, Labels};
+use super::{Request, settle_unit};
+use crate::scan::cloud::{Cloud, Labels};
 use std::io::{BufRead, Read};
 
 const FORMAT: Format = Format::Npy;

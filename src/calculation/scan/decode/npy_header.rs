@@ -3,8 +3,10 @@
 //! The header is a Python literal with three keys in a fixed spelling, and is read here: the crate for this format
 //! recurses into nested brackets and multiplies sizes unchecked, either of which a hostile header turns into an abort.
 
+use super::ends_early;
+use super::error::DecodeError;
+use super::format::Format;
 use super::scalar::{Endian, Kind, Scalar};
-use super::{DecodeError, Format, ends_early};
 use std::io::Read;
 
 const FORMAT: Format = Format::Npy;

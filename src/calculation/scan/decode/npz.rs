@@ -4,13 +4,16 @@
 //! What the archive's directory says about sizes is not believed; bytes are counted as they inflate. Every entry that is read is read
 //! to its end, where its checksum is compared.
 
+use super::error::DecodeError;
+use super::format::Format;
 use super::gather::Gather;
 use super::hints::shorten;
 use super::inflate::Capped;
+use super::limits::Limits;
 use super::npy::{self, Array};
 use super::npy_header::read_header;
-use super::{DecodeError, Format, Limits, Request, settle_unit};
-use crate::scan::{Cloud, Labels};
+use super::{Request, settle_unit};
+use crate::scan::cloud::{Cloud, Labels};
 use std::io::{self, BufRead, BufReader, Cursor, Read};
 use zip::CompressionMethod;
 use zip::ZipArchive;

@@ -12,7 +12,7 @@
 //!
 //! A file with a cell that keeps two readings is refused with both of them.
 
-use super::DecodeError;
+use super::error::DecodeError;
 use super::hints::{NumberHint, shorten};
 use serde::{Deserialize, Serialize};
 

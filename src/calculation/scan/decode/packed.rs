@@ -6,10 +6,10 @@
 //! What is left is mostly the kernel's handing out of fresh pages, so the columns are filled in place, and no others are
 //! needed. (Filling them from two threads at once was tried; the kernel made both wait.)
 
-use super::DecodeError;
+use super::error::DecodeError;
 use super::gather::Gather;
 use super::records::row_of;
-use crate::scan::Columns;
+use crate::scan::columns::Columns;
 
 /// Records of a block: what is read and what is written stay in the first-level cache.
 const BLOCK: usize = 512;

@@ -4,6 +4,8 @@
 //! The reader is our own: the crate for this format reserves whatever two numbers of the compressed body ask for, which
 //! no caller can catch.
 
+use super::error::DecodeError;
+use super::format::Format;
 use super::gather::Gather;
 use super::hints::shorten;
 use super::inflate::check_ratio;
@@ -14,8 +16,8 @@ use super::number::Numbers;
 use super::pcd_header::{Body, Field, Header, read_header};
 use super::records::{Layout, Place, read_records, take_points};
 use super::scalar::{Endian, Scalar};
-use super::{DecodeError, Format, Request, ends_early, settle_unit};
-use crate::scan::{Cloud, Labels};
+use super::{Request, ends_early, settle_unit};
+use crate::scan::cloud::{Cloud, Labels};
 use std::io::{BufRead, Read};
 
 const FORMAT: Format = Format::Pcd;

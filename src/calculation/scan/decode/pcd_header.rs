@@ -1,9 +1,12 @@
 //! The header of a PCD file: its fields, its size and how the points are stored.
 
+use super::error::DecodeError;
+use super::format::Format;
+use super::limits::Limits;
 use super::lines::{Lines, text, words};
 use super::names;
 use super::scalar::Kind;
-use super::{DecodeError, Format, Limits, Unit};
+use super::unit::Unit;
 
 const FORMAT: Format = Format::Pcd;
 /// Numbers of one field; more than any descriptor in use has.

@@ -4,6 +4,8 @@
 //! The reader is our own: the crate that is safe on hostile input parses element by element and property by property,
 //! which takes far longer than the few sweeps over memory that a scan of millions of points may cost.
 
+use super::error::DecodeError;
+use super::format::Format;
 use super::gather::Gather;
 use super::hints::shorten;
 use super::lines::{Lines, text, words};
@@ -12,8 +14,8 @@ use super::number::Numbers;
 use super::ply_header::{Body, Element, PropertyType, read_header};
 use super::records::{Layout, Place, read_records};
 use super::scalar::{Endian, Scalar};
-use super::{DecodeError, Format, Request, ends_early, settle_unit};
-use crate::scan::{Cloud, Labels};
+use super::{Request, ends_early, settle_unit};
+use crate::scan::cloud::{Cloud, Labels};
 use std::io::BufRead;
 
 const FORMAT: Format = Format::Ply;

@@ -1,9 +1,12 @@
 //! The header of a PLY file: its encoding and its elements.
 
+use super::error::DecodeError;
+use super::format::Format;
+use super::limits::Limits;
 use super::lines::{Lines, text, words};
 use super::names;
 use super::scalar::{Endian, Kind};
-use super::{DecodeError, Format, Limits, Unit};
+use super::unit::Unit;
 
 const FORMAT: Format = Format::Ply;
 /// Elements of a file; those in use have two or three.

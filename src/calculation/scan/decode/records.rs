@@ -2,10 +2,11 @@
 //!
 //! Records of exactly three little-endian floats take the fast way of [`packed`](super::packed); others go point by point.
 
+use super::error::DecodeError;
 use super::gather::Gather;
+use super::gather::Precision;
 use super::packed::take_packed;
 use super::scalar::{Endian, Kind, Scalar};
-use super::{DecodeError, Precision};
 use std::io::BufRead;
 
 /// Where one number of every record lies: that of record i at `start` + i·`step`.

@@ -1,13 +1,17 @@
 //! How the rows of a text table are built: its separator, its header, its columns, from the first lines.
 
+use super::error::DecodeError;
 use super::fields::Separator;
+use super::format::Format;
 use super::hints::shorten;
+use super::limits::Limits;
 use super::lines::{Lines, is_fill};
 use super::matrix;
 use super::named::NamedRows;
 use super::names::{self, ColumnMap};
 use super::number::parse_number;
-use super::{DecodeError, Format, Limits, Request, Unit, settle_unit};
+use super::unit::Unit;
+use super::{Request, settle_unit};
 
 /// Lines that are looked at from the first that could belong to the table.
 const SAMPLE_LINES: usize = 64;

@@ -1,7 +1,8 @@
 //! A cloud as a file that reads back as the same cloud: binary PLY, with the profile of every point where the cloud has
 //! profiles.
 
-use crate::scan::{Cloud, Columns, Labels};
+use crate::scan::cloud::{Cloud, Labels};
+use crate::scan::columns::Columns;
 use std::io::{self, Write};
 
 /// Writes a cloud in the order of its points. What reads it finds the same points, and the same profiles, so whatever is

@@ -10,7 +10,7 @@
 //!
 //! Values of x or y alone are no sign: rasters repeat them.
 
-use crate::scan::Cloud;
+use crate::scan::cloud::Cloud;
 use libm::erf;
 use std::collections::HashMap;
 use std::f64::consts::LN_2;

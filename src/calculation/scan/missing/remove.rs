@@ -2,7 +2,8 @@
 
 use super::find::Pattern;
 use super::{MissingKind, MissingValue, retain};
-use crate::scan::{Cloud, Columns, Labels, Stripe};
+use crate::scan::cloud::{Cloud, Labels, Stripe};
+use crate::scan::columns::Columns;
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 

@@ -5,7 +5,8 @@
 
 use super::find::most_of_one_value;
 use super::retain;
-use crate::scan::{Cloud, Columns, Labels, Stretch, Stripe};
+use crate::scan::cloud::{Cloud, Labels, Stripe};
+use crate::scan::columns::{Columns, Stretch};
 use std::collections::HashMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::ops::Range;

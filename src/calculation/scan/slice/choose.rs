@@ -1,8 +1,10 @@
 //! Which rule tells the profiles of a cloud apart, and the key that it gives each stripe.
 
 use super::SliceError;
+use crate::scan::Grouping;
+use crate::scan::cloud::{Cloud, Labels, Stripe};
 use crate::scan::decode::Limits;
-use crate::scan::{Cloud, Grouping, Labels, ProfileRule, Stripe};
+use crate::scan::rule::ProfileRule;
 
 /// Spread of x along a row, in steps between rows, up to which a row is a profile.
 const ROW_SPREAD_MAX: f64 = 0.1;

@@ -7,8 +7,10 @@
 
 use super::SliceError;
 use super::choose::Key;
+use crate::scan::cloud::{Cloud, Stripe};
+use crate::scan::columns::Columns;
 use crate::scan::decode::Limits;
-use crate::scan::{Cloud, Columns, Scan, Station, Stripe};
+use crate::scan::{Scan, Station};
 use std::ops::Range;
 
 /// The scan of a cloud whose profiles share a key.

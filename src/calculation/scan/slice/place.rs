@@ -2,7 +2,8 @@
 
 use super::SliceError;
 use crate::geometry::Frame;
-use crate::scan::{Cloud, Columns, Stripe};
+use crate::scan::cloud::{Cloud, Stripe};
+use crate::scan::columns::Columns;
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 

@@ -5,8 +5,10 @@ use super::interference::Feature;
 use super::laser_plane::LaserPlane;
 use super::noise::Noise;
 use super::travel::{Delivery, Stage};
-use super::{Part, SPIKE_MM, Stream, Truth};
-use crate::scan::{Columns, Scan, ScanError, Station};
+use super::truth::Truth;
+use super::{Part, SPIKE_MM, Stream};
+use crate::scan::columns::Columns;
+use crate::scan::{Scan, ScanError, Station};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

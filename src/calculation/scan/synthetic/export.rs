@@ -1,7 +1,8 @@
 //! What a sensor's software does to the points when it writes them: rounding, and numbers that stand for "no return".
 
 use super::Stream;
-use crate::scan::{Columns, Scan, ScanError, Station};
+use crate::scan::columns::Columns;
+use crate::scan::{Scan, ScanError, Station};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 

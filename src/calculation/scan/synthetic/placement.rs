@@ -1,8 +1,9 @@
 //! A synthetic scan moved as a rigid body, as an unorganised cloud in the coordinates of some other instrument.
 
-use super::Truth;
+use super::truth::Truth;
 use crate::geometry::{Axis, Frame, FrameError};
-use crate::scan::{Columns, Grouping, Scan, ScanError, Station};
+use crate::scan::columns::Columns;
+use crate::scan::{Grouping, Scan, ScanError, Station};
 use nalgebra::{Matrix3, Vector3};
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};

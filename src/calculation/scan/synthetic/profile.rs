@@ -1,8 +1,9 @@
 //! One profile of a synthetic part by itself, for a sensor that passes along it.
 
 use super::acquire::{Seen, thrown};
+use super::laser_plane::LaserPlane;
 use super::noise::Noise;
-use super::{BLOCKS_COUNT, LaserPlane, Part};
+use super::{BLOCKS_COUNT, Part};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 

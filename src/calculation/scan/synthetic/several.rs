@@ -1,7 +1,10 @@
 //! Synthetic parts one behind the other in one scan.
 
-use super::{Part, Truth, make};
-use crate::scan::{Columns, Scan, ScanError, Station};
+use super::Part;
+use super::acquire::make;
+use super::truth::Truth;
+use crate::scan::columns::Columns;
+use crate::scan::{Scan, ScanError, Station};
 
 /// Scans parts that stand one behind the other; the truth of each, in their order. A part's profiles are those that [`make`]
 /// makes of it alone, to the bit.

@@ -1,6 +1,6 @@
 //! The control channel: requests with a number, replies with the same number and a status.
 
-use super::CodecError;
+use super::error::CodecError;
 use super::fields::{Fields, frame};
 use std::fmt;
 

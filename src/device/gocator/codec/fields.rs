@@ -1,6 +1,6 @@
 //! Numbers at their places in a frame, and a frame from its parts.
 
-use super::CodecError;
+use super::error::CodecError;
 
 /// A frame's bytes.
 #[derive(Debug, Clone, Copy)]

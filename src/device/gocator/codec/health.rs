@@ -1,6 +1,6 @@
 //! Health (message type 0): numbered values about the sensor itself.
 
-use super::CodecError;
+use super::error::CodecError;
 use super::fields::{Fields, frame, rows};
 use super::message::{flagged, kind};
 

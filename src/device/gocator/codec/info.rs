@@ -1,8 +1,9 @@
 //! What the sensor says about itself on the control channel: version, identity, state. Structures may be longer than we know
 //! them; what is behind our part is passed over.
 
+use super::control::Command;
+use super::error::CodecError;
 use super::fields::Fields;
-use super::{CodecError, Command};
 
 /// Up to the end of the role; newer ones have more behind.
 const IDENTITY_BYTES: u16 = 52;

@@ -1,8 +1,12 @@
 //! Messages of the data and health channels by their types. Sixteen bits after the size hold the type and, topmost, whether the
 //! message is the last of its group; a group is a frame.
 
+use super::error::CodecError;
 use super::fields::Fields;
-use super::{CodecError, Health, Intensity, Profiles, Stamps, Surface};
+use super::health::Health;
+use super::profile::{Intensity, Profiles};
+use super::stamp::Stamps;
+use super::surface::Surface;
 
 /// Types of messages on the wire. The vendor's program interface numbers them otherwise.
 pub mod kind {

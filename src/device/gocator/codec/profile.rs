@@ -1,8 +1,9 @@
 //! Profiles (message types 5 and 6) and their intensities (7): attributes, then the numbers of every profile.
 
+use super::error::CodecError;
 use super::fields::{Fields, frame, rows};
 use super::message::{Generation, flagged, kind};
-use super::{CodecError, Scale};
+use super::scale::Scale;
 
 /// Where the attributes begin; their own size stands before them.
 const START: usize = 8;

@@ -1,6 +1,6 @@
 //! From the sensor's 16-bit numbers to millimetres and back: mm = offset_um / 1000 + raw · scale_nm / 10⁶.
 
-use super::CodecError;
+use super::error::CodecError;
 use super::fields::Fields;
 use serde::{Deserialize, Serialize};
 

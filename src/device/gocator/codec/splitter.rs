@@ -1,7 +1,7 @@
 //! A stream of bytes into frames. Bytes are read straight into [`Splitter::room`]; frames come out borrowed. The buffer grows
 //! as bytes come and never on the word of a length.
 
-use super::CodecError;
+use super::error::CodecError;
 
 /// Bytes that a read has room for: fifty profiles of 1280 points.
 const ROOM_BYTES: usize = 256 * 1024;

@@ -1,6 +1,6 @@
 //! Stamps (message type 1): when and where the frame of a group was taken.
 
-use super::CodecError;
+use super::error::CodecError;
 use super::fields::{Fields, frame, rows};
 use super::message::{flagged, kind};
 

@@ -1,9 +1,10 @@
 //! Uniform surfaces (message type 8): rows of z at even steps of x and y.
 
+use super::error::CodecError;
 use super::fields::{Fields, frame, rows};
 use super::message::{Generation, flagged, kind};
 use super::profile::numbers;
-use super::{CodecError, Scale};
+use super::scale::Scale;
 
 const START: usize = 8;
 /// Of the oldest form, without a rotation.

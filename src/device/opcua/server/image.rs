@@ -1,10 +1,11 @@
 //! The device's side of the codec: what a reading looks like in the nodes, and which command they make. Pure.
 
+use crate::device::manipulator::{Action, Command, CommandResult, Mode, Reading, Safety};
 use crate::device::opcua::codec::{listed, per_axis};
 use crate::device::opcua::layout::Node;
 use crate::device::opcua::nodes::{Answer, Odd};
 use crate::device::opcua::plausible::unit;
-use crate::device::{Action, Command, CommandResult, Mode, Reading, Safety, StateCodes};
+use crate::device::states::StateCodes;
 use crate::motion::{Axes, Axis, Position};
 use opcua::types::{DataValue, EUInformation, ExtensionObject, LocalizedText, Range, Variant};
 use std::time::Duration;

@@ -2,10 +2,11 @@
 //! of the next command. In: values of nodes, and the time. Out: values of nodes.
 
 use super::image::{command, value};
+use crate::device::manipulator::{Reading, Safety};
 use crate::device::opcua::clock::now;
 use crate::device::opcua::layout::Node;
 use crate::device::simulated::Controller;
-use crate::device::{Reading, Safety, StateCodes};
+use crate::device::states::StateCodes;
 use crate::motion::{Carrier, Pair};
 use opcua::types::{DataValue, StatusCode, Variant};
 use std::sync::{Mutex, MutexGuard, PoisonError};

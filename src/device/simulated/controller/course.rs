@@ -1,7 +1,7 @@
 //! What a made controller does over time: runs its axes in even steps, ends what is done, stops what must not go on.
 
 use super::{Controller, code};
-use crate::device::{Action, CommandResult};
+use crate::device::manipulator::{Action, CommandResult};
 use crate::motion::{Axes, Axis};
 use std::time::Duration;
 

@@ -1,8 +1,9 @@
 //! What a made controller refuses to do, and why: its own mode, safety, references and limits. In: an action. Out: a [`code`]
 //! where it is refused.
 
-use super::{Controller, Task, code};
-use crate::device::{Action, Mode};
+use super::course::Task;
+use super::{Controller, code};
+use crate::device::manipulator::{Action, Mode};
 use crate::motion::{Axes, Position};
 
 /// Targets and speeds may pass a limit by this share of one and of the limit: a wire may carry single precision.

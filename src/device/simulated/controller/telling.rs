@@ -2,7 +2,7 @@
 
 use super::Controller;
 use super::course::Task;
-use crate::device::{AxisReading, AxisState, Reading};
+use crate::device::manipulator::{AxisReading, AxisState, Reading};
 use crate::motion::{Axis, AxisLimits};
 use std::time::Duration;
 
