@@ -4,15 +4,16 @@ use std::path::{Path, PathBuf};
 
 use sqlx::{Row, SqlitePool};
 
-use super::commits::{CommitFile, Counted, Loss};
-use super::error::StoreError;
+use super::commits::{CommitFile, Counted};
+use super::database::{self, MIGRATIONS};
+use super::error::{Loss, StoreError};
+use super::folder::blocking;
 use super::jobs::JobRow;
-use super::migration::{self, MIGRATIONS};
 use super::page::{Listing, Page};
 use super::plans::ListedPlan;
 use super::rows::{MeasurementRow, RecipeRow, ScanRow};
-use super::scan_files::{blocking, open_verified};
-use super::{connection, folder, page};
+use super::scan_files::open_verified;
+use super::{folder, page};
 
 /// A service that writes meanwhile may be met between a commit and its count; then both are read again.
 const TRIES: usize = 100;
@@ -52,9 +53,9 @@ impl Checkup {
     pub async fn open(folder: &Path) -> Result<Self, StoreError> {
         let (root, file) = (folder.to_owned(), folder::database(folder));
         std::fs::metadata(&file).map_err(StoreError::of_file(&file))?;
-        let database = connection::examiner(&file).await?;
+        let database = database::examiner(&file).await?;
         let mut one = database.acquire().await?;
-        let found = migration::user_version(&mut one).await?;
+        let found = database::user_version(&mut one).await?;
         let known = MIGRATIONS.last().map_or(0, |step| step.version);
         drop(one);
         match found.cmp(&known) {
@@ -67,7 +68,7 @@ impl Checkup {
     /// What SQLite finds wrong with the database; `thorough` compares the indexes, too.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn database_faults(&self, thorough: bool) -> Result<Vec<String>, StoreError> {
         let check = if thorough { "PRAGMA integrity_check" } else { "PRAGMA quick_check" };
         let mut faults = Vec::new();
@@ -87,7 +88,7 @@ impl Checkup {
     /// The records that were lost, where any were.
     ///
     /// # Errors
-    /// What the database or the operating system says.
+    /// An error of the database or of the operating system.
     pub async fn loss(&self) -> Result<Option<Loss>, StoreError> {
         let path = folder::commits(&self.root);
         let mut found = None;
@@ -134,7 +135,7 @@ impl Checkup {
     /// A page of the scans.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn scans(&self, page: &Page) -> Result<Listing<ScanRow>, StoreError> {
         page::list(&self.database, &[], page).await
     }
@@ -142,7 +143,7 @@ impl Checkup {
     /// A page of the measurements.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn measurements(&self, page: &Page) -> Result<Listing<MeasurementRow>, StoreError> {
         page::list(&self.database, &[], page).await
     }
@@ -150,7 +151,7 @@ impl Checkup {
     /// A page of the recipes.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn recipes(&self, page: &Page) -> Result<Listing<RecipeRow>, StoreError> {
         page::list(&self.database, &[], page).await
     }
@@ -158,7 +159,7 @@ impl Checkup {
     /// A page of the plans.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn plans(&self, page: &Page) -> Result<Listing<ListedPlan>, StoreError> {
         page::list(&self.database, &[], page).await
     }
@@ -166,7 +167,7 @@ impl Checkup {
     /// A page of the jobs.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn jobs(&self, page: &Page) -> Result<Listing<JobRow>, StoreError> {
         page::list(&self.database, &[], page).await
     }

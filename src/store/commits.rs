@@ -10,84 +10,33 @@
 //! chain n = SHA-256(chain n−1, n, a number drawn at the start). The file has two slots that are written in turn, each with its
 //! own checksum: where the last one was not written completely, the one before it is there.
 
-use std::{
-    fmt,
-    fs::{self, File, OpenOptions},
-    hash::{BuildHasher as _, Hasher as _, RandomState},
-    io,
-    os::unix::fs::{FileExt as _, MetadataExt as _, OpenOptionsExt as _},
-    path::{Path, PathBuf},
-    sync::{Mutex, MutexGuard, OnceLock, PoisonError},
-};
+use super::error::Loss;
+use std::fs::{self, File, OpenOptions};
+use std::hash::{BuildHasher as _, Hasher as _, RandomState};
+use std::io;
+use std::os::unix::fs::{FileExt as _, MetadataExt as _, OpenOptionsExt as _};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 use sha2::{Digest, Sha256};
 use sqlx::{Row, SqliteConnection};
 
 use super::error::StoreError;
 use super::folder::{self, FILE_MODE};
-use super::{columns, hex, statements};
+use super::rows::hex;
+use super::{rows, statements};
 
 /// Bytes of a slot: a sector, so that one is written or not.
 const SLOT_BYTES: usize = 512;
 
-/// How acknowledged records were lost.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Loss {
-    /// The database is missing or empty beside scans that are kept.
-    Empty {
-        /// Scans in the folder.
-        scans_count: u64,
-    },
-    /// The database holds fewer commits than were acknowledged.
-    Behind {
-        /// Commits of the database.
-        found: u64,
-        /// Commits that were acknowledged.
-        acknowledged: u64,
-    },
-    /// The commits of the database are not those that were acknowledged.
-    Foreign {
-        /// Commits of the database.
-        found: u64,
-        /// Commits that were acknowledged.
-        acknowledged: u64,
-    },
-    /// The database file was removed or replaced while the service was running.
-    Replaced {
-        /// The file.
-        file: PathBuf,
-    },
-}
-
-impl fmt::Display for Loss {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Empty { scans_count } => {
-                write!(f, "the database is missing or empty, although the folder holds {scans_count} scans")
-            }
-            Self::Behind { found, acknowledged } => {
-                write!(f, "the database lost records: it holds {found} commits, and {acknowledged} were acknowledged")
-            }
-            Self::Foreign { found, acknowledged } => write!(
-                f,
-                "the database is not the one that was written last: its {found} commits do not continue the {acknowledged} \
-                 that were acknowledged"
-            ),
-            Self::Replaced { file } => {
-                write!(f, "the database file {} was removed or replaced while it was in use", file.display())
-            }
-        }
-    }
-}
-
-/// A number of commits, and what tells them apart from as many others.
+/// A number of commits, and a hash that distinguishes them from the same number of others.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub(super) struct Commits {
     pub(super) count: u64,
     pub(super) chain: String,
 }
 
-/// What the database says of its commits.
+/// The commits of the database.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Counted {
     pub(super) last: Commits,
@@ -99,7 +48,7 @@ impl Counted {
     /// Reads it from the database.
     pub(super) async fn of(database: &mut SqliteConnection) -> Result<Self, StoreError> {
         let row = sqlx::query(statements::COMMITS).fetch_one(database).await?;
-        let last = Commits { count: columns::count(&row, "count")?, chain: row.try_get("chain")? };
+        let last = Commits { count: rows::count(&row, "count")?, chain: row.try_get("chain")? };
         Ok(Self { last, previous: row.try_get("previous")? })
     }
 
@@ -132,7 +81,7 @@ pub(super) struct CommitLog {
 #[derive(Debug)]
 struct Known {
     last: Commits,
-    /// The file does not say `last` yet.
+    /// The file does not contain `last` yet.
     behind: bool,
     /// Which files the database and its log are, as of the first commit of this connection.
     identity: Option<Identity>,
@@ -168,7 +117,7 @@ impl CommitLog {
         if self.full.load(std::sync::atomic::Ordering::SeqCst) { Err(StoreError::Full) } else { Ok(()) }
     }
 
-    /// The database will be opened anew.
+    /// The database will be opened again.
     pub(super) fn forget_identity(&self) {
         self.known().identity = None;
     }
@@ -185,7 +134,7 @@ impl CommitLog {
         Ok(())
     }
 
-    /// Compares what the database says with what was acknowledged. Nothing may be
+    /// Compares the commits of the database with those that were acknowledged. Nothing may be
     /// committed meanwhile.
     pub(super) fn compare(&self, counted: &Counted) -> Result<(), StoreError> {
         let checked = counted.check(&self.known().last);
@@ -204,7 +153,7 @@ impl CommitLog {
             .finalize();
         let next = Commits { count, chain: hex(&chain) };
         sqlx::query(statements::COUNT_COMMIT)
-            .bind(columns::integer(next.count)?)
+            .bind(rows::integer(next.count)?)
             .bind(&next.chain)
             .bind(&counted.last.chain)
             .execute(database)
@@ -259,7 +208,7 @@ pub(super) struct CommitFile {
 }
 
 impl CommitFile {
-    /// Opens or creates the file, and says what it holds; `None` where that is nothing.
+    /// Opens or creates the file, and returns its content; `None` if it is empty.
     pub(super) fn open(path: PathBuf) -> Result<(Self, Option<Commits>), StoreError> {
         let mut options = OpenOptions::new();
         options.read(true).write(true).create(true).truncate(false).mode(FILE_MODE);
@@ -276,14 +225,14 @@ impl CommitFile {
         Ok((Self { file, path }, held))
     }
 
-    /// Opens or creates the file, whatever it holds.
+    /// Opens or creates the file without reading it.
     pub(super) fn create(path: PathBuf) -> Result<Self, StoreError> {
         let file = Self::open(path)?.0;
         file.file.write_all_at(&[b' '; 2 * SLOT_BYTES], 0).map_err(StoreError::of_file(&file.path))?;
         Ok(file)
     }
 
-    /// What the file of this path holds; `None` where it is not there or holds nothing.
+    /// The content of the file at this path; `None` if it does not exist or is empty.
     pub(super) fn read(path: &Path) -> Result<Option<Commits>, StoreError> {
         match File::open(path) {
             Ok(file) => Self::read_from(&file).map_err(StoreError::of_file(path)),

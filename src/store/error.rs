@@ -1,10 +1,9 @@
-//! Why the store could not do what was asked: every failure of the database and of the files under one of a few reasons.
-
-use std::{io, path::PathBuf, sync::Arc};
+//! The errors of the store: every failure of the database and of the files as one of a few reasons, and how records were lost.
 
 use sqlx::error::{DatabaseError, ErrorKind};
-
-use super::commits::Loss;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::{fmt, io};
 
 /// A reason of the store. Cheap to clone, since one failed commit answers many writers.
 #[derive(Debug, Clone, thiserror::Error)]
@@ -20,10 +19,10 @@ pub enum StoreError {
     FileUnavailable {
         /// The file or folder.
         path: PathBuf,
-        /// What the operating system said.
+        /// The error of the operating system.
         source: Arc<io::Error>,
     },
-    /// The database file is not one, or holds what it cannot hold.
+    /// The file is not a database, or its content is invalid.
     #[error("the database is damaged")]
     Damaged(#[source] Arc<sqlx::Error>),
     /// A later program has written this database.
@@ -53,7 +52,7 @@ pub enum StoreError {
     /// The database lost records that were acknowledged; nothing is written until an operator has decided.
     #[error("{0}")]
     RecordsLost(Loss),
-    /// The file of a recorded scan does not hold the bytes that it was recorded with.
+    /// The content of the file of a scan is not the recorded one.
     #[error("the file of scan {id} is damaged: its SHA-256 is {found_sha256}")]
     ScanDamaged {
         /// The scan's id, with the SHA-256 that the file should have.
@@ -91,15 +90,15 @@ pub enum StoreError {
     /// The cursor did not come from a list of this store.
     #[error("the cursor did not come from a list of this store")]
     CursorMalformed,
-    /// A count or a time is beyond what the database holds.
-    #[error("the number {number} is beyond what the database holds")]
+    /// A count or a time is too large for the database.
+    #[error("the number {number} is too large for the database")]
     NumberTooLarge {
         /// The number.
         number: u64,
     },
 }
 
-/// SQLite's primary result codes that we tell apart; an extended code carries its primary one in the lowest byte.
+/// SQLite's primary result codes that are distinguished; an extended code carries its primary one in the lowest byte.
 mod sqlite {
     /// A statement that the schema does not bear: the tables are not those that we made.
     pub(super) const ERROR: u32 = 1;
@@ -131,7 +130,7 @@ impl StoreError {
         }
     }
 
-    /// Whether the same call may succeed later, though nobody changes it.
+    /// Whether the same call may succeed later.
     #[must_use]
     pub fn is_transient(&self) -> bool {
         match self {
@@ -186,4 +185,54 @@ pub(super) fn broken_constraint(error: &sqlx::Error) -> Option<ErrorKind> {
 
 fn primary_code(refusal: &dyn DatabaseError) -> Option<u32> {
     refusal.code()?.parse::<u32>().ok().map(|extended| extended & 0xff)
+}
+
+/// How acknowledged records were lost.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Loss {
+    /// The database is missing or empty beside scans that are kept.
+    Empty {
+        /// Scans in the folder.
+        scans_count: u64,
+    },
+    /// The database has fewer commits than were acknowledged.
+    Behind {
+        /// Commits of the database.
+        found: u64,
+        /// Commits that were acknowledged.
+        acknowledged: u64,
+    },
+    /// The commits of the database are not those that were acknowledged.
+    Foreign {
+        /// Commits of the database.
+        found: u64,
+        /// Commits that were acknowledged.
+        acknowledged: u64,
+    },
+    /// The database file was removed or replaced while the service was running.
+    Replaced {
+        /// The file.
+        file: PathBuf,
+    },
+}
+
+impl fmt::Display for Loss {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Empty { scans_count } => {
+                write!(f, "the database is missing or empty, although the folder holds {scans_count} scans")
+            }
+            Self::Behind { found, acknowledged } => {
+                write!(f, "the database lost records: it holds {found} commits, and {acknowledged} were acknowledged")
+            }
+            Self::Foreign { found, acknowledged } => write!(
+                f,
+                "the database is not the one that was written last: its {found} commits do not continue the {acknowledged} \
+                 that were acknowledged"
+            ),
+            Self::Replaced { file } => {
+                write!(f, "the database file {} was removed or replaced while it was in use", file.display())
+            }
+        }
+    }
 }

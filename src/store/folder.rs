@@ -1,4 +1,5 @@
-//! The store's folder on the disk: what lies where, who may use it, and how a name in it is made durable. All calls block.
+//! The folder of the store on the disk: its layout, its permissions, and how a name in it is made durable. All calls block, except
+//! [`blocking`], which runs them apart from the async threads.
 //!
 //! ```text
 //! coaxis.lock      held by the process that has the store open
@@ -9,16 +10,16 @@
 //! scans/tmp/abcd…  a mark: the scan of this digest may have its place and not its row yet
 //! ```
 //!
-//! Files are for the service's user and group, nobody else.
+//! Only the user and the group of the service have access.
 
-use std::{
-    ffi::OsString,
-    fs::{self, DirBuilder, File, OpenOptions, Permissions, TryLockError},
-    io,
-    os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _, PermissionsExt as _},
-    path::{Path, PathBuf},
-    sync::atomic::{AtomicU64, Ordering},
-};
+use std::ffi::OsString;
+use std::fs::{self, DirBuilder, File, OpenOptions, Permissions, TryLockError};
+use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _, PermissionsExt as _};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use std::io;
+use tokio::task::spawn_blocking;
 
 use super::error::StoreError;
 
@@ -33,7 +34,7 @@ const FOLDER_MODE: u32 = 0o750;
 pub struct FolderLock(#[expect(dead_code, reason = "the lock lasts as long as the file is open")] File);
 
 impl FolderLock {
-    /// Takes the lock of a folder; `None` where there is no such folder, and so no store.
+    /// Takes the lock of a folder; `None` if the folder does not exist, and so no store.
     ///
     /// # Errors
     /// [`StoreError::FolderInUse`] where another process has the store open.
@@ -42,7 +43,7 @@ impl FolderLock {
     }
 }
 
-/// A folder that this process alone uses, until the last holder lets it go.
+/// A folder that only this process uses, until the last handle is dropped.
 #[derive(Debug)]
 pub(super) struct Folder {
     root: PathBuf,
@@ -193,7 +194,7 @@ fn is_digest(text: &str) -> bool {
     text.len() == 64 && text.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'))
 }
 
-/// A file that is removed when it is let go before it has been given its place.
+/// A file that is removed when it is dropped before it has been given its place.
 #[derive(Debug)]
 pub(super) struct Temporary {
     path: PathBuf,
@@ -237,4 +238,11 @@ fn lock(root: &Path) -> Result<File, StoreError> {
         Err(TryLockError::WouldBlock) => Err(StoreError::FolderInUse { folder: root.to_owned() }),
         Err(TryLockError::Error(error)) => Err(StoreError::of_file(path)(error)),
     }
+}
+
+/// Runs file work apart from the async threads.
+pub(super) async fn blocking<T: Send + 'static>(
+    work: impl FnOnce() -> Result<T, StoreError> + Send + 'static,
+) -> Result<T, StoreError> {
+    spawn_blocking(work).await.map_err(|_| StoreError::Closed)?
 }

@@ -4,16 +4,19 @@
 use std::sync::Arc;
 
 use jiff::Timestamp;
-use sqlx::{FromRow, SqliteConnection, sqlite::SqliteRow};
+use sqlx::sqlite::SqliteRow;
+use sqlx::{FromRow, SqliteConnection};
 
-use super::columns::{count, integer, micros, optional_text, optional_timestamp, text, timestamp};
 use super::error::StoreError;
 use super::page::{self, Listed, Listing, Page};
 use super::placing::WithFile;
-use super::rows::{Inserted, NewMeasurement, RequestKey};
+use super::repository::Store;
+use super::rows::{
+    Inserted, NewMeasurement, RequestKey, count, integer, micros, optional_text, optional_timestamp, text, timestamp,
+};
 use super::scan_files::CompleteScan;
+use super::statements;
 use super::writer::Write;
-use super::{Store, statements};
 
 /// A job of the cell.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -95,7 +98,7 @@ impl Store {
     }
 
     /// Ends a job by the measurement that it was for, which comes with the file of its scan unless that is kept already: all or
-    /// nothing. After an error the file can be handed in again as long as the caller holds it.
+    /// nothing. After an error the caller can pass the file again as long as it keeps it.
     ///
     /// # Errors
     /// As [`Store::insert_measurement_of`].
@@ -123,7 +126,7 @@ impl Store {
     /// The job of this id.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn job(&self, id: &str) -> Result<Option<JobRow>, StoreError> {
         self.one_job(statements::JOB, id).await
     }
@@ -131,7 +134,7 @@ impl Store {
     /// The job that a request of this id asked for.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn job_by_request(&self, request_id: &str) -> Result<Option<JobRow>, StoreError> {
         self.one_job(statements::JOB_OF_REQUEST, request_id).await
     }
@@ -139,7 +142,7 @@ impl Store {
     /// The job that executes the plan of this id.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn job_of_plan(&self, plan_id: &str) -> Result<Option<JobRow>, StoreError> {
         self.one_job(statements::JOB_OF_PLAN, plan_id).await
     }
@@ -147,21 +150,21 @@ impl Store {
     /// A page of the jobs of a kind, of one state where it is given, newest first.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn jobs(&self, kind: &str, state: Option<&str>, page: &Page) -> Result<Listing<JobRow>, StoreError> {
         page::list(&self.readers, &[("kind", Some(kind)), ("state", state)], page).await
     }
 
-    /// The newest fence that was raised to; 0 where there is none.
+    /// The greatest fencing token that was recorded; 0 if there is none.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn fence(&self) -> Result<u64, StoreError> {
         let row = sqlx::query(statements::FENCE).fetch_optional(&self.readers).await?;
         Ok(row.map(|row| count(&row, "fence")).transpose()?.unwrap_or(0))
     }
 
-    /// Remembers a fence before anything is commanded with it; a lower one changes nothing. Durable on return.
+    /// Records a fencing token before a command is sent with it; a lower one changes nothing. Durable on return.
     ///
     /// # Errors
     /// What every write may meet.

@@ -4,14 +4,17 @@ use std::sync::Arc;
 
 use sqlx::{FromRow, SqliteConnection, error::ErrorKind, sqlite::SqliteRow};
 
-use super::columns::{count, micros, optional_text, text, timestamp};
 use super::error::{StoreError, broken_constraint};
 use super::page::{self, Listed, Listing, Page};
 use super::placing::WithFile;
-use super::rows::{AnsweredRequest, Filter, Inserted, MeasurementRow, NewMeasurement, NewestMeasurement, RequestKey};
+use super::repository::Store;
+use super::rows::{
+    AnsweredRequest, Filter, Inserted, MeasurementRow, NewMeasurement, NewestMeasurement, RequestKey, count, micros,
+    optional_text, text, timestamp,
+};
 use super::scan_files::CompleteScan;
 use super::writer::Write;
-use super::{Store, scans, statements};
+use super::{scans, statements};
 
 impl Store {
     /// Records a measurement with its profiles, its request and, where given, its scan: all or nothing, durable on return.
@@ -34,7 +37,7 @@ impl Store {
     /// The measurement of this id.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn measurement(&self, id: &str) -> Result<Option<MeasurementRow>, StoreError> {
         Ok(sqlx::query_as(statements::MEASUREMENT).bind(id).fetch_optional(&self.readers).await?)
     }
@@ -42,7 +45,7 @@ impl Store {
     /// What a request of this id was answered with.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn measurement_by_request(&self, request_id: &str) -> Result<Option<AnsweredRequest>, StoreError> {
         Ok(sqlx::query_as(statements::ANSWERED_REQUEST).bind(request_id).fetch_optional(&self.readers).await?)
     }
@@ -50,7 +53,7 @@ impl Store {
     /// A page of the measurements that pass the filter, newest first.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn measurements(&self, filter: &Filter, page: &Page) -> Result<Listing<MeasurementRow>, StoreError> {
         let conditions = [
             ("scan_id", filter.scan_id.as_deref()),
@@ -63,7 +66,7 @@ impl Store {
     /// The measurement that was recorded last; `None` where there is none.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn newest_measurement(&self) -> Result<Option<NewestMeasurement>, StoreError> {
         let row = sqlx::query(statements::NEWEST_MEASUREMENT).fetch_optional(&self.readers).await?;
         let newest = row.map(|row| {
@@ -80,7 +83,7 @@ impl Store {
     /// The diagnostics that were inserted with the measurement of this id.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn profiles(&self, id: &str) -> Result<Option<Vec<u8>>, StoreError> {
         Ok(sqlx::query_scalar(statements::PROFILES).bind(id).fetch_optional(&self.readers).await?)
     }

@@ -6,9 +6,9 @@ use std::fmt;
 use sqlx::{AssertSqlSafe, FromRow, SqlitePool, sqlite::SqliteRow};
 
 use super::error::StoreError;
-use super::{columns, statements};
+use super::{rows, statements};
 
-/// The most rows that one page holds, whatever was asked for.
+/// The most rows of a page.
 pub const PAGE_ROWS_MAX: u32 = 1000;
 
 /// Which page of a list.
@@ -65,7 +65,7 @@ impl fmt::Display for Cursor {
     }
 }
 
-/// One page of the rows for which every set condition holds.
+/// One page of the rows that fulfil every given condition.
 pub(super) async fn list<T: Listed>(
     readers: &SqlitePool,
     conditions: &[(&'static str, Option<&str>)],
@@ -75,19 +75,19 @@ pub(super) async fn list<T: Listed>(
     let set: Vec<_> = conditions.iter().filter_map(|&(column, value)| Some((column, value?))).collect();
     let columns: Vec<_> = set.iter().map(|&(column, _)| column).collect();
     let sql = T::LIST.page(&columns, page.before.is_some());
-    // One row more than wanted tells whether there is a next page.
+    // One row more than wanted shows whether there is a next page.
     let mut query = sqlx::query(AssertSqlSafe(sql)).bind(i64::from(limit) + 1);
     for &(_, value) in &set {
         query = query.bind(value);
     }
     if let Some(Cursor(sequence)) = page.before {
-        query = query.bind(columns::integer(sequence)?);
+        query = query.bind(rows::integer(sequence)?);
     }
     let mut rows = query.fetch_all(readers).await?;
     let wanted = usize::try_from(limit).unwrap_or(usize::MAX);
     let more = rows.len() > wanted;
     rows.truncate(wanted);
     let last = rows.last().filter(|_| more);
-    let next = last.map(|row| columns::count(row, "sequence").map(Cursor)).transpose()?;
+    let next = last.map(|row| rows::count(row, "sequence").map(Cursor)).transpose()?;
     Ok(Listing { rows: rows.iter().map(T::from_row).collect::<Result<_, _>>()?, next })
 }

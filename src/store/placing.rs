@@ -8,7 +8,7 @@
 //! ```
 //!
 //! All of it happens in the one task that writes, so the same bytes sent by many clients at once never race. A file whose
-//! mark is gone is never removed: whoever loses the database does not lose the scans with it.
+//! mark is gone is never removed: if the database is lost, the scans are not.
 
 use std::{
     fs,
@@ -21,8 +21,8 @@ use std::{
 use sqlx::SqliteConnection;
 
 use super::error::StoreError;
-use super::folder::{self, FILE_MODE, Folder};
-use super::scan_files::{CompleteScan, blocking, digest_of};
+use super::folder::{self, FILE_MODE, Folder, blocking};
+use super::scan_files::{CompleteScan, digest_of};
 use super::statements;
 use super::writer::Write;
 
@@ -115,7 +115,7 @@ impl CompleteScan {
         digest.as_ref() == Some(&self.sha256_hex)
     }
 
-    /// Brings the content to the disk, unless the same bytes are kept already: says whether they are.
+    /// Writes the content to the disk, unless the same bytes are kept already; returns whether they are.
     fn make_durable(&self) -> Result<bool, StoreError> {
         let is_kept = self.is_kept();
         if !is_kept {
@@ -124,7 +124,7 @@ impl CompleteScan {
         Ok(is_kept)
     }
 
-    /// First the content, then the name: a file under its digest is always whole. The temporary name stays until this is let go,
+    /// First the content, then the name: a file under its digest is always complete. The temporary name stays until this is dropped,
     /// so that the write can be tried again after its commit failed.
     fn settle(&self, is_kept: bool) -> Result<(), StoreError> {
         let digest = &self.sha256_hex;
@@ -144,7 +144,7 @@ impl CompleteScan {
         folder::sync(&self.folder.scans())
     }
 
-    /// Replaces whatever is at the place in one step.
+    /// Replaces the file at the place in one step.
     fn put_at(&self, place: &Path) -> io::Result<()> {
         let second = self.folder.new_name();
         // A file system without hard links has one name for a file; then it cannot be tried again.

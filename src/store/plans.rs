@@ -1,15 +1,16 @@
 //! Plans of motion: written once, found again by id and by request.
 
 use jiff::Timestamp;
-use sqlx::{FromRow, SqliteConnection, sqlite::SqliteRow};
+use sqlx::sqlite::SqliteRow;
+use sqlx::{FromRow, SqliteConnection};
 
-use super::columns::{micros, optional_text, text, timestamp};
 use super::error::StoreError;
 use super::jobs::request;
 use super::page::{self, Listed, Listing, Page};
-use super::rows::RequestKey;
+use super::repository::Store;
+use super::rows::{RequestKey, micros, optional_text, text, timestamp};
+use super::statements;
 use super::writer::Write;
-use super::{Store, statements};
 
 /// A plan.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -56,7 +57,7 @@ impl Store {
     /// The plan of this id.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn plan(&self, id: &str) -> Result<Option<PlanRow>, StoreError> {
         Ok(sqlx::query_as(statements::PLAN).bind(id).fetch_optional(&self.readers).await?)
     }
@@ -64,7 +65,7 @@ impl Store {
     /// The plan that a request of this id asked for.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn plan_by_request(&self, request_id: &str) -> Result<Option<PlanRow>, StoreError> {
         Ok(sqlx::query_as(statements::PLAN_OF_REQUEST).bind(request_id).fetch_optional(&self.readers).await?)
     }
@@ -72,7 +73,7 @@ impl Store {
     /// A page of the plans, newest first.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn plans(&self, page: &Page) -> Result<Listing<ListedPlan>, StoreError> {
         page::list(&self.readers, &[], page).await
     }

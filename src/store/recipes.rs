@@ -1,17 +1,18 @@
 //! Recipes: the current revision of each name, put under a precondition.
 
 use jiff::Timestamp;
-use sqlx::{FromRow, SqliteConnection, sqlite::SqliteRow};
+use sqlx::sqlite::SqliteRow;
+use sqlx::{FromRow, SqliteConnection};
 
-use super::columns::{count, integer, micros, text, timestamp};
 use super::error::StoreError;
 use super::page::{self, Listed, Listing, Page};
-use super::rows::{Precondition, PutRecipe, RecipeRow};
+use super::repository::Store;
+use super::rows::{Precondition, PutRecipe, RecipeRow, count, integer, micros, text, timestamp};
+use super::statements;
 use super::writer::Write;
-use super::{Store, statements};
 
 impl Store {
-    /// Puts a recipe if the precondition holds at that moment. Durable on return.
+    /// Puts a recipe if the precondition is fulfilled at that moment. Durable on return.
     ///
     /// # Errors
     /// What every write may meet: [`StoreError::Full`], [`StoreError::Unavailable`].
@@ -29,7 +30,7 @@ impl Store {
     /// The current revision of the recipe of this name.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn recipe(&self, name: &str) -> Result<Option<RecipeRow>, StoreError> {
         Ok(sqlx::query_as(statements::RECIPE).bind(name).fetch_optional(&self.readers).await?)
     }
@@ -37,7 +38,7 @@ impl Store {
     /// A page of the recipes, by the time of their first revision, newest first.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn recipes(&self, page: &Page) -> Result<Listing<RecipeRow>, StoreError> {
         page::list(&self.readers, &[], page).await
     }

@@ -1,7 +1,13 @@
-//! What the store keeps, as it goes in and comes out: plain rows. A document is text that service fills and reads; times and
-//! ids come from outside.
+//! The rows that the store keeps, and how numbers, times and texts are written to the columns of the database and read back. A
+//! document is text that the service writes and reads; times and ids are arguments.
+
+use std::fmt::Write as _;
 
 use jiff::Timestamp;
+use sqlx::Row;
+use sqlx::sqlite::SqliteRow;
+
+use super::error::StoreError;
 
 /// A raw scan, known by its content.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -16,7 +22,7 @@ pub struct ScanRow {
     pub format: String,
     /// Points in it, where they were counted.
     pub points_count: Option<u64>,
-    /// What whoever sent it says about it, e.g. the name of the file.
+    /// The sender's description, e.g. the name of the file.
     pub description: Option<String>,
     /// When these bytes arrived last, and what had happened by then, in a form of service's choice.
     pub arrival: Option<String>,
@@ -44,13 +50,13 @@ pub struct MeasurementRow {
     pub method: String,
     /// The scan it was made from; must be recorded.
     pub scan_id: String,
-    /// Name of the recipe, where one was used. The document holds the recipe itself, as it was then.
+    /// Name of the recipe, if one was used. The document contains the recipe itself, as it was then.
     pub recipe: Option<String>,
     /// The whole record.
     pub document: String,
 }
 
-/// What makes a repeated request recognisable.
+/// Identifies a repeated request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RequestKey {
     /// The client's id of the request.
@@ -92,7 +98,7 @@ pub struct AnsweredRequest {
     pub measurement: MeasurementRow,
 }
 
-/// Which measurements a list holds; fields that are set must all hold.
+/// Which measurements are listed: those that match all given fields.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Filter {
     /// Those made from this scan.
@@ -136,7 +142,7 @@ impl RecipeRow {
     }
 }
 
-/// What must hold for a recipe to be put.
+/// The precondition for putting a recipe.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Precondition {
     /// Nothing.
@@ -156,7 +162,7 @@ pub enum PutRecipe {
     Created(RecipeRow),
     /// It took the place of the revision before it.
     Replaced(RecipeRow),
-    /// The precondition does not hold; nothing was written.
+    /// The precondition is not fulfilled; nothing was written.
     PreconditionFailed {
         /// What is there instead.
         current: Option<RecipeRow>,
@@ -176,7 +182,7 @@ pub struct NewestMeasurement {
     pub verdict: String,
 }
 
-/// How much the store holds.
+/// The numbers of rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Counts {
     /// Recorded scans.
@@ -185,4 +191,64 @@ pub struct Counts {
     pub measurements_count: u64,
     /// Recipes.
     pub recipes_count: u64,
+}
+
+/// A time as microseconds since 1970; finer digits are dropped.
+pub(super) fn micros(time: Timestamp) -> i64 {
+    time.as_microsecond()
+}
+
+/// A count as the database's widest integer.
+pub(super) fn integer(number: u64) -> Result<i64, StoreError> {
+    i64::try_from(number).map_err(|_| StoreError::NumberTooLarge { number })
+}
+
+/// A text from its column. Bytes that are not UTF-8 are replaced, so that a damaged text does not hide the row it stands in.
+pub(super) fn text(row: &SqliteRow, column: &str) -> Result<String, sqlx::Error> {
+    Ok(String::from_utf8_lossy(&row.try_get::<Vec<u8>, _>(column)?).into_owned())
+}
+
+/// A text from a column that may be empty, read as [`text`] reads it.
+pub(super) fn optional_text(row: &SqliteRow, column: &str) -> Result<Option<String>, sqlx::Error> {
+    let bytes = row.try_get::<Option<Vec<u8>>, _>(column)?;
+    Ok(bytes.map(|bytes| String::from_utf8_lossy(&bytes).into_owned()))
+}
+
+/// A time from its column. A number that is no time is read as the nearest one, for the same reason as a damaged text.
+pub(super) fn timestamp(row: &SqliteRow, column: &str) -> Result<Timestamp, sqlx::Error> {
+    Ok(nearest(row.try_get(column)?))
+}
+
+/// A time from a column that may be empty, read as [`timestamp`] reads it.
+pub(super) fn optional_timestamp(row: &SqliteRow, column: &str) -> Result<Option<Timestamp>, sqlx::Error> {
+    Ok(row.try_get::<Option<i64>, _>(column)?.map(nearest))
+}
+
+fn nearest(micros: i64) -> Timestamp {
+    let bound = if micros < 0 { Timestamp::MIN } else { Timestamp::MAX };
+    Timestamp::from_microsecond(micros).unwrap_or(bound)
+}
+
+/// A count from its column.
+pub(super) fn count(row: &SqliteRow, column: &str) -> Result<u64, sqlx::Error> {
+    u64::try_from(row.try_get::<i64, _>(column)?).map_err(undecodable(column))
+}
+
+/// A count from a column that may be empty.
+pub(super) fn optional_count(row: &SqliteRow, column: &str) -> Result<Option<u64>, sqlx::Error> {
+    row.try_get::<Option<i64>, _>(column)?.map(|number| u64::try_from(number).map_err(undecodable(column))).transpose()
+}
+
+fn undecodable<E: std::error::Error + Send + Sync + 'static>(column: &str) -> impl FnOnce(E) -> sqlx::Error {
+    let index = column.to_owned();
+    |source| sqlx::Error::ColumnDecode { index, source: Box::new(source) }
+}
+
+/// Lower-case hexadecimal digits.
+pub(super) fn hex(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::with_capacity(bytes.len() * 2), |mut text, byte| {
+        // Writing to a string cannot fail.
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
 }

@@ -1,23 +1,31 @@
-//! The content of raw scans on its way in: bytes come by pieces and end as a whole file with its SHA-256, or as nothing.
+//! The content of raw scans while it is received: bytes come in pieces and end as a complete file with its SHA-256, or as nothing.
+//! Pieces are gathered into blocks; a block is hashed and written on a blocking thread while the next one fills. No blocking thread
+//! ever waits for another one.
 //!
-//! Pieces are gathered into blocks; a block is hashed and written on a blocking thread while the next one fills. No
-//! blocking thread ever waits for another one.
+//! A [`ScanFollower`] reads the file while it is still being written: never beyond what its writer has finished, and to the end
+//! once there is one. Its calls block.
+//!
+//! ```text
+//! ScanPart --grow--> Extent --wait--> ScanFollower
+//!    \__ append ________ the file ________ read __/
+//! ```
+//!
+//! The operating system still has what was just written in memory, so reading it again is a copy. The writer never waits for a
+//! follower.
 
-use std::{
-    fs,
-    io::{self, Read as _, Seek as _, Write as _},
-    mem,
-    path::Path,
-    sync::Arc,
-};
+use super::folder::blocking;
+use std::fs::File;
+use std::io::{self, ErrorKind, Read, Seek as _, Write as _};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::{fs, mem};
 
 use sha2::{Digest, Sha256};
 use tokio::task::{JoinHandle, spawn_blocking};
 
 use super::error::StoreError;
 use super::folder::{Folder, Temporary};
-use super::following::{Growth, ScanTrail};
-use super::{Store, hex};
+use super::rows::hex;
 
 /// What goes to the blocking thread at once, bytes: large against a thread's waking, small against memory.
 pub(super) const BLOCK_BYTES: usize = 256 * 1024;
@@ -43,7 +51,7 @@ pub struct CompleteScan {
     pub(super) bytes_count: u64,
 }
 
-/// The file of a scan that is coming in, with the digest of what it holds. All of its calls block. Dropped before
+/// The file of a scan that is being received, with the digest of its content. All of its calls block. Dropped before
 /// [`ScanPart::complete`], it leaves nothing behind.
 #[derive(Debug)]
 pub struct ScanPart {
@@ -63,45 +71,15 @@ enum PartState {
     Lost,
 }
 
-impl Store {
+impl ScanWriter {
     /// Begins a raw scan of at most `bytes_max` bytes.
-    ///
-    /// # Errors
-    /// [`StoreError::Full`], [`StoreError::FileUnavailable`].
-    pub async fn begin_scan(&self, bytes_max: u64) -> Result<ScanWriter, StoreError> {
-        #[cfg(test)]
-        self.commits.check_room()?;
-        let folder = Arc::clone(&self.folder);
+    pub(super) async fn begin(folder: Arc<Folder>, bytes_max: u64) -> Result<Self, StoreError> {
         let part = blocking(move || ScanPart::create(folder)).await?;
         let (trail, part) = (part.trail(), PartState::Idle(part));
-        Ok(ScanWriter { bytes_max, bytes_count: 0, block: Vec::with_capacity(BLOCK_BYTES), part, trail })
+        Ok(Self { bytes_max, bytes_count: 0, block: Vec::with_capacity(BLOCK_BYTES), part, trail })
     }
 
-    /// The path of the scan of this id, whether it is there or not; `None` for what is not a scan's id.
-    #[must_use]
-    pub fn scan_path(&self, id: &str) -> Option<std::path::PathBuf> {
-        self.folder.scan(id.strip_prefix("s-")?).map(|(_, file)| file)
-    }
-
-    /// Opens the raw scan of this id for reading, once its bytes were compared with its id; `None` where there is none.
-    ///
-    /// # Errors
-    /// [`StoreError::ScanDamaged`], [`StoreError::FileUnavailable`].
-    pub async fn open_scan(&self, id: &str) -> Result<Option<fs::File>, StoreError> {
-        let Some(path) = self.scan_path(id) else { return Ok(None) };
-        let id = id.to_owned();
-        // It is never closed; should it be, the store is.
-        let turn = Arc::clone(&self.comparing).acquire_owned().await.map_err(|_| StoreError::Closed)?;
-        blocking(move || {
-            let _turn = turn;
-            open_verified(&path, &id)
-        })
-        .await
-    }
-}
-
-impl ScanWriter {
-    /// Where the file can be read, also while it is written; it is there until this or the complete scan is let go.
+    /// A reader of the file, also while it is written; the file exists until this or the complete scan is dropped.
     #[must_use]
     pub fn trail(&self) -> ScanTrail {
         self.trail.clone()
@@ -243,9 +221,128 @@ pub(super) fn digest_of(file: &mut fs::File) -> io::Result<String> {
     }
 }
 
-/// Runs file work apart from the async threads.
-pub(super) async fn blocking<T: Send + 'static>(
-    work: impl FnOnce() -> Result<T, StoreError> + Send + 'static,
-) -> Result<T, StoreError> {
-    spawn_blocking(work).await.map_err(|_| StoreError::Closed)?
+/// How far a file has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Extent {
+    /// This number of bytes is there, and there may be more.
+    Open(u64),
+    /// All bytes are there.
+    Whole(u64),
+    /// The writer went away before the end.
+    Lost,
+}
+
+#[derive(Debug)]
+struct Shared {
+    extent: Mutex<Extent>,
+    changed: Condvar,
+}
+
+/// The writer's end of an extent. If it is dropped before the end is reported, readers get an error.
+#[derive(Debug)]
+pub(super) struct Growth(Arc<Shared>);
+
+/// Where a scan that is coming in can be read. Not opened yet, and cheap to hand over.
+#[derive(Debug, Clone)]
+pub struct ScanTrail {
+    folder: Arc<Folder>,
+    path: PathBuf,
+    shared: Arc<Shared>,
+}
+
+/// The reader behind a writer; waits where it has caught up.
+#[derive(Debug)]
+pub struct ScanFollower {
+    file: File,
+    read_count: u64,
+    shared: Arc<Shared>,
+}
+
+impl Growth {
+    /// Of a file without a byte.
+    pub(super) fn new() -> Self {
+        Self(Arc::new(Shared { extent: Mutex::new(Extent::Open(0)), changed: Condvar::new() }))
+    }
+
+    /// The handle for readers.
+    pub(super) fn trail(&self, folder: &Arc<Folder>, path: PathBuf) -> ScanTrail {
+        ScanTrail { folder: Arc::clone(folder), path, shared: Arc::clone(&self.0) }
+    }
+
+    /// Reports that this number of bytes is in the file.
+    pub(super) fn grow_to(&self, bytes_count: u64) {
+        self.0.set(Extent::Open(bytes_count));
+    }
+
+    /// There will be no more than these.
+    pub(super) fn end_at(self, bytes_count: u64) {
+        self.0.set(Extent::Whole(bytes_count));
+    }
+}
+
+impl Drop for Growth {
+    fn drop(&mut self) {
+        if matches!(self.0.get(), Extent::Open(_)) {
+            self.0.set(Extent::Lost);
+        }
+    }
+}
+
+impl Shared {
+    fn get(&self) -> Extent {
+        *self.extent.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn set(&self, extent: Extent) {
+        *self.extent.lock().unwrap_or_else(PoisonError::into_inner) = extent;
+        self.changed.notify_all();
+    }
+
+    /// Waits until that many bytes are there, or all: how many there are.
+    fn wait_for(&self, bytes_count: u64) -> io::Result<u64> {
+        let extent = self.extent.lock().unwrap_or_else(PoisonError::into_inner);
+        let short = |extent: &mut Extent| matches!(extent, Extent::Open(there) if *there < bytes_count);
+        let extent = self.changed.wait_while(extent, short).unwrap_or_else(PoisonError::into_inner);
+        match *extent {
+            Extent::Open(there) | Extent::Whole(there) => Ok(there),
+            Extent::Lost => Err(io::Error::new(ErrorKind::ConnectionAborted, "the scan will not be whole")),
+        }
+    }
+}
+
+impl ScanTrail {
+    /// Opens the file, to be read from its beginning.
+    ///
+    /// # Errors
+    /// [`StoreError::FileUnavailable`], also where the scan was given up meanwhile.
+    pub fn follow(&self) -> Result<ScanFollower, StoreError> {
+        let file = File::open(&self.path).map_err(StoreError::of_file(&self.path))?;
+        Ok(ScanFollower { file, read_count: 0, shared: Arc::clone(&self.shared) })
+    }
+
+    /// Begins a scan that is made from this one.
+    ///
+    /// # Errors
+    /// [`StoreError::Full`], [`StoreError::FileUnavailable`].
+    pub fn begin_another(&self) -> Result<ScanPart, StoreError> {
+        ScanPart::create(Arc::clone(&self.folder))
+    }
+}
+
+impl Read for ScanFollower {
+    /// Fills as much as is asked for, up to a block of the writer, so that a buffer holds the same bytes whether the file
+    /// is followed or was whole before.
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        let wanted = into.len().min(BLOCK_BYTES);
+        let there = self.shared.wait_for(self.read_count.saturating_add(wide(wanted)))?;
+        let left = usize::try_from(there.saturating_sub(self.read_count)).unwrap_or(usize::MAX);
+        let (into, _) = into.split_at_mut(left.min(into.len()));
+        let count = self.file.read(into)?;
+        self.read_count += wide(count);
+        Ok(count)
+    }
+}
+
+fn wide(count: usize) -> u64 {
+    u64::try_from(count).unwrap_or(u64::MAX)
 }

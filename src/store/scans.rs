@@ -1,19 +1,54 @@
-//! The records of raw scans: one row for the same bytes, however often they come.
+//! Raw scans: received, recorded and opened. The same bytes have one row, however often they come.
 
+use std::fs::File;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use sqlx::{FromRow, SqliteConnection, sqlite::SqliteRow};
 
-use super::columns::{count, integer, micros, optional_count, optional_text, text, timestamp};
 use super::error::StoreError;
+use super::folder::blocking;
 use super::page::{self, Listed, Listing, Page};
 use super::placing::WithFile;
-use super::rows::{RecordedScan, ScanRow};
-use super::scan_files::CompleteScan;
+use super::repository::Store;
+use super::rows::{RecordedScan, ScanRow, count, integer, micros, optional_count, optional_text, text, timestamp};
+use super::scan_files::{CompleteScan, ScanWriter, open_verified};
+use super::statements;
 use super::writer::Write;
-use super::{Store, statements};
 
 impl Store {
+    /// Begins a raw scan of at most `bytes_max` bytes.
+    ///
+    /// # Errors
+    /// [`StoreError::Full`], [`StoreError::FileUnavailable`].
+    pub async fn begin_scan(&self, bytes_max: u64) -> Result<ScanWriter, StoreError> {
+        #[cfg(test)]
+        self.commits.check_room()?;
+        ScanWriter::begin(Arc::clone(&self.folder), bytes_max).await
+    }
+
+    /// The path of the scan of this id, whether it is there or not; `None` if this is not the id of a scan.
+    #[must_use]
+    pub fn scan_path(&self, id: &str) -> Option<PathBuf> {
+        self.folder.scan(id.strip_prefix("s-")?).map(|(_, file)| file)
+    }
+
+    /// Opens the raw scan of this id for reading, once its bytes were compared with its id; `None` if there is none.
+    ///
+    /// # Errors
+    /// [`StoreError::ScanDamaged`], [`StoreError::FileUnavailable`].
+    pub async fn open_scan(&self, id: &str) -> Result<Option<File>, StoreError> {
+        let Some(path) = self.scan_path(id) else { return Ok(None) };
+        let id = id.to_owned();
+        // The semaphore is never closed while the store is open.
+        let turn = Arc::clone(&self.comparing).acquire_owned().await.map_err(|_| StoreError::Closed)?;
+        blocking(move || {
+            let _turn = turn;
+            open_verified(&path, &id)
+        })
+        .await
+    }
+
     /// Records a scan; the row of the first time stays. Durable on return.
     ///
     /// # Errors
@@ -37,7 +72,7 @@ impl Store {
     /// The record of the scan of this id.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn scan(&self, id: &str) -> Result<Option<ScanRow>, StoreError> {
         Ok(sqlx::query_as(statements::SCAN).bind(id).fetch_optional(&self.readers).await?)
     }
@@ -45,7 +80,7 @@ impl Store {
     /// A page of the recorded scans, newest first.
     ///
     /// # Errors
-    /// What the database says.
+    /// An error of the database.
     pub async fn scans(&self, page: &Page) -> Result<Listing<ScanRow>, StoreError> {
         page::list(&self.readers, &[], page).await
     }

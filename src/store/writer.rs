@@ -18,20 +18,20 @@ use sqlx::{Connection, SqliteConnection};
 use tokio::sync::{mpsc, oneshot};
 
 use super::commits::{CommitLog, Commits};
+use super::database;
+use super::database::StoreLimits;
 use super::error::StoreError;
-use super::folder::Folder;
-use super::scan_files::blocking;
-use super::{StoreLimits, connection};
+use super::folder::{Folder, blocking};
 
 /// Something that is written within a transaction.
 pub(super) trait Write: Send + Sync + 'static {
-    /// What the caller is told once it is durable.
+    /// The result for the caller once it is durable.
     type Outcome: Send;
 
     /// Runs its statements. May run again after a roll-back, so it must not change itself.
     fn apply(&self, database: &mut SqliteConnection) -> impl Future<Output = Result<Self::Outcome, StoreError>> + Send;
 
-    /// Clears up what it did beside the database, once it is settled whether the write is done or refused.
+    /// Cleans up beside the database, once it is known whether the write was done or refused.
     fn conclude(&self, _database: &mut SqliteConnection) -> impl Future<Output = ()> + Send {
         std::future::ready(())
     }
@@ -55,7 +55,7 @@ enum Order {
 }
 
 impl Writer {
-    /// Starts the task on a migrated connection. It holds on to the folder, whose lock thus outlives the last write.
+    /// Starts the task on a migrated connection. It keeps the folder, so that its lock outlives the last write.
     pub(super) fn start(
         folder: Arc<Folder>,
         limits: StoreLimits,
@@ -115,7 +115,7 @@ impl<W: Write> Job for Pending<W> {
         Box::pin(self.write.conclude(database))
     }
 
-    // In both, a caller that has gone away needs no answer; and what the write holds is let go before there is one.
+    // In both cases a caller that has gone away needs no answer; and the data of the write are dropped before it is answered.
     fn acknowledge(self: Box<Self>) {
         let Self { write, outcome, answer } = *self;
         drop(write);
@@ -189,7 +189,7 @@ impl Task {
     }
 
     async fn conclude(&mut self, jobs: &mut [Box<dyn Job>]) {
-        // Without a database nobody knows what is done; what is left over then, the next start makes good.
+        // Without a database it is unknown what was done; the next start cleans up what was left.
         if let Ok(mut connection) = self.connect().await {
             for job in jobs {
                 job.conclude(&mut connection).await;
@@ -203,7 +203,7 @@ impl Task {
             Some(connection) => Ok(connection),
             None => {
                 self.commits.forget_identity();
-                connection::writer(&self.folder.database(), self.limits.database_bytes_max).await
+                database::writer(&self.folder.database(), self.limits.database_bytes_max).await
             }
         }
     }
@@ -220,7 +220,7 @@ impl Task {
             Ok(counted) => {
                 self.connection = Some(connection);
                 let commits = Arc::clone(&self.commits);
-                // What is committed must not be written again, whatever becomes of its count.
+                // A committed write must not be repeated, even if its count cannot be written.
                 blocking(move || commits.acknowledge(counted)).await.map_err(Refused::All)
             }
             Err(Failure { error, rolled_back }) => {
@@ -259,7 +259,7 @@ async fn transact(
     jobs: &mut [Box<dyn Job>],
     commits: &CommitLog,
 ) -> Result<Commits, Failure> {
-    let mut transaction = connection.begin_with(connection::BEGIN).await?;
+    let mut transaction = connection.begin_with(database::BEGIN).await?;
     for job in jobs {
         if let Err(error) = job.apply(&mut transaction).await {
             let rolled_back = transaction.rollback().await.is_ok();

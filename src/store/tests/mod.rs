@@ -1,12 +1,6 @@
 //! What the store promises, seen from outside: a file per promise. Rows are made here, on folders of their own.
 
-mod commits;
-mod crash;
-mod failures;
-mod following;
-mod jobs;
-mod pages;
-mod placing;
+mod durability;
 mod records;
 mod scan_files;
 mod schema;
@@ -19,7 +13,8 @@ use std::{
 
 use jiff::Timestamp;
 
-use super::{CompleteScan, MeasurementRow, NewMeasurement, RequestKey, ScanRow, Store};
+use super::repository::Store;
+use super::{CompleteScan, MeasurementRow, NewMeasurement, RequestKey, ScanRow};
 
 /// A folder of one test, removed at its end.
 struct TempFolder(PathBuf);
@@ -68,7 +63,7 @@ fn at(second: i64) -> Timestamp {
     Timestamp::from_second(1_800_000_000 + second).unwrap()
 }
 
-/// The id of a scan that nobody sent.
+/// The id of a scan that is not stored.
 fn scan_id(digit: char) -> String {
     format!("s-{}", digit.to_string().repeat(64))
 }

@@ -1,11 +1,11 @@
-//! Raw scans: whole and named by their content, or not there.
-
-use std::io::Read as _;
-
-use sha2::{Digest, Sha256};
+//! Files of scans: complete or absent, readable while they are written, and stored together with their row or not at all, whatever
+//! fails in between.
 
 use super::*;
-use crate::store::{StoreError, hex};
+use crate::store::rows::hex;
+use crate::store::{Inserted, StoreError};
+use sha2::{Digest, Sha256};
+use std::io::{ErrorKind, Read as _};
 
 /// Bytes that do not repeat with the length of a block.
 fn content(length: usize) -> Vec<u8> {
@@ -119,10 +119,10 @@ async fn a_scan_whose_commit_failed_can_be_kept_with_the_same_file_later() {
     // The file has its place already when the count of the transaction fails.
     let refuse =
         "CREATE TRIGGER refuse BEFORE UPDATE ON commits WHEN NEW.count > 1 BEGIN SELECT RAISE(ABORT, 'no'); END";
-    store.writer.write(super::failures::Statement(refuse)).await.unwrap();
+    store.writer.write(super::durability::Statement(refuse)).await.unwrap();
     store.keep_scan(row_of(&scan), std::sync::Arc::clone(&scan)).await.unwrap_err();
     assert_eq!(folder.scan_ids(), Vec::<String>::new());
-    let mut database = crate::store::connection::writer(&folder.path().join("coaxis.db"), None).await.unwrap();
+    let mut database = crate::store::database::writer(&folder.path().join("coaxis.db"), None).await.unwrap();
     sqlx::raw_sql("DROP TRIGGER refuse").execute(&mut database).await.unwrap();
     store.keep_scan(row_of(&scan), std::sync::Arc::clone(&scan)).await.unwrap();
     assert!(store.open_scan(&scan.id()).await.unwrap().is_some());
@@ -154,7 +154,7 @@ fn an_abandoned_scan_leaves_nothing() {
         let store = folder.open().await;
         let mut writer = store.begin_scan(u64::MAX).await.unwrap();
         assert_eq!(folder.incoming().len(), 1);
-        // Blocks are still on their way to the disk when it is let go.
+        // Blocks are still being written when it is dropped.
         writer.write(&content(3_000_000)).await.unwrap();
     });
     // Ends when the blocking threads have.
@@ -184,4 +184,151 @@ async fn what_an_earlier_process_left_unfinished_is_swept_away() {
     let store = folder.open().await;
     assert!(folder.incoming().is_empty());
     assert!(store.open_scan(&stored.id).await.unwrap().is_some());
+}
+
+const BLOCK: usize = 256 * 1024;
+
+/// Bytes that do not repeat with the length of a block.
+#[tokio::test]
+async fn what_is_there_is_read_before_the_end_and_the_rest_after_it() {
+    let folder = TempFolder::new();
+    let store = folder.open().await;
+    let bytes = content(3 * BLOCK + 17);
+    let mut writer = store.begin_scan(u64::MAX).await.unwrap();
+    let mut follower = writer.trail().follow().unwrap();
+    let (start, end) = bytes.split_at(2 * BLOCK + 5);
+    writer.write(start).await.unwrap();
+    let (read, mut follower) = tokio::task::spawn_blocking(move || {
+        let mut read = vec![0; 2 * BLOCK];
+        follower.read_exact(&mut read).unwrap();
+        (read, follower)
+    })
+    .await
+    .unwrap();
+    assert_eq!(read, bytes[..2 * BLOCK]);
+    let rest = tokio::task::spawn_blocking(move || {
+        let mut rest = Vec::new();
+        follower.read_to_end(&mut rest).unwrap();
+        rest
+    });
+    writer.write(end).await.unwrap();
+    let trail = writer.trail();
+    let scan = writer.complete().await.unwrap();
+    assert_eq!(rest.await.unwrap(), bytes[2 * BLOCK..]);
+    let mut late = Vec::new();
+    trail.follow().unwrap().read_to_end(&mut late).unwrap();
+    assert_eq!(late, bytes, "a file that is whole is followed just so");
+    drop(scan);
+    assert!(matches!(trail.follow(), Err(StoreError::FileUnavailable { .. })));
+}
+
+#[tokio::test]
+async fn a_writer_that_gives_up_ends_its_reader() {
+    let folder = TempFolder::new();
+    let store = folder.open().await;
+    let mut writer = store.begin_scan(u64::MAX).await.unwrap();
+    let mut follower = writer.trail().follow().unwrap();
+    writer.write(&content(BLOCK + 1)).await.unwrap();
+    let reader = tokio::task::spawn_blocking(move || follower.read_to_end(&mut Vec::new()));
+    drop(writer);
+    assert_eq!(reader.await.unwrap().unwrap_err().kind(), ErrorKind::ConnectionAborted);
+}
+
+async fn arrived(store: &Store, bytes: &[u8]) -> CompleteScan {
+    let mut writer = store.begin_scan(u64::MAX).await.unwrap();
+    writer.write(bytes).await.unwrap();
+    writer.complete().await.unwrap()
+}
+
+/// A measurement of what has come in.
+fn measurement_of(scan: &CompleteScan, id: &str) -> NewMeasurement {
+    let mut new = new_measurement(id, 1);
+    new.row.scan_id = scan.id();
+    new.scan = Some(row_of(scan));
+    new
+}
+
+#[tokio::test]
+async fn a_measurement_that_is_not_inserted_leaves_no_file() {
+    let folder = TempFolder::new();
+    let store = folder.open().await;
+    store.insert_measurement(new_measurement("m-1", 1)).await.unwrap();
+    let scan = arrived(&store, b"first").await;
+    let taken = store.insert_measurement_of(measurement_of(&scan, "m-1"), scan).await;
+    assert!(matches!(taken, Err(StoreError::IdTaken { .. })));
+    assert_eq!((folder.scan_ids(), folder.incoming()), (Vec::new(), Vec::new()));
+}
+
+#[tokio::test]
+async fn a_request_id_used_for_something_else_leaves_no_file() {
+    let folder = TempFolder::new();
+    let store = folder.open().await;
+    let earlier = NewMeasurement { request: request("r", "asked"), ..new_measurement("m-1", 1) };
+    store.insert_measurement(earlier).await.unwrap();
+    let scan = arrived(&store, b"first").await;
+    let new = NewMeasurement { request: request("r", "asked for more"), ..measurement_of(&scan, "m-2") };
+    assert_eq!(store.insert_measurement_of(new, scan).await.unwrap(), Inserted::RequestMismatch);
+    assert_eq!((folder.scan_ids(), folder.incoming()), (Vec::new(), Vec::new()));
+}
+
+#[tokio::test]
+async fn a_failure_takes_no_file_that_another_row_refers_to() {
+    let folder = TempFolder::new();
+    let store = folder.open().await;
+    store.insert_measurement(new_measurement("m-1", 1)).await.unwrap();
+    let (kept, refused) = (arrived(&store, b"both").await, arrived(&store, b"both").await);
+    let id = kept.id();
+    // They share a commit, or come one after the other.
+    let (kept, refused) = tokio::join!(
+        store.insert_measurement_of(measurement_of(&kept, "m-2"), kept),
+        store.insert_measurement_of(measurement_of(&refused, "m-1"), refused),
+    );
+    assert_eq!(kept.unwrap(), Inserted::New);
+    refused.unwrap_err();
+    assert_eq!((folder.scan_ids(), folder.incoming()), (vec![id], Vec::new()));
+}
+
+#[tokio::test]
+async fn a_caller_that_goes_away_leaves_file_and_row_or_neither() {
+    let folder = TempFolder::new();
+    let store = folder.open().await;
+    let scan = arrived(&store, b"abandoned").await;
+    let id = scan.id();
+    let mut keep = Box::pin(store.keep_scan(row_of(&scan), scan));
+    // As far as it comes by itself, and no further.
+    std::future::poll_fn(|context| std::task::Poll::Ready(keep.as_mut().poll(context).is_pending())).await;
+    drop(keep);
+    store.probe().await.unwrap();
+    assert_eq!(store.scan(&id).await.unwrap().is_some(), folder.scan_ids() == [id]);
+}
+
+#[tokio::test]
+async fn a_file_whose_row_a_crash_prevented_is_removed_at_the_next_start_and_no_other() {
+    let folder = TempFolder::new();
+    let store = folder.open().await;
+    let scan = arrived(&store, b"kept").await;
+    let kept = scan.id();
+    store.keep_scan(row_of(&scan), scan).await.unwrap();
+    store.close().await;
+    drop(store);
+    let place = |bytes: &[u8], marked: bool| {
+        let digest = hex(&Sha256::digest(bytes));
+        let shelf = folder.path().join("scans").join(&digest[..2]);
+        fs::create_dir_all(&shelf).unwrap();
+        fs::write(shelf.join(&digest), bytes).unwrap();
+        if marked {
+            fs::write(folder.path().join("scans/tmp").join(&digest), b"").unwrap();
+        }
+        format!("s-{digest}")
+    };
+    place(b"orphan", true);
+    assert_eq!(place(b"kept", true), kept);
+    // Its row was lost with a database, which is no reason to lose the scan, too.
+    let unmarked = place(b"rescued", false);
+    let _store = folder.open().await;
+    let mut expected = vec![kept, unmarked];
+    let mut found = folder.scan_ids();
+    expected.sort();
+    found.sort();
+    assert_eq!((found, folder.incoming()), (expected, Vec::new()));
 }

@@ -1,15 +1,13 @@
-//! Opening: who may, and which databases.
+//! Opening a store: by one process only, and only databases of a known schema.
 
 use sqlx::{Connection, SqliteConnection};
 
 use super::*;
-use crate::store::{
-    StoreError, connection,
-    migration::{MIGRATIONS, Migration, migrate},
-};
+use crate::store::database::{MIGRATIONS, Migration, migrate};
+use crate::store::{StoreError, database};
 
 async fn database(folder: &TempFolder) -> SqliteConnection {
-    connection::writer(&folder.path().join("coaxis.db"), None).await.unwrap()
+    database::writer(&folder.path().join("coaxis.db"), None).await.unwrap()
 }
 
 #[tokio::test]
