@@ -1,7 +1,8 @@
 //! Puts a file, the environment and flags on top of each other. In: texts with their origin; out: a [`Config`].
 
-use super::{Config, ConfigError};
+use super::settings::{Config, ConfigError};
 use serde::Deserialize;
+
 use std::ffi::OsString;
 use std::path::Path;
 use toml::{Table, Value};
@@ -23,7 +24,7 @@ impl Layers {
     /// The content of a file.
     ///
     /// # Errors
-    /// [`ConfigError`] where it cannot be read, is not TOML, or has a key or value that is not known.
+    /// [`ConfigError`] if it cannot be read, is not TOML, or has an unknown key or value.
     pub fn file(self, path: &Path) -> Result<Self, ConfigError> {
         let text = std::fs::read_to_string(path)
             .map_err(|source| ConfigError::Unreadable { path: path.to_owned(), source })?;
@@ -43,7 +44,7 @@ impl Layers {
     }
 
     /// The variables that start with [`ENVIRONMENT_PREFIX`] and go on with a key or a section of ours; two underscores go down
-    /// a level. Any other is somebody else's: Kubernetes sets `COAXIS_PORT=tcp://…` beside a service of the name coaxis. Those
+    /// a level. Any other belongs to another program: Kubernetes sets `COAXIS_PORT=tcp://…` beside a service of the name coaxis. Those
     /// that are left out are named by [`Layers::ignored`].
     ///
     /// # Errors
@@ -81,7 +82,7 @@ impl Layers {
     /// One value under its dotted key.
     ///
     /// # Errors
-    /// [`ConfigError`] where there is no such key, or it cannot take the value.
+    /// [`ConfigError`] if the key does not exist, or cannot take the value.
     pub fn key(mut self, origin: &str, key: &str, value: &str) -> Result<Self, ConfigError> {
         // The same text may be a number or a word; the key decides, so the likelier reading is tried first.
         let readings = [format!("v = {value}").parse::<Table>().ok().and_then(|mut t| t.remove("v")), {
@@ -146,7 +147,7 @@ fn merge(under: &mut Table, over: Table) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::Limits;
+    use crate::config::settings::Limits;
     use std::os::unix::ffi::OsStringExt;
 
     fn variables(pairs: &[(&str, &str)]) -> Vec<(OsString, OsString)> {

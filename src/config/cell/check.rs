@@ -1,12 +1,14 @@
-//! Which cell can be: every number within its range, every adaptor set up. What is wrong is told with its dotted key.
+//! Checks the settings of the cell: every number against its range, every adaptor, that no simulated device stands beside real ones
+//! by mistake, and that no machine is configured twice. An error names the dotted key.
 
-use super::Cell;
-use super::devices::{ManipulatorAdaptor, SensorAdaptor, StageAdaptor};
-use super::error::CellError;
-use crate::motion::Carrier;
+use crate::cell::SettingsError;
+use crate::device::{gocator, modbus, simulated};
+use crate::motion::{ArrangementError, Carrier};
+
+use super::settings::{Cell, Manipulator, ManipulatorAdaptor, SensorAdaptor, StageAdaptor};
 
 impl Cell {
-    /// Checks every value; those of adaptors that are not chosen are let be, and so is a cell that is not enabled.
+    /// Checks every value, except those of adaptors that are not used, and of a cell that is not enabled.
     ///
     /// # Errors
     /// [`CellError`] names the first key that cannot be used.
@@ -54,6 +56,277 @@ pub(super) const fn key_of(carrier: Carrier) -> &'static str {
     match carrier {
         Carrier::M1 => "manipulators.m1",
         Carrier::M2 => "manipulators.m2",
+    }
+}
+
+/// Why the settings of the cell cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum CellError {
+    /// A number beyond what can work.
+    #[error("cell.{key} must be between {least} and {most}, got {value}")]
+    OutOfRange {
+        /// Dotted name below `cell`.
+        key: String,
+        /// What was given.
+        value: f64,
+        /// Least.
+        least: f64,
+        /// Greatest.
+        most: f64,
+    },
+    /// Two numbers in the wrong order.
+    #[error("cell.{key} must be below {beside}, got {value} and {limit}")]
+    NotBelow {
+        /// Dotted name below `cell`.
+        key: String,
+        /// Name of the other.
+        beside: &'static str,
+        /// What was given.
+        value: f64,
+        /// What the other is.
+        limit: f64,
+    },
+    /// A setting of the simulation cannot be used.
+    #[error("cell.simulated.{0}")]
+    Simulated(#[from] simulated::SettingError),
+    /// A setting of a Modbus device cannot be used.
+    #[error("cell.{key}.{cause}")]
+    Modbus {
+        /// The device.
+        key: &'static str,
+        /// Why not.
+        cause: modbus::SettingsError,
+    },
+    /// A setting of an OPC UA device cannot be used.
+    #[cfg(feature = "opcua")]
+    #[error("cell.{key}.opcua.{cause}")]
+    Opcua {
+        /// The device.
+        key: &'static str,
+        /// Why not.
+        cause: crate::device::opcua::SettingRefusal,
+    },
+    /// A setting of the sensor cannot be used.
+    #[error("cell.sensor.gocator: {0}")]
+    Gocator(#[from] gocator::SettingsError),
+    /// Simulated devices beside real ones.
+    #[error(
+        "cell: {simulated} would be simulated beside {real}; name an adaptor for each, or allow it with cell.simulated_beside_real = true"
+    )]
+    Mixed {
+        /// Which are simulated.
+        simulated: String,
+        /// Which are not.
+        real: String,
+    },
+    /// Two names for one machine.
+    #[error("cell.{first} and cell.{second} are the same device; give each its own {what}")]
+    SameDevice {
+        /// One.
+        first: &'static str,
+        /// The other.
+        second: &'static str,
+        /// The keys that distinguish them.
+        what: &'static str,
+    },
+    /// This program was built without OPC UA.
+    #[error("cell.{key}.adaptor = \"opcua\": this program was built without OPC UA; build it with the feature opcua")]
+    OpcuaNotBuilt {
+        /// The device.
+        key: &'static str,
+    },
+    /// The manipulators cannot stand so.
+    #[error("cell.manipulators: {0}")]
+    Arrangement(#[from] ArrangementError),
+    /// The times do not go together.
+    #[error("cell.timing: {0}")]
+    Settings(#[from] SettingsError),
+}
+
+/// A number with its key, its least and its greatest value.
+type Range = (String, f64, f64, f64);
+
+impl Cell {
+    /// Whether every number is within its range, and every lower one below its upper one.
+    pub(super) fn check_numbers(&self) -> Result<(), CellError> {
+        let mut ranges = self.ranges();
+        for carrier in Carrier::ALL {
+            limits(key_of(carrier), self.manipulators.get(carrier), &mut ranges);
+        }
+        for (key, value, least, most) in ranges {
+            // Written so that what is no number fails it, too.
+            if !(least..=most).contains(&value) {
+                return Err(CellError::OutOfRange { key, value, least, most });
+            }
+        }
+        for carrier in Carrier::ALL {
+            order(key_of(carrier), self.manipulators.get(carrier))?;
+        }
+        let lease = &self.lease;
+        below("lease.ttl_min_ms", "lease.ttl_max_ms", real(lease.ttl_min_ms), real(lease.ttl_max_ms))
+    }
+
+    fn ranges(&self) -> Vec<Range> {
+        let (lease, timing, together, scan) = (&self.lease, &self.timing, &self.together, &self.scan);
+        let tolerance = &together.tolerance;
+        let named: [(&str, f64, f64, f64); 23] = [
+            ("plan_age_max_s", real(self.plan_age_max_s), 1.0, 3_600.0),
+            ("lease.ttl_min_ms", real(lease.ttl_min_ms), 100.0, 600_000.0),
+            ("lease.ttl_max_ms", real(lease.ttl_max_ms), 1_000.0, 600_000.0),
+            ("lease.ttl_ms", real(lease.ttl_ms), real(lease.ttl_min_ms), real(lease.ttl_max_ms)),
+            ("timing.poll_ms", real(timing.poll_ms), 5.0, 100.0),
+            ("timing.poll_moving_ms", real(timing.poll_moving_ms), 5.0, 50.0),
+            ("timing.reply_ms", real(timing.reply_ms), 20.0, 300.0),
+            ("timing.connect_ms", real(timing.connect_ms), 20.0, 30_000.0),
+            ("timing.acknowledge_ms", real(timing.acknowledge_ms), 20.0, 300.0),
+            ("timing.watchdog_ms", real(timing.watchdog_ms), 100.0, 400.0),
+            ("timing.arrival_ms", real(timing.arrival_ms), 100.0, 600_000.0),
+            ("timing.scan_stall_ms", real(timing.scan_stall_ms), 50.0, 60_000.0),
+            ("together.strain_max_mm", together.strain_max_mm, 1e-6, 100.0),
+            ("together.run_on_max_mm", together.run_on_max_mm, 0.01, 100.0),
+            ("together.twist_max_deg", together.twist_max_deg, 1e-6, 90.0),
+            ("together.clearance_min_mm", together.clearance_min_mm, 0.0, 10_000.0),
+            ("together.tolerance.x_mm", tolerance.x_mm, 1e-6, 10.0),
+            ("together.tolerance.y_mm", tolerance.y_mm, 1e-6, 10.0),
+            ("together.tolerance.z_mm", tolerance.z_mm, 1e-6, 10.0),
+            ("together.tolerance.c_deg", tolerance.c_deg, 1e-6, 10.0),
+            ("scan.profiles_count", real(scan.profiles_count), 2.0, 1e6),
+            ("scan.speed_mm_s", scan.speed_mm_s, 1e-3, 10_000.0),
+            ("scan.place_tolerance_mm", scan.place_tolerance_mm, 1e-3, 10_000.0),
+        ];
+        named.into_iter().map(|(key, value, least, most)| (key.to_owned(), value, least, most)).collect()
+    }
+}
+
+fn limits(key: &str, manipulator: &Manipulator, ranges: &mut Vec<Range>) {
+    const FAR: f64 = 100_000.0;
+    const TURNS: f64 = 3_600.0;
+    for (axis, value) in ["x", "y", "z"].iter().zip(manipulator.mount_mm) {
+        ranges.push((format!("{key}.mount_mm ({axis})"), value, -FAR, FAR));
+    }
+    ranges.push((format!("{key}.half_span_mm"), manipulator.half_span_mm, 0.0, FAR));
+    let limits = &manipulator.limits;
+    for (axis, own) in [("x", &limits.x), ("y", &limits.y), ("z", &limits.z)] {
+        let mut push = |name: &str, value, least, most| {
+            ranges.push((format!("{key}.limits.{axis}.{name}"), value, least, most));
+        };
+        push("lower_mm", own.lower_mm, -FAR, FAR);
+        push("upper_mm", own.upper_mm, -FAR, FAR);
+        push("step_mm", own.step_mm, 1e-6, FAR);
+        push("speed_mm_s", own.speed_mm_s, 1e-6, FAR);
+        push("acceleration_mm_s2", own.acceleration_mm_s2, 1e-6, 1e6);
+        push("jerk_mm_s3", own.jerk_mm_s3, 1e-6, 1e8);
+    }
+    let turn = &limits.c;
+    let mut push = |name: &str, value, least, most| ranges.push((format!("{key}.limits.c.{name}"), value, least, most));
+    push("lower_deg", turn.lower_deg, -TURNS, TURNS);
+    push("upper_deg", turn.upper_deg, -TURNS, TURNS);
+    push("step_deg", turn.step_deg, 1e-6, TURNS);
+    push("speed_deg_s", turn.speed_deg_s, 1e-6, TURNS);
+    push("acceleration_deg_s2", turn.acceleration_deg_s2, 1e-6, 1e6);
+    push("jerk_deg_s3", turn.jerk_deg_s3, 1e-6, 1e8);
+}
+
+fn order(key: &str, manipulator: &Manipulator) -> Result<(), CellError> {
+    let limits = &manipulator.limits;
+    for (axis, own) in [("x", &limits.x), ("y", &limits.y), ("z", &limits.z)] {
+        below(&format!("{key}.limits.{axis}.lower_mm"), "upper_mm", own.lower_mm, own.upper_mm)?;
+    }
+    below(&format!("{key}.limits.c.lower_deg"), "upper_deg", limits.c.lower_deg, limits.c.upper_deg)
+}
+
+fn below(key: &str, beside: &'static str, value: f64, limit: f64) -> Result<(), CellError> {
+    if value < limit { Ok(()) } else { Err(CellError::NotBelow { key: key.to_owned(), beside, value, limit }) }
+}
+
+/// Counts and milliseconds here are far below 2⁵³; greater ones only have to stay out of range.
+#[expect(clippy::cast_precision_loss, reason = "beyond 2⁵³ every range is left")]
+const fn real(value: u64) -> f64 {
+    value as f64
+}
+
+/// Where a device is reached.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Link<'a> {
+    Simulated,
+    Modbus {
+        address: &'a str,
+        unit_id: u8,
+        base: u16,
+    },
+    #[cfg(feature = "opcua")]
+    Opcua {
+        endpoint: &'a str,
+        device: &'a str,
+    },
+    /// Where no second one can be.
+    Other,
+}
+
+impl<'a> Link<'a> {
+    fn modbus(settings: &'a modbus::Settings) -> Self {
+        Self::Modbus { address: &settings.address, unit_id: settings.unit_id, base: settings.base }
+    }
+
+    /// The keys that distinguish two devices of this kind.
+    const fn what(self) -> Option<&'static str> {
+        match self {
+            Self::Simulated | Self::Other => None,
+            Self::Modbus { .. } => Some("modbus.address, modbus.unit_id or modbus.base"),
+            #[cfg(feature = "opcua")]
+            Self::Opcua { .. } => Some("opcua.endpoint or opcua.device"),
+        }
+    }
+}
+
+impl Cell {
+    /// Checks that no simulated device stands beside real ones by mistake, and that no machine is configured twice.
+    pub(super) fn check_devices(&self) -> Result<(), CellError> {
+        let simulated = self.devices().into_iter().filter(|(_, link)| *link == Link::Simulated);
+        let simulated: Vec<&str> = simulated.map(|(key, _)| key).collect();
+        let real = self.devices().into_iter().filter(|(_, link)| *link != Link::Simulated);
+        let real: Vec<&str> = real.map(|(key, _)| key).collect();
+        if !self.simulated_beside_real && !simulated.is_empty() && !real.is_empty() {
+            return Err(CellError::Mixed { simulated: simulated.join(", "), real: real.join(", ") });
+        }
+        let devices = self.devices();
+        for (place, (first, link)) in devices.iter().enumerate() {
+            let same = devices.iter().skip(place + 1).find(|(_, other)| other == link && link.what().is_some());
+            if let (Some((second, _)), Some(what)) = (same, link.what()) {
+                return Err(CellError::SameDevice { first, second, what });
+            }
+        }
+        Ok(())
+    }
+
+    /// Every device that there is, with where it is reached.
+    fn devices(&self) -> Vec<(&'static str, Link<'_>)> {
+        let manipulators = Carrier::ALL.map(|carrier| {
+            let manipulator = self.manipulators.get(carrier);
+            let link = match manipulator.adaptor {
+                ManipulatorAdaptor::Simulated => Link::Simulated,
+                ManipulatorAdaptor::Modbus => Link::modbus(&manipulator.modbus),
+                #[cfg(feature = "opcua")]
+                ManipulatorAdaptor::Opcua => {
+                    Link::Opcua { endpoint: &manipulator.opcua.endpoint, device: &manipulator.opcua.device }
+                }
+                #[cfg(not(feature = "opcua"))]
+                ManipulatorAdaptor::Opcua => Link::Other,
+            };
+            (key_of(carrier), link)
+        });
+        let stage = match self.stage.adaptor {
+            StageAdaptor::Simulated => Some(Link::Simulated),
+            StageAdaptor::Modbus => Some(Link::modbus(&self.stage.modbus)),
+            StageAdaptor::None => None,
+        };
+        let sensor = match self.sensor.adaptor {
+            SensorAdaptor::Simulated => Some(Link::Simulated),
+            SensorAdaptor::Gocator => Some(Link::Other),
+            SensorAdaptor::None => None,
+        };
+        let others = [stage.map(|link| ("stage", link)), sensor.map(|link| ("sensor", link))];
+        manipulators.into_iter().chain(others.into_iter().flatten()).collect()
     }
 }
 

@@ -1,9 +1,9 @@
 //! The cell's configuration as motion, cell and the simulation take it: lengths stay, degrees become radians, milliseconds
 //! become durations; and the calibration of a scan by a simulated sensor, which its simulation knows.
 
-use super::devices::SensorAdaptor;
-use super::supports::{LinearLimits, SupportLimits, TurnLimits};
-use super::{Cell, Timing};
+use super::settings::SensorAdaptor;
+use super::settings::{Cell, Timing};
+use super::settings::{LinearLimits, SupportLimits, TurnLimits};
 use crate::cell::Settings;
 use crate::device::simulated::{Mounting, Straightness};
 use crate::estimation::TypeB;
@@ -64,7 +64,7 @@ impl Cell {
         }
     }
 
-    /// What calibration says of a scan by the sensor: what the configuration states (`estimation.type_b`). Where it states
+    /// The calibration of a scan by the sensor, as the configuration states it (`estimation.type_b`). Where it states
     /// nothing and the sensor is simulated, what its simulated stage is known to do.
     #[must_use]
     pub fn type_b_of_scans(&self, stated: TypeB) -> TypeB {

@@ -1,22 +1,16 @@
-//! Every limit and default in one place: a TOML file, then the environment, then flags, each over the one before. Refuses
-//! nonsense with the key, its value and what is allowed.
+//! The settings of the service with their defaults and ranges. The names of hosts may be a list, or one text with commas, as an
+//! environment variable has it.
 
-mod cell;
-mod hosts;
-mod layers;
-
-pub use cell::{
-    Cell, CellError, Lease, LinearLimits, Manipulator, ManipulatorAdaptor, ScanPath, Sensor, SensorAdaptor, Stage,
-    StageAdaptor, SupportLimits, Timing, Together, Tolerances, TurnLimits,
-};
-pub use layers::{ENVIRONMENT_PREFIX, Layers};
-
-use crate::estimation::{SettingError, Settings};
-use crate::scan::decode::Limits as ScanLimits;
-use serde::de::Error;
-use serde::{Deserialize, Deserializer, Serialize};
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
+
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize};
+
+use super::cell::CellError;
+use super::cell::settings::{Cell, over_default};
+use crate::estimation::{SettingError, Settings};
+use crate::scan::decode::Limits as ScanLimits;
 
 /// How the service is set up.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -25,27 +19,27 @@ pub struct Config {
     /// Address and port to listen on, or localhost and a port; port 0 takes a free one.
     #[serde(deserialize_with = "address")]
     pub listen: SocketAddr,
-    /// Folder that holds records and scans; made where it is missing.
+    /// Folder that holds records and scans; created if it is missing.
     pub data: PathBuf,
     /// Listen beyond this machine although there are neither tokens nor encryption: everybody on the network may
     /// measure, read, and put recipes.
     pub insecure_lan: bool,
     /// Names under which the service is reached, besides its addresses and localhost. Requests for another host are refused,
     /// since it may be the name of a stranger that resolves to this machine.
-    #[serde(deserialize_with = "hosts::read")]
+    #[serde(deserialize_with = "host_names")]
     pub hosts: Vec<String>,
     /// What is written to the log.
     pub log: Log,
-    /// What is refused because it is too much.
+    /// Limits of sizes and numbers.
     pub limits: Limits,
-    /// What a scan file may cost.
+    /// Limits of a scan file.
     pub scan: ScanLimits,
-    /// What is refused because it takes too long.
+    /// Limits of times.
     pub timeouts: Timeouts,
-    /// What holds for a measurement where neither the request nor its recipe says otherwise.
+    /// The settings of a measurement, unless the request or its recipe gives others.
     pub estimation: Settings,
     /// The devices that scan and move the part.
-    #[serde(deserialize_with = "cell::over_default")]
+    #[serde(deserialize_with = "over_default")]
     pub cell: Cell,
 }
 
@@ -84,7 +78,7 @@ pub enum LogFormat {
     Json,
 }
 
-/// What is refused because it is too much.
+/// Limits of sizes and numbers.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Limits {
@@ -98,7 +92,7 @@ pub struct Limits {
     pub header_bytes_max: u64,
     /// Connections at a time; on further ones, as many as `connections_reserved`, only urgent requests are answered.
     pub connections_max: u64,
-    /// Places beside those for stop, health checks and the holder of the lease.
+    /// Further connections for stop, health checks and the holder of the lease.
     pub connections_reserved: u64,
     /// How much of the connections, of the uploads and of the waits one client address may take, per cent. Behind a proxy all
     /// clients have one address.
@@ -125,7 +119,7 @@ pub struct Limits {
     pub memory_max_mb: u64,
 }
 
-/// What is refused because it takes too long.
+/// Limits of times.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Timeouts {
@@ -139,7 +133,7 @@ pub struct Timeouts {
     pub response_idle_ms: u64,
     /// For one calculation, from its turn on.
     pub calculation_ms: u64,
-    /// For the whole end, from the signal on: motion stops, requests under way are answered, what happened is written down.
+    /// For the whole shutdown, from the signal on: motion stops, requests under way are answered, events are recorded.
     pub shutdown_ms: u64,
 }
 
@@ -221,7 +215,7 @@ pub enum ConfigError {
         /// What is wrong there, with the key.
         reason: String,
     },
-    /// A number beyond what the service can work with.
+    /// A number is out of its range.
     #[error("{key} must be between {min} and {max}, got {value}")]
     OutOfRange {
         /// Dotted name.
@@ -233,25 +227,25 @@ pub enum ConfigError {
         /// Greatest.
         max: u64,
     },
-    /// A bound on coordinates that leaves nothing.
+    /// The limit of coordinates is too small.
     #[error("scan.coordinate_max_mm must be a finite length of at least 1 mm, got {value}")]
     Coordinate {
         /// What was given.
         value: f64,
     },
-    /// A value that is not one.
+    /// A value is empty.
     #[error("{key} must not be empty")]
     Empty {
         /// Dotted name.
         key: &'static str,
     },
-    /// A setting of the estimation beyond what it can work with.
+    /// A setting of the estimation is out of its range.
     #[error("estimation.{0}")]
     Estimation(#[from] SettingError),
-    /// The cell cannot be so.
+    /// A setting of the cell cannot be used.
     #[error(transparent)]
     Cell(#[from] CellError),
-    /// The service would be open to the network without anything to keep it.
+    /// The service would be open to the network without protection.
     #[error(
         "listen = \"{listen}\" is reachable from other machines, and the service asks nobody for a token: everybody on \
          the network could use it. Listen on 127.0.0.1, or say --insecure-lan (insecure_lan = true) where the network \
@@ -333,9 +327,38 @@ impl Config {
     }
 }
 
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Given {
+    List(Vec<String>),
+    Text(String),
+}
+
+fn host_names<'de, D: Deserializer<'de>>(given: D) -> Result<Vec<String>, D::Error> {
+    let names = match Given::deserialize(given) {
+        Ok(Given::List(names)) => names,
+        Ok(Given::Text(text)) => {
+            text.split(',').map(|name| name.trim().to_owned()).filter(|name| !name.is_empty()).collect()
+        }
+        Err(_) => return Err(D::Error::custom("must be a list of names of hosts such as [\"line3.example\"]")),
+    };
+    match names.iter().find(|name| !is_name(name)) {
+        None => Ok(names),
+        Some(other) => Err(D::Error::custom(format!(
+            "must be names of hosts without scheme, port and path such as line3.example, got \"{other}\""
+        ))),
+    }
+}
+
+fn is_name(name: &str) -> bool {
+    let plain = |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'-' | b'_' | b'.');
+    !name.is_empty() && name.len() <= 253 && !name.ends_with('.') && name.bytes().all(plain)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::layers::Layers;
     use std::collections::BTreeMap;
 
     #[test]
@@ -371,7 +394,7 @@ mod tests {
 
     #[test]
     fn the_end_of_the_service_fits_into_the_grace_of_the_compose_file() {
-        let compose = include_str!("../docker/compose.yaml");
+        let compose = include_str!("../../docker/compose.yaml");
         let grace = compose.lines().find_map(|line| line.trim().strip_prefix("stop_grace_period: ")?.strip_suffix('s'));
         let grace_ms = grace.and_then(|seconds| seconds.parse::<u64>().ok()).expect("a grace in seconds") * 1000;
         // The threads of the process come on top, and the container's own work.
@@ -407,7 +430,7 @@ mod tests {
 
     #[test]
     fn the_example_for_a_container_shows_every_key_with_its_default() {
-        let example = include_str!("../docker/coaxis.toml");
+        let example = include_str!("../../docker/coaxis.toml");
         Layers::default().text("docker/coaxis.toml", example).and_then(Layers::build).expect("it can be used");
         let (mut shown, mut due) = (BTreeMap::new(), BTreeMap::new());
         leaves(&example.parse().expect("TOML"), "", &mut shown);
@@ -424,5 +447,26 @@ mod tests {
         }
         let more: Vec<_> = shown.keys().filter(|key| !due.contains_key(*key)).collect();
         assert!(more.is_empty(), "{more:?} has no default");
+    }
+}
+
+#[cfg(test)]
+mod host_tests {
+    use crate::config::Layers;
+
+    fn hosts(value: &str) -> Result<Vec<String>, String> {
+        let layers = Layers::default().environment([("COAXIS_HOSTS".into(), value.into())]);
+        layers.and_then(Layers::build).map(|config| config.hosts).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn names_are_a_list_or_a_text_with_commas_and_nothing_but_names() {
+        assert_eq!(hosts("line3.example").as_deref(), Ok(&["line3.example".to_owned()][..]));
+        assert_eq!(hosts("line3, line4").as_deref(), Ok(&["line3".to_owned(), "line4".to_owned()][..]));
+        assert_eq!(hosts("[\"line3\"]").as_deref(), Ok(&["line3".to_owned()][..]));
+        assert_eq!(hosts("").as_deref(), Ok(&[][..]));
+        for wrong in ["http://line3", "line3:8080", "line3/", "*", "line 3"] {
+            assert!(hosts(wrong).is_err_and(|error| error.contains("names of hosts")), "{wrong}");
+        }
     }
 }
