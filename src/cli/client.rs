@@ -1,16 +1,23 @@
-//! Asks a service over HTTP/1.1, one request a connection: enough for the health check and the demonstration, which must work
-//! where there is no curl.
+//! `coaxis health`, the health check of the container, which has no shell and no curl; and the HTTP/1.1 client with which it and
+//! `coaxis demo` ask a service, one request for each connection.
 
 use std::error::Error;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::process::ExitCode;
 use std::time::Duration;
+
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
 
+use super::client;
+use super::config::Sources;
+use super::output::Outcome;
+
 /// More of an answer is not read.
 const ANSWER_BYTES_MAX: u64 = 16 << 20;
 
-/// What bytes are sent as that are no document.
+/// Media type of a body that is not JSON.
 const BYTES: &str = "application/octet-stream";
 
 /// An answer.
@@ -64,4 +71,57 @@ async fn exchange(method: &str, url: &str, (kind, body): (&str, &[u8])) -> Resul
     let (head, body) = answer.split_once("\r\n\r\n").ok_or_else(|| format!("{url}: not an HTTP answer"))?;
     let status = head.split(' ').nth(1).and_then(|status| status.parse().ok()).unwrap_or(0);
     Ok(Answer { status, body: body.to_owned() })
+}
+
+/// Ask a running service whether it is ready; exit code 0 if it is
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// What to ask [default: /health/ready at the address that the configuration says]
+    url: Option<String>,
+    /// How long to wait for the answer, milliseconds
+    #[arg(long, default_value_t = 3000, value_parser = clap::value_parser!(u64).range(1..=60_000))]
+    timeout_ms: u64,
+    #[command(flatten)]
+    sources: Sources,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Outcome {
+    let url = match &arguments.url {
+        Some(url) => url.clone(),
+        None => configured(arguments.sources.config()?.listen)?,
+    };
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let answer = runtime.block_on(client::get(&url, Duration::from_millis(arguments.timeout_ms)));
+    let answer = answer.map_err(|error| format!("{error}; is the service running?"))?;
+    if answer.status == 200 {
+        return Ok(ExitCode::SUCCESS);
+    }
+    Err(format!("{url} answered {}: {}", answer.status, answer.body).into())
+}
+
+/// Where a service that listens there is asked from the same machine.
+fn configured(listen: SocketAddr) -> Result<String, Box<dyn Error>> {
+    if listen.port() == 0 {
+        return Err(format!("listen = \"{listen}\" takes any free port; say which address to ask").into());
+    }
+    let ip = match listen.ip() {
+        IpAddr::V4(ip) if ip.is_unspecified() => Ipv4Addr::LOCALHOST.into(),
+        IpAddr::V6(ip) if ip.is_unspecified() => Ipv6Addr::LOCALHOST.into(),
+        ip => ip,
+    };
+    Ok(format!("http://{}/health/ready", SocketAddr::new(ip, listen.port())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_of_every_interface_is_asked_on_this_machine() {
+        let asked = |listen: &str| configured(listen.parse().expect("an address")).ok();
+        assert_eq!(asked("0.0.0.0:9000").as_deref(), Some("http://127.0.0.1:9000/health/ready"));
+        assert_eq!(asked("[::]:9000").as_deref(), Some("http://[::1]:9000/health/ready"));
+        assert_eq!(asked("192.168.1.7:80").as_deref(), Some("http://192.168.1.7:80/health/ready"));
+        assert_eq!(asked("127.0.0.1:0"), None);
+    }
 }

@@ -1,7 +1,8 @@
-//! `coaxis config`: what the service would run with; and how every command finds its configuration.
+//! `coaxis config`: the configuration that the service would run with; and the flags by which every command finds it.
 
-use super::{Outcome, print_text};
-use crate::config::{Config, ConfigError, Layers};
+use super::output::{Outcome, print_text};
+use crate::config::Layers;
+use crate::config::{Config, ConfigError};
 use std::path::PathBuf;
 
 /// Print the configuration that a service started so would have, as TOML

@@ -3,7 +3,7 @@
 //! moves without a commander is given the time to stop by its watchdog.
 
 use super::config::Sources;
-use super::{FAILED, Outcome, print};
+use super::output::{FAILED, Outcome, print};
 use crate::cell::{Devices, SILENCE};
 use crate::device::contract::{Report, check_manipulator, check_sensor, check_stage};
 use crate::motion::Pair;
@@ -41,7 +41,7 @@ pub(super) fn run(subject: &Subject) -> Outcome {
         print("the configuration has no cell (cell.enabled = false)\n")?;
         return Ok(ExitCode::SUCCESS);
     };
-    // Held until the end, so that no service starts meanwhile.
+    // Kept until the end, so that no service starts meanwhile.
     let _lock = if arguments.beside_service { None } else { keep_services_out(&config.data)? };
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let reports = runtime.block_on(check(equipment.devices));

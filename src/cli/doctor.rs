@@ -1,7 +1,7 @@
 //! `coaxis doctor`: examines what is kept in the data folder, beside a running service or without one.
 
 use super::config::Sources;
-use super::{FAILED, Outcome, print};
+use super::output::{FAILED, Outcome, print};
 use crate::service::{Examined, accept_loss, examine};
 use std::process::ExitCode;
 

@@ -1,6 +1,5 @@
-//! The log: a thread of its own writes the lines to standard error. Whoever reads them may stall, a full pipe or a terminal
-//! that is held, and the service must go on, its stops before all; so lines that find no room are dropped, and counted in a
-//! later one.
+//! The log: a thread of its own writes the lines to standard error. Their reader may stall (a full pipe, a stopped terminal), and
+//! the service must go on, most of all its stops; so lines that do not fit into the queue are dropped, and counted in a later line.
 
 use crate::config::{Log, LogFormat};
 use std::error::Error;
@@ -13,7 +12,7 @@ use std::time::Duration;
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::MakeWriter;
 
-/// Lines that wait for whoever reads the log.
+/// Lines that may wait for the reader of the log.
 const LINES_MAX: usize = 4096;
 /// How long the last lines may take at the end.
 const LAST_LINES: Duration = Duration::from_millis(500);
@@ -50,7 +49,7 @@ fn filter(asked: &str) -> String {
 
 enum Entry {
     Line(Vec<u8>),
-    /// All that came before is written: says so.
+    /// Answers when every line before it is written.
     Written(SyncSender<()>),
 }
 
@@ -60,7 +59,7 @@ struct Lines {
     dropped_count: Arc<AtomicU64>,
 }
 
-/// Writes out what is left when it is dropped, as far as somebody reads it.
+/// Writes the remaining lines when it is dropped, as far as they are read.
 pub(super) struct LastLines(SyncSender<Entry>);
 
 /// One line in the making.
@@ -79,7 +78,7 @@ impl Lines {
     }
 }
 
-/// Where standard error is closed there is nobody to tell, and the lines are let go.
+/// If standard error is closed, the lines are dropped.
 fn write(waiting: &Receiver<Entry>, mut out: impl Write, dropped_count: &AtomicU64) {
     while let Ok(entry) = waiting.recv() {
         match entry {
@@ -123,7 +122,7 @@ impl Drop for Line<'_> {
 impl Drop for LastLines {
     fn drop(&mut self) {
         let (said, written) = sync_channel(1);
-        // Where nobody reads, there never is room: the lines are lost and the process ends.
+        // If the log is not read, the queue stays full: the lines are lost, and the process ends.
         for _ in 0..ROOM_TRIES {
             if self.0.try_send(Entry::Written(said.clone())).is_ok() {
                 let _ = written.recv_timeout(LAST_LINES);

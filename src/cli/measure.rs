@@ -1,8 +1,9 @@
 //! `coaxis measure`: scan files to poses, without a service. The same document as over HTTP, or a table for people.
 
 use super::config::Sources;
+use super::output;
+use super::output::{FAILED, Outcome, OutputClosed, REFUSED, complain, print, table, with_bar};
 use super::reading::{ReadingArguments, named};
-use super::{FAILED, Outcome, OutputClosed, REFUSED, bar, complain, print, table};
 use crate::estimation::{EndFaceRule, Method, Orientation};
 use crate::http::{MeasurementDocument, profiles_csv};
 use crate::plot::Picture;
@@ -131,7 +132,7 @@ impl Arguments {
         let (source, file_name) = open(path)?;
         let name = file_name.clone().unwrap_or_else(|| "standard input".to_owned());
         let origin = Origin { parameter: self.reading.format, media_type: None, file_name };
-        let measured = bar::with_bar(&name, |progress| measure_offline(source, &origin, resolved, limits, progress));
+        let measured = with_bar(&name, |progress| measure_offline(source, &origin, resolved, limits, progress));
         let Offline { measurement, profiles, scan } = measured.map_err(|error| format!("{name}: {error}"))?;
         if let Some(place) = &self.profiles {
             let place = if self.files.len() > 1 { place.join(with_csv(own_name(path))) } else { place.clone() };
@@ -147,7 +148,7 @@ impl Arguments {
         if json {
             print(&format!("{}\n", serde_json::to_string(&document)?))?;
         } else {
-            print(&table::table(&name, &document))?;
+            print(&table(&name, &document))?;
         }
         Ok(measurement.verdict())
     }

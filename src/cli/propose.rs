@@ -2,11 +2,12 @@
 
 use super::config::Sources;
 use super::measure::open;
+use super::output::{Outcome, REFUSED, complain, print};
 use super::reading::ReadingArguments;
-use super::{Outcome, REFUSED, complain, print};
 use crate::service::{Origin, Proposal, Recipe, cylinder_decimals, propose, read_cloud};
 use std::error::Error;
 use std::io::IsTerminal;
+
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -38,7 +39,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     let name = file_name.clone().unwrap_or_else(|| "standard input".to_owned());
     let origin = Origin { parameter: arguments.reading.format, media_type: None, file_name };
     let cloud = read_cloud(source, &origin, &resolved, &config.scan).map_err(|error| format!("{name}: {error}"))?;
-    // A default of the configuration holds for the measurement, too.
+    // A default of the configuration applies to the measurement, too.
     let nominal_radius_mm = resolved.settings.nominal_radius_mm;
     let proposals = propose(&cloud, &asked, nominal_radius_mm);
     if proposals.is_empty() {

@@ -1,9 +1,9 @@
-//! Flags that say how a scan file is read; the same for every command that takes one.
+//! Flags for how a scan file is read; the same for every command that takes one.
 
 use crate::scan::decode::{Decimal, Format, Unit};
 use crate::service::Recipe;
 
-/// How the files are read, where they do not say themselves.
+/// How the files are read, if they do not contain it themselves.
 #[derive(Debug, clap::Args)]
 pub(super) struct ReadingArguments {
     /// Format of the file, where name and content do not say
@@ -29,7 +29,7 @@ pub(super) struct ReadingArguments {
 }
 
 impl ReadingArguments {
-    /// What they say, as part of a recipe.
+    /// The flags, as part of a recipe.
     pub(super) fn recipe(&self) -> Recipe {
         Recipe {
             unit: self.unit,

@@ -1,8 +1,8 @@
-//! `coaxis serve`: the service until it is told to stop.
+//! `coaxis serve`: the service, until it is stopped by a signal.
 
-use super::Outcome;
 use super::config::Sources;
 use super::log;
+use super::output::Outcome;
 use crate::config::Config;
 use crate::device::simulated::World;
 use crate::http::{Server, Stopper};

@@ -1,11 +1,11 @@
-//! `coaxis simulate`: made data with their truth beside them, to try a client or a method against; and made devices.
+//! `coaxis simulate`: synthetic scans with their truth beside them, to try a client or a method against; and simulated devices.
 
+use super::output::{Outcome, print};
 use super::reading::format;
-use super::scene::SceneArguments;
-use super::simulate_export::ExportArguments;
-use super::simulate_plc::{self, PlcArguments};
-use super::simulate_sensor::SensorArguments;
-use super::{Outcome, print};
+use super::simulate_devices::{GocatorArguments, PlcArguments, run_gocator, run_plc};
+use super::simulate_scene::ExportArguments;
+use super::simulate_scene::SceneArguments;
+use super::simulate_scene::SensorArguments;
 use crate::geometry::{AxisLine, Frame};
 use crate::scan::Scan;
 use crate::scan::decode::Format;
@@ -23,7 +23,7 @@ use std::process::ExitCode;
 pub(super) enum Subject {
     Scan(Box<ScanArguments>),
     Plc(PlcArguments),
-    Gocator(super::simulate_gocator::Arguments),
+    Gocator(GocatorArguments),
 }
 
 /// Write the scan of a synthetic part, and its truth beside it (NAME.truth.json)
@@ -111,13 +111,13 @@ pub(super) struct ScanArguments {
     /// A second part of the same kind behind the first, this far from its last profile
     #[arg(long, value_name = "MM", allow_hyphen_values = true)]
     second_gap_mm: Option<f64>,
-    /// Radius of the second part; that of the first where nothing is said
+    /// Radius of the second part; that of the first by default
     #[arg(long, value_name = "MM", allow_hyphen_values = true, requires = "second_gap_mm")]
     second_radius_mm: Option<f64>,
-    /// Tilt of the second part's axis towards +Y; that of the first where nothing is said
+    /// Tilt of the second part's axis towards +Y; that of the first by default
     #[arg(long, value_name = "DEG", allow_hyphen_values = true, requires = "second_gap_mm")]
     second_deflection_deg: Option<f64>,
-    /// Tilt of the second part's axis towards +Z; that of the first where nothing is said
+    /// Tilt of the second part's axis towards +Z; that of the first by default
     #[arg(long, value_name = "DEG", allow_hyphen_values = true, requires = "second_gap_mm")]
     second_pitch_deg: Option<f64>,
 }
@@ -125,8 +125,8 @@ pub(super) struct ScanArguments {
 pub(super) fn run(subject: &Subject) -> Outcome {
     match subject {
         Subject::Scan(arguments) => write_scan(arguments),
-        Subject::Plc(arguments) => simulate_plc::run(arguments),
-        Subject::Gocator(arguments) => super::simulate_gocator::run(arguments),
+        Subject::Plc(arguments) => run_plc(arguments),
+        Subject::Gocator(arguments) => run_gocator(arguments),
     }
 }
 
@@ -184,7 +184,7 @@ impl ScanArguments {
         self.format.or_else(|| Format::from_name(&ending.to_ascii_lowercase())).ok_or_else(unknown)
     }
 
-    /// The parts, refused where their numbers cannot be.
+    /// The parts; an error if their numbers cannot be used.
     fn parts(&self) -> Result<Vec<Part>, String> {
         self.check()?;
         let first = self.part();

@@ -1,23 +1,37 @@
-//! `coaxis simulate gocator`: a sensor that is none, to try a cell or another client against. On every start it sends the
-//! profiles of a scan file or of a synthetic part.
+//! Simulated devices on the network, to try coaxis or another client against: `coaxis simulate gocator` is a sensor that on every
+//! start sends the profiles of a scan file or of a synthetic part; `coaxis simulate plc` is a PLC with two manipulators and a stage,
+//! with a flag for each protocol.
 
-use super::{Outcome, print};
-use crate::device::gocator::codec::Identity;
-use crate::device::gocator::server::{Form, ScanSource, Server, ServerSettings, Taken, View, taken_from};
-use crate::device::gocator::{Deadlines, Extrinsic, Settings, Travel};
-use crate::device::simulated::StageSettings;
-use crate::scan::Scan;
-use crate::scan::decode::{Encoding, FormatClaims, Limits, Request, Sent, decode, find_format, inflate};
-use crate::scan::slice::{SliceRequest, slice};
-use crate::scan::synthetic::{Part, make};
 use std::collections::BTreeMap;
 use std::error::Error;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
-use std::net::{IpAddr, Ipv4Addr};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::time::Duration;
+
+use tokio::net::TcpListener;
+
+#[cfg(feature = "opcua")]
+use crate::device::States;
+use crate::device::gocator::codec::Identity;
+use crate::device::gocator::server::{Form, ScanSource, Server, ServerSettings, Taken, View, taken_from};
+use crate::device::gocator::{Deadlines, Extrinsic, Settings, Travel};
+use crate::device::modbus::{Layout, Plc, serve};
+#[cfg(feature = "opcua")]
+use crate::device::opcua;
+use crate::device::simulated::{Controller, ControllerSettings, StageSettings};
+#[cfg(feature = "opcua")]
+use crate::motion::Pair;
+use crate::motion::{Axes, AxisLimits};
+use crate::scan::Scan;
+use crate::scan::decode::{Encoding, FormatClaims, Limits, Request, Sent, decode, find_format, inflate};
+use crate::scan::slice::{SliceRequest, slice};
+use crate::scan::synthetic::{Part, make};
+
+use super::output::{Outcome, print};
 
 const SERIAL: u32 = 40_959;
 /// Above what a scan file needs that one reads with.
@@ -25,7 +39,7 @@ const READ_BLOCK_BYTES: usize = 256 * 1024;
 
 /// Be a Gocator sensor on the network until interrupted; it sends a scan at every start
 #[derive(Debug, clap::Args)]
-pub(super) struct Arguments {
+pub(super) struct GocatorArguments {
     /// Address to listen on
     #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     listen: IpAddr,
@@ -64,17 +78,17 @@ fn form(text: &str) -> Result<Form, String> {
     }
 }
 
-pub(super) fn run(arguments: &Arguments) -> Outcome {
+pub(super) fn run_gocator(arguments: &GocatorArguments) -> Outcome {
     arguments.check()?;
     let scan = arguments.scan()?;
     let taken = taken_from(&scan, &above().place()?, arguments.mm_per_tick, arguments.rate_hz)
         .ok_or("the mounting does not keep profiles in planes")?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    runtime.block_on(serve(arguments, &scan, taken))?;
+    runtime.block_on(serve_gocator(arguments, &scan, taken))?;
     Ok(ExitCode::SUCCESS)
 }
 
-async fn serve(arguments: &Arguments, scan: &Scan, taken: Vec<Taken>) -> Result<(), Box<dyn Error>> {
+async fn serve_gocator(arguments: &GocatorArguments, scan: &Scan, taken: Vec<Taken>) -> Result<(), Box<dyn Error>> {
     let profiles_count = taken.len();
     let settings = arguments.server(scan, &taken);
     let source = ScanSource::new(taken, Some(arguments.rate_hz));
@@ -98,7 +112,7 @@ fn above() -> Extrinsic {
     }
 }
 
-impl Arguments {
+impl GocatorArguments {
     fn check(&self) -> Result<(), String> {
         for (name, value, least, most) in
             [("rate-hz", self.rate_hz, 0.1, 10_000.0), ("mm-per-tick", self.mm_per_tick, 1e-6, 10.0)]
@@ -205,4 +219,85 @@ fn read(path: &Path) -> Result<Scan, Box<dyn Error>> {
     let request = Request { sent: encoding.is_some().then_some(&sent), ..Request::new(&limits) };
     let cloud = decode(format, &mut bytes, &request)?;
     Ok(slice(cloud, &SliceRequest::default(), &limits)?)
+}
+
+#[cfg(feature = "opcua")]
+#[cfg(feature = "opcua")]
+#[cfg(feature = "opcua")]
+
+/// Serve a made PLC with two manipulators and a stage, until it is ended. It moves nothing but numbers
+#[derive(Debug, clap::Args)]
+#[group(id = "protocols", required = true, multiple = true)]
+pub(super) struct PlcArguments {
+    /// Serve it by Modbus TCP; port 0 takes a free one. m1 is at base 0, m2 at 256, the stage at 512, or unit ids 1, 2, 3
+    #[arg(long, value_name = "ADDRESS")]
+    modbus: Option<SocketAddr>,
+    /// Serve it by OPC UA, anonymous and unencrypted; port 0 takes a free one. The nodes are in docs/opcua.md; no stage
+    #[cfg(feature = "opcua")]
+    #[arg(long, value_name = "ADDRESS")]
+    opcua: Option<SocketAddr>,
+}
+
+pub(super) fn run_plc(arguments: &PlcArguments) -> Outcome {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    runtime.block_on(serve_all(arguments))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Each protocol has a PLC of its own.
+async fn serve_all(arguments: &PlcArguments) -> Result<(), Box<dyn Error>> {
+    let modbus = async {
+        match arguments.modbus {
+            Some(address) => serve_modbus(address).await,
+            None => Ok(()),
+        }
+    };
+    #[cfg(feature = "opcua")]
+    let opcua = async {
+        match arguments.opcua {
+            Some(address) => serve_opcua(address).await,
+            None => Ok(()),
+        }
+    };
+    #[cfg(not(feature = "opcua"))]
+    let opcua = std::future::ready(Ok(()));
+    tokio::try_join!(modbus, opcua).map(|_| ())
+}
+
+async fn serve_modbus(address: SocketAddr) -> Result<(), Box<dyn Error>> {
+    let listener = TcpListener::bind(address).await.map_err(|error| format!("cannot listen on {address}: {error}"))?;
+    print(&format!("modbus {}\n", listener.local_addr()?))?;
+    let plc = Plc::new(Layout::default(), vec![manipulator(), manipulator(), stage()]);
+    Ok(serve(listener, Arc::new(plc)).await?)
+}
+
+#[cfg(feature = "opcua")]
+async fn serve_opcua(address: SocketAddr) -> Result<(), Box<dyn Error>> {
+    let controllers = Pair { m1: manipulator(), m2: manipulator() };
+    let plc = Arc::new(opcua::Plc::new(controllers, States::default().codes()));
+    // The library wants a folder for keys, although there are none.
+    let folder = std::env::temp_dir().join("coaxis-simulated-plc");
+    let server = opcua::PlcServer::listen(address, &plc, &folder).await?;
+    print(&format!("opcua opc.tcp://{}\n", server.address()))?;
+    Ok(server.run().await?)
+}
+
+/// 50 mm to both sides at 10 mm/s, 12 degrees at 6 degrees/s; references known.
+fn manipulator() -> Controller {
+    let linear = AxisLimits { lower: -50.0, upper: 50.0, speed: 10.0, acceleration: 50.0, jerk: 500.0, step: 50.0 };
+    let turn = AxisLimits {
+        lower: -12_f64.to_radians(),
+        upper: 12_f64.to_radians(),
+        speed: 6_f64.to_radians(),
+        acceleration: 30_f64.to_radians(),
+        jerk: 300_f64.to_radians(),
+        step: 24_f64.to_radians(),
+    };
+    Controller::new(ControllerSettings::exact(Axes { x: linear, y: linear, z: linear, c: turn }))
+}
+
+/// A rail of 1200 mm at 200 mm/s on axis x; the other axes are there and are never moved.
+fn stage() -> Controller {
+    let rail = AxisLimits { lower: 0.0, upper: 1200.0, speed: 200.0, acceleration: 1e3, jerk: 1e4, step: 1200.0 };
+    Controller::new(ControllerSettings::exact(Axes { x: rail, y: rail, z: rail, c: rail }))
 }

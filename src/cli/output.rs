@@ -1,9 +1,118 @@
-//! A measurement as a table for a person at a terminal.
+//! What commands write: text on standard output, errors with their causes, a measurement as a table, and on a terminal a progress
+//! bar for work that takes long.
 
+use std::error::Error;
+use std::fmt::Write as _;
+use std::io::{ErrorKind, IsTerminal, Write as _};
+use std::process::ExitCode;
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::thread;
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use crate::estimation::Progress;
 use crate::http::{
     MeasurementDocument, PoseDocument, ReasonDocument, ScopeDocument, TallyDocument, UncertaintyDocument, VerdictName,
 };
-use std::fmt::Write;
+
+/// Exit code of every failure other than a refusal.
+pub(super) const FAILED: u8 = 1;
+
+/// Exit code if nothing could be measured: no pose, or no cylinder.
+pub(super) const REFUSED: u8 = 2;
+
+/// The result of a command.
+pub(super) type Outcome = Result<ExitCode, Box<dyn Error>>;
+
+/// An error with its causes, for the person at the terminal.
+#[expect(clippy::print_stderr, reason = "errors of a command are printed here")]
+pub(super) fn complain(error: &dyn Error) {
+    eprintln!("coaxis: {}", with_causes(error));
+}
+
+/// The text of an error and of its causes, each only once: the text of some errors contains their cause already.
+fn with_causes(error: &dyn Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        let said = error.to_string();
+        if !text.contains(&said) {
+            text = format!("{text}: {said}");
+        }
+        cause = error.source();
+    }
+    text
+}
+
+/// The reader of the output has closed it, as with `coaxis openapi | head`.
+#[derive(Debug, thiserror::Error)]
+#[error("the output was closed")]
+pub(super) struct OutputClosed;
+
+/// Writes the result of a command.
+///
+/// # Errors
+/// [`OutputClosed`] if the reader has closed the output; otherwise the error of the operating system.
+pub(super) fn print(text: &str) -> Result<(), Box<dyn Error>> {
+    let mut out = std::io::stdout().lock();
+    out.write_all(text.as_bytes()).and_then(|()| out.flush()).map_err(|error| match error.kind() {
+        ErrorKind::BrokenPipe => OutputClosed.into(),
+        _ => format!("the output cannot be written: {error}").into(),
+    })
+}
+
+/// Writes a text. A reader that closes the output early, as `head` does, is no failure.
+///
+/// # Errors
+/// The error of the operating system.
+pub(super) fn print_text(text: &str) -> Outcome {
+    match print(text) {
+        Err(error) if !error.is::<OutputClosed>() => Err(error),
+        _ => Ok(ExitCode::SUCCESS),
+    }
+}
+
+/// Work that is done before this needs no bar.
+const PATIENCE: Duration = Duration::from_millis(400);
+/// Between two looks at the work.
+const INTERVAL: Duration = Duration::from_millis(100);
+
+/// Does `work`, and shows how many profiles are done if it takes a while.
+pub(super) fn with_bar<T>(name: &str, work: impl FnOnce(&Progress) -> T) -> T {
+    let progress = Progress::default();
+    if !std::io::stderr().is_terminal() {
+        return work(&progress);
+    }
+    let (done, is_done) = channel::<()>();
+    thread::scope(|scope| {
+        let watched = &progress;
+        scope.spawn(move || {
+            let mut wait = PATIENCE;
+            let mut bar = None;
+            while is_done.recv_timeout(wait) == Err(RecvTimeoutError::Timeout) {
+                wait = INTERVAL;
+                bar.get_or_insert_with(|| new_bar(name)).set_position(watched.done_count() as u64);
+            }
+            if let Some(bar) = bar {
+                bar.finish_and_clear();
+            }
+        });
+        let result = work(&progress);
+        drop(done);
+        result
+    })
+}
+
+fn new_bar(name: &str) -> ProgressBar {
+    let style = ProgressStyle::with_template("{spinner} {msg}: {pos} profiles, {elapsed}");
+    let bar = ProgressBar::no_length().with_message(name.to_owned());
+    if let Ok(style) = style {
+        bar.set_style(style);
+    }
+    bar.enable_steady_tick(INTERVAL);
+    bar
+}
 
 /// The table of one measurement.
 pub(super) fn table(name: &str, document: &MeasurementDocument) -> String {
@@ -93,4 +202,25 @@ fn write_reasons(text: &mut String, refusal: Option<&ReasonDocument>, warnings: 
         writeln!(text, "  {kind:<12} {}: {}", reason.code, reason.detail)?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, thiserror::Error)]
+    enum Refusal {
+        #[error("the file is damaged: {0}")]
+        Shown(#[source] std::num::ParseIntError),
+        #[error("the file is damaged")]
+        Linked(#[source] std::num::ParseIntError),
+    }
+
+    #[test]
+    fn a_cause_is_said_once_whether_the_error_shows_it_or_not() {
+        let cause = || "x".parse::<i32>().expect_err("no number");
+        let said = format!("the file is damaged: {}", cause());
+        assert_eq!(with_causes(&Refusal::Shown(cause())), said);
+        assert_eq!(with_causes(&Refusal::Linked(cause())), said);
+    }
 }
