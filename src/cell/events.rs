@@ -1,7 +1,7 @@
-//! What has happened, numbered without a gap, the newest 1024 kept; readable from any number on, and waited for by a watch.
+//! The events of the cell, numbered without gaps. The newest 1024 are kept; they can be read from any number on, and a watch
+//! channel reports each new one.
 
-use super::failure::{Fault, StopCause};
-use super::job::JobEnd;
+use super::failure::{Fault, JobEnd, StopCause};
 use super::state::State;
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -11,53 +11,53 @@ use tokio::time::Instant;
 /// How many events are kept.
 pub const EVENTS_KEPT: usize = 1024;
 
-/// Something that has happened.
+/// An event.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Event {
     /// 1 for the first since the start of the cell; without gaps.
     pub number: u64,
-    /// When.
+    /// When it happened.
     pub at: Instant,
-    /// What.
+    /// What happened.
     pub kind: EventKind,
 }
 
-/// What can happen.
+/// The kinds of events.
 #[derive(Debug, Clone, PartialEq)]
 pub enum EventKind {
-    /// The cell is busy with another command now.
+    /// The state of the cell has changed.
     StateChanged {
-        /// What it did.
+        /// The state before.
         from: State,
-        /// What it does.
+        /// The new state.
         to: State,
     },
-    /// A device's link is up; it was read, and nothing was sent.
+    /// The link to a device is up; the device was read, and nothing was sent.
     LinkUp {
         /// The device's name in the configuration.
         device: String,
     },
-    /// A device's link is lost, or its answer cannot be used.
+    /// The link to a device is lost, or its answer cannot be used.
     LinkLost {
         /// The device's name in the configuration.
         device: String,
-        /// What the link said.
+        /// The error of the link.
         cause: String,
     },
-    /// Somebody has the lease now.
+    /// A client has taken the lease.
     LeaseTaken {
-        /// Who.
+        /// Its holder.
         holder: String,
-        /// Its fence.
+        /// Its fencing token.
         fence: u64,
     },
     /// The lease has ended.
     LeaseEnded {
-        /// Who held it.
+        /// Its holder.
         holder: String,
-        /// Its fence.
+        /// Its fencing token.
         fence: u64,
-        /// It ran out; else it was given back.
+        /// It expired; otherwise it was released.
         ran_out: bool,
     },
     /// A move or a scan has begun.
@@ -69,23 +69,23 @@ pub enum EventKind {
     JobEnded {
         /// Its id.
         job: String,
-        /// How.
+        /// How it ended.
         end: JobEnd,
     },
-    /// Every device was told to stop.
+    /// A halt was sent to every device.
     Stopping {
-        /// What asked for it; none where what was under way could not go on, or something was found moving.
+        /// What caused it; none if the activity could not go on, or a device was found moving.
         cause: Option<StopCause>,
     },
     /// A fault is latched.
     Faulted(Fault),
-    /// After a reconnect, the device says what became of the command whose answer was lost.
+    /// After a reconnect, the device reports whether it had taken the command whose answer was lost.
     Resolved {
         /// The device's name in the configuration.
         device: String,
         /// Sequence number of the command.
         sequence: u16,
-        /// It had taken it; else it never will.
+        /// The device had taken it; otherwise it never will.
         taken: bool,
     },
     /// A manual command was done: enabled, disabled, homed.
@@ -95,31 +95,31 @@ pub enum EventKind {
         /// Its verb.
         verb: &'static str,
     },
-    /// A manual command was not taken, or a halt came before its word.
+    /// A manual command was refused, or a halt came before its acknowledgement.
     ManualRefused {
         /// The device's name in the configuration.
         device: String,
         /// Its verb.
         verb: &'static str,
-        /// Why.
+        /// The reason.
         cause: String,
     },
-    /// The faults were acknowledged and every device read.
+    /// The faults were acknowledged, and every device was read.
     Reset,
     /// The cell was shut down.
     Closed,
 }
 
-/// Events from a number on.
+/// The events after a number.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Events {
-    /// In order.
+    /// In the order of their numbers.
     pub events: Vec<Event>,
-    /// How many that were asked for are not kept any more.
+    /// How many of the requested events are not kept any more.
     pub missed: u64,
 }
 
-/// The ring.
+/// Keeps the newest events.
 #[derive(Debug)]
 pub(super) struct EventLog {
     kept: Mutex<VecDeque<Event>>,
@@ -127,12 +127,12 @@ pub(super) struct EventLog {
 }
 
 impl EventLog {
-    /// Empty.
+    /// Without events.
     pub(super) fn new() -> Self {
         Self { kept: Mutex::new(VecDeque::with_capacity(EVENTS_KEPT)), newest: watch::Sender::new(0) }
     }
 
-    /// Adds one.
+    /// Adds an event.
     pub(super) fn add(&self, at: Instant, kind: EventKind) {
         let mut kept = self.kept();
         let number = kept.back().map_or(0, |event| event.number) + 1;
@@ -140,11 +140,11 @@ impl EventLog {
             kept.pop_front();
         }
         kept.push_back(Event { number, at, kind });
-        // Published under the same lock: a reader that saw a later number first would take this one for new, again and again.
+        // Published under the same lock: a reader that saw a later number first would take this event for new repeatedly.
         self.newest.send_replace(number);
     }
 
-    /// Those whose number is greater than `after`.
+    /// Returns the events after number `after`.
     pub(super) fn after(&self, after: u64) -> Events {
         let kept = self.kept();
         let Some(first) = kept.front().map(|event| event.number) else { return Events::default() };
@@ -152,7 +152,7 @@ impl EventLog {
         Events { events: kept.iter().filter(|event| event.number > after).cloned().collect(), missed }
     }
 
-    /// The number of the newest; changes with every event.
+    /// The number of the newest event; changes with every event.
     pub(super) fn newest(&self) -> watch::Receiver<u64> {
         self.newest.subscribe()
     }

@@ -1,27 +1,29 @@
-//! Why a job ended early, why a device is not trusted any more, and what is latched until a reset. An operator reads these.
+//! How a job ended, why it ended early, why a device is not trusted any more, and which faults are latched until a reset. An
+//! operator reads the messages.
 
-use super::number::said;
-use super::refusal::Refusal;
+use super::refusal::{Refusal, fault_code, number_text};
 use crate::device::DeviceError;
 use crate::motion::{Axis, Carrier};
+use std::fmt;
 use std::time::Duration;
+
 use tokio::time::Instant;
 
-/// What stopped a job that nothing is wrong with.
+/// Why a job was stopped that had no fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StopCause {
-    /// Somebody asked for it.
+    /// A stop was requested.
     Requested,
-    /// The lease that had started it ran out.
+    /// The lease that had started it expired.
     LeaseOver,
-    /// The lease that had started it was given back.
+    /// The lease that had started it was released.
     LeaseReleased,
     /// The service is being shut down.
     Closing,
 }
 
 impl StopCause {
-    /// As an operator would say it.
+    /// The text for an operator.
     #[must_use]
     pub const fn text(self) -> &'static str {
         match self {
@@ -33,60 +35,60 @@ impl StopCause {
     }
 }
 
-/// Why a job could not go on, or a command was not seen to be done.
+/// Why a job could not go on, or why the result of a command is not known.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Failure {
-    /// The link, or the device's answer.
+    /// The link failed, or the answer of the device could not be used.
     #[error(transparent)]
     Device(#[from] DeviceError),
-    /// A command was handed over, and the device has not said that it took it.
+    /// A command was sent, and the device has not acknowledged it.
     #[error("{}: command {sequence} was not acknowledged within {} ms; whether it was done is not known", carrier.name(), within.as_millis())]
     NotAcknowledged {
-        /// Which.
+        /// The manipulator.
         carrier: Carrier,
         /// Sequence number of the command.
         sequence: u16,
-        /// How long was waited.
+        /// How long the cell waited.
         within: Duration,
     },
-    /// The device took a command and gave it up.
-    #[error("{}: has given up command {sequence} by itself", carrier.name())]
+    /// The device took a command and aborted it.
+    #[error("{}: the device has aborted command {sequence}", carrier.name())]
     Aborted {
-        /// Which.
+        /// The manipulator.
         carrier: Carrier,
         /// Sequence number of the command.
         sequence: u16,
     },
-    /// The device has seen a command that is not ours.
-    #[error("{}: has seen command {found} where {sequence} was the last of ours; somebody else commands it", carrier.name())]
+    /// The device has received a command of another client.
+    #[error("{}: has received command {found}, but {sequence} was the last one of coaxis; another client commands it", carrier.name())]
     Overridden {
-        /// Which.
+        /// The manipulator.
         carrier: Carrier,
         /// Sequence number of our last command.
         sequence: u16,
         /// Sequence number that the device has seen.
         found: u16,
     },
-    /// An axis has not come to its target in time.
-    #[error("axis {} of {} is at {} {unit} and not at {} {unit} after {} ms", axis.name(), carrier.name(), said(*actual), said(*target), within.as_millis(), unit = axis.unit())]
+    /// An axis has not reached its target in time.
+    #[error("axis {} of {} is at {} {unit} and not at {} {unit} after {} ms", axis.name(), carrier.name(), number_text(*actual), number_text(*target), within.as_millis(), unit = axis.unit())]
     NotArrived {
-        /// Which.
+        /// The manipulator.
         carrier: Carrier,
-        /// Which.
+        /// The axis.
         axis: Axis,
         /// Where it is; mm or degrees.
         actual: f64,
         /// Where it should be; mm or degrees.
         target: f64,
-        /// How long was waited.
+        /// How long the cell waited.
         within: Duration,
     },
-    /// An axis has stopped, or lags, while others go on.
-    #[error("axis {} of {} is at {} {unit} and should be at {} {unit} by the progress of the other axes; all were stopped. Find out what holds it, then reset", axis.name(), carrier.name(), said(*actual), said(*expected), unit = axis.unit())]
+    /// An axis has stopped, or lags, while other axes go on.
+    #[error("axis {} of {} is at {} {unit} and should be at {} {unit} by the progress of the other axes; all were stopped. Find out what blocks it, then reset", axis.name(), carrier.name(), number_text(*actual), number_text(*expected), unit = axis.unit())]
     NotFollowing {
-        /// Which.
+        /// The manipulator.
         carrier: Carrier,
-        /// Which.
+        /// The axis.
         axis: Axis,
         /// Where it is; mm or degrees.
         actual: f64,
@@ -96,34 +98,34 @@ pub enum Failure {
     /// A manipulator has not found its references in time.
     #[error("{}: has not found its references within {} ms", carrier.name(), within.as_millis())]
     NotHomed {
-        /// Which.
+        /// The manipulator.
         carrier: Carrier,
-        /// How long was waited.
+        /// How long the cell waited.
         within: Duration,
     },
-    /// Something was read before a set-point that does not let the devices move; the set-point was not sent.
+    /// A reading before a set-point does not allow the devices to move; the set-point was not sent.
     #[error("before the next set-point: {0}")]
     NotReady(Box<Refusal>),
-    /// While set-points were out, something was read that does not let the devices go on.
+    /// A reading during the motion does not allow the devices to go on.
     #[error("during the motion: {0}")]
     Interrupted(Box<Refusal>),
     /// The state could not be read in time before a set-point.
     #[error("{}: could not be read back within {} ms", carrier.name(), within.as_millis())]
     NotReadBack {
-        /// Which.
+        /// The manipulator.
         carrier: Carrier,
-        /// How long was waited.
+        /// How long the cell waited.
         within: Duration,
     },
-    /// After a halt, a device was not seen at rest.
+    /// After a halt, no reading showed the device at rest.
     #[error("{device}: not seen at rest within {} ms after the halt", within.as_millis())]
     NotAtRest {
         /// Its name in the configuration.
         device: String,
-        /// How long was waited.
+        /// How long the cell waited.
         within: Duration,
     },
-    /// The device does not take the halt.
+    /// The device refuses the halt.
     #[error("it refuses to halt: {0}; look whether it moves, and stop it at its panel")]
     HaltRefused(DeviceError),
     /// The device reports a fault of its own.
@@ -134,8 +136,8 @@ pub enum Failure {
         /// As the device gives it; 0 where it gives none.
         code: u32,
     },
-    /// The stage has not come to where it was sent.
-    #[error("{device}: is at {} mm and not at {} mm after {} ms", said(*actual_mm), said(*target_mm), within.as_millis())]
+    /// The stage has not reached its target.
+    #[error("{device}: is at {} mm and not at {} mm after {} ms", number_text(*actual_mm), number_text(*target_mm), within.as_millis())]
     StageNotArrived {
         /// Its name in the configuration.
         device: String,
@@ -143,7 +145,7 @@ pub enum Failure {
         actual_mm: f64,
         /// Where it should be, mm.
         target_mm: f64,
-        /// How long was waited.
+        /// How long the cell waited.
         within: Duration,
     },
     /// No profile came for too long.
@@ -151,23 +153,23 @@ pub enum Failure {
     ScanStalled {
         /// Name of the sensor in the configuration.
         device: String,
-        /// Profiles that came.
+        /// Profiles that were received.
         received_count: u64,
-        /// Profiles that were asked for.
+        /// Profiles that were requested.
         expected_count: u64,
-        /// How long was waited.
+        /// How long the cell waited.
         within: Duration,
     },
-    /// Nobody takes the profiles, or not fast enough.
-    #[error("the profiles are not taken; the scan was given up")]
+    /// The receiver of the profiles does not read them, or not fast enough.
+    #[error("the receiver did not read the profiles in time; the scan was stopped")]
     ProfilesNotTaken,
-    /// The task of the cell has ended without saying how the job stands.
+    /// The task of the cell has ended without reporting how the job ended.
     #[error("the cell has ended; nothing is known about the devices")]
     CellGone,
 }
 
 impl Failure {
-    /// A stable short word.
+    /// The code of the failure in documents; it is stable.
     #[must_use]
     pub const fn code(&self) -> &'static str {
         match self {
@@ -196,8 +198,8 @@ impl Failure {
         }
     }
 
-    /// Whether it is latched: nothing moves until somebody has looked and reset. What was found before anything was sent, and
-    /// a scan that is not whole, are not; the devices are where they are read to be.
+    /// Whether it is latched: nothing moves until a reset. A failure that was found before anything was sent, and an incomplete
+    /// scan, are not latched, because the positions of the devices are known.
     #[must_use]
     pub const fn latches(&self) -> bool {
         !matches!(
@@ -209,7 +211,7 @@ impl Failure {
         )
     }
 
-    /// Whether it leaves open what a device did, or where it is.
+    /// Whether it is unknown afterwards what a device did, or where it is.
     #[must_use]
     pub const fn leaves_unknown(&self) -> bool {
         match self {
@@ -234,21 +236,37 @@ impl Failure {
     }
 }
 
-/// A device's own fault code, as a sentence carries it.
-pub(super) fn fault_code(code: u32) -> String {
-    match code {
-        0 => "a fault without a code".to_owned(),
-        code => format!("fault code {code} of the device (see its manual)"),
-    }
-}
-
 /// A fault that is latched until a reset.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fault {
     /// The device's name in the configuration.
     pub device: String,
-    /// What happened; its `code()` is the short word, its text says it aloud.
+    /// What happened.
     pub failure: Failure,
-    /// When.
+    /// When it happened.
     pub at: Instant,
+}
+
+/// How a job ended.
+#[derive(Debug, Clone, PartialEq)]
+pub enum JobEnd {
+    /// Every target was reached, by readings.
+    Done,
+    /// It was stopped, and every device was read at rest.
+    Stopped(StopCause),
+    /// It could not go on; the devices were stopped.
+    Failed(Failure),
+    /// It could not go on; where the devices are, or whether they executed the last command, is not known.
+    Unknown(Failure),
+}
+
+impl fmt::Display for JobEnd {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Done => f.write_str("done"),
+            Self::Stopped(cause) => write!(f, "stopped: {}", cause.text()),
+            Self::Failed(failure) => write!(f, "failed: {failure}"),
+            Self::Unknown(failure) => write!(f, "unknown where the devices are: {failure}"),
+        }
+    }
 }

@@ -1,31 +1,30 @@
 //! Supervises the axes between two set-points. In: readings of both manipulators. Out: the first axis that has stopped, or lags,
-//! while another one goes on. Pure.
+//! while another axis goes on. Pure.
 //!
 //! Two tests, both against the other axes and not against a clock, so that no model of the device's ramps is needed:
 //!
 //! | test | an axis away from its target fails it when |
 //! |---|---|
 //! | standstill | it has not progressed since its last reading, or not started within 60 ms, while another axis has progressed since |
-//! | following error | it is behind the farthest axis, in proportion to their ways, by more than the strain or twist limit, what a ramp adds and what it travels in 60 ms |
+//! | following error | it is behind the farthest axis, in proportion to their distances, by more than the strain or twist limit, what a ramp adds and what it travels in 60 ms |
 //!
-//! A reading counts from the moment at which it was asked for: the device's answer is no older. Where neither an axis nor the
-//! heartbeat has changed since the reading before, the device has not renewed its status, and the reading counts only when
-//! that has lasted for 100 ms.
+//! The time of a reading is that of its request: the answer of the device is no older. If neither an axis nor the heartbeat has
+//! changed since the reading before, the device has not renewed its status; such a reading counts only after 100 ms.
 
 use crate::device::Reading;
 use crate::motion::{Arrangement, Axes, Axis, AxisLimits, Carrier, Pair, Position, Waypoint};
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// By how much one axis may start later than another one.
+/// How much later than another axis an axis may start.
 const START_WITHIN: Duration = Duration::from_millis(60);
-/// Longest time for which a status that does not change at all counts as not renewed.
+/// Longest time for which an unchanged status counts as not renewed.
 const UNCHANGED_WITHIN: Duration = Duration::from_millis(100);
-/// Readings that are nearer to each other say nothing about standing still.
+/// Readings that are nearer to each other do not show a standstill.
 const APART: Duration = Duration::from_millis(15);
-/// The least progress that counts, as a share of the settling tolerance: above the resolution of any encoder that such a
-/// tolerance makes sense with.
-const GRAIN_SHARE: f64 = 0.02;
+/// The least progress that counts, as a share of the settling tolerance: above the resolution of any encoder that suits such a
+/// tolerance.
+const PROGRESS_SHARE: f64 = 0.02;
 
 /// An axis that does not follow the others.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,24 +36,24 @@ pub(super) struct Lag {
     pub(super) expected: f64,
 }
 
-/// One axis on its way.
+/// One axis on the way to its target.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Track {
     start: f64,
-    /// Signed.
+    /// Signed distance to the target.
     way: f64,
     speed: f64,
     limits: AxisLimits,
-    /// So near to its target it has arrived.
+    /// At this distance from its target it has arrived.
     reach: f64,
     /// Following error beyond which it lags.
     allowed: f64,
     actual: f64,
-    /// Farthest progress along the way that was read.
+    /// Greatest distance from the start that was read.
     travel: f64,
-    /// When the newest reading with progress was asked for.
+    /// When the newest reading with progress was requested.
     went_at: Option<Instant>,
-    /// When the newest reading was asked for.
+    /// When the newest reading was requested.
     seen_at: Option<Instant>,
 }
 
@@ -62,14 +61,14 @@ struct Track {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Following {
     tracks: Pair<Axes<Option<Track>>>,
-    /// When the first axis was read to have started.
+    /// When the first axis had started, by a reading.
     started_at: Option<Instant>,
     /// Heartbeat of the newest reading, and when the status was last renewed.
     renewed: Pair<Option<(u16, Instant)>>,
 }
 
 impl Following {
-    /// From where the axes are to a set-point.
+    /// Begins at the positions of the axes, with a new set-point.
     pub(super) fn new(arrangement: &Arrangement, from: &Pair<Position>, to: &Waypoint, moves: &Pair<bool>) -> Self {
         let tracks = Pair::from_fn(|carrier| {
             Axes::from_fn(|axis| {
@@ -82,7 +81,7 @@ impl Following {
         Self { tracks, started_at: None, renewed: Pair::default() }
     }
 
-    /// A manipulator was read; says which of its axes does not follow.
+    /// Takes a reading of a manipulator and returns the axis that does not follow.
     pub(super) fn read(&mut self, carrier: Carrier, asked_at: Instant, reading: &Reading) -> Option<Lag> {
         if !self.is_renewed(carrier, asked_at, reading) {
             return None;
@@ -113,7 +112,7 @@ impl Following {
         }
     }
 
-    /// Whether an axis that was just read does not follow.
+    /// Tests an axis that was just read.
     fn lag(&self, carrier: Carrier, axis: Axis, asked_at: Instant) -> Option<Lag> {
         let track = self.tracks.get(carrier).get(axis).as_ref().filter(|track| !track.is_there())?;
         let others = || self.others(carrier, axis);
@@ -130,7 +129,7 @@ impl Following {
         all.filter(move |(one, other, _)| (*one, *other) != (carrier, axis)).filter_map(|(.., track)| track.as_ref())
     }
 
-    /// Whether an axis stands while another one has gone on.
+    /// Whether an axis stands still while another one has moved on.
     fn stands<'a>(&self, track: &Track, others: impl Iterator<Item = &'a Track>, asked_at: Instant) -> bool {
         let Some(others_went_at) = others.filter_map(|other| other.went_at).max() else { return false };
         let (since, within) = match (track.went_at, self.started_at) {
@@ -139,7 +138,7 @@ impl Following {
             (None, None) => return false,
         };
         let stood = asked_at.saturating_duration_since(since);
-        others_went_at > since && stood >= within && track.expected(stood) >= 2.0 * track.grain()
+        others_went_at > since && stood >= within && track.expected(stood) >= 2.0 * track.least_progress()
     }
 }
 
@@ -169,40 +168,40 @@ impl Track {
         }
     }
 
-    /// Takes a reading; says whether it shows progress.
+    /// Takes a reading and returns whether it shows progress.
     fn read(&mut self, asked_at: Instant, actual: f64) -> bool {
         (self.actual, self.seen_at) = (actual, Some(asked_at));
         let travel = (actual - self.start) * self.way.signum();
-        let progressed = travel >= self.travel + self.grain();
+        let progressed = travel >= self.travel + self.least_progress();
         if progressed {
             (self.travel, self.went_at) = (travel, Some(asked_at));
         }
         progressed
     }
 
-    fn grain(&self) -> f64 {
-        self.reach * GRAIN_SHARE
+    fn least_progress(&self) -> f64 {
+        self.reach * PROGRESS_SHARE
     }
 
     fn is_there(&self) -> bool {
         self.travel >= self.way.abs() - self.reach
     }
 
-    /// The part of its way that it has gone, by no more than it is sure of.
+    /// The certain share of its distance that it has moved.
     fn share(&self) -> f64 {
         let sure = (self.travel - self.reach) / self.way.abs();
         if sure.is_finite() { sure.clamp(0.0, 1.0) } else { 0.0 }
     }
 
-    /// What it goes in a time at least, from rest: at its jerk, its acceleration and its speed.
+    /// The least distance that it moves in a time, from rest: by its jerk, its acceleration and its speed.
     fn expected(&self, time: Duration) -> f64 {
         let t = time.as_secs_f64();
         let AxisLimits { acceleration, jerk, .. } = self.limits;
         (self.speed * t).min(0.5 * acceleration * t * t).min(jerk * t * t * t / 6.0)
     }
 
-    /// Whether it is too far behind the farthest of the others. Only those that were not read later: they would be ahead by what
-    /// they have gone in between.
+    /// Whether it is too far behind the farthest of the others. Axes that were read later are left out: they would be ahead by the
+    /// distance that they have moved in between.
     fn lags<'a>(&self, others: impl Iterator<Item = &'a Self>, asked_at: Instant) -> bool {
         let comparable = others.filter(|other| other.seen_at.is_some_and(|seen_at| seen_at <= asked_at));
         let share = comparable.map(Self::share).fold(0.0, f64::max);

@@ -1,15 +1,13 @@
-//! What the machine is told and what it answers: the requests and events that go in, the verdict and the acts that come out.
-//! Words only.
+//! The input of the machine (requests and events) and its output (the verdict, with the effects that the task executes).
 
 use super::events::EventKind;
-use super::failure::{Failure, Fault};
-use super::job::JobEnd;
+use super::failure::{Failure, Fault, JobEnd};
 use super::lease::LeaseRequest;
 use super::refusal::Refusal;
 use super::state::State;
 use crate::motion::Carrier;
 
-/// What a manipulator can be told by hand.
+/// A manual command to a manipulator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Manual {
     /// Put the drives under control.
@@ -32,12 +30,12 @@ impl Manual {
     }
 }
 
-/// What became of a request that changes something.
+/// The answer to a request that was not refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Taken {
-    /// It is being done.
+    /// It is being executed.
     Accepted,
-    /// It was so before; nothing was sent.
+    /// The requested state was already reached; nothing was sent.
     AlreadySo,
 }
 
@@ -52,19 +50,19 @@ pub(super) enum Member {
     Sensor,
 }
 
-/// What moves, or is to.
+/// What the cell is doing.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Activity {
-    /// A path; by the job's id.
+    /// Executes a path; by the id of the job.
     Move(String),
-    /// A scan; by the job's id.
+    /// Takes a scan; by the id of the job.
     Scan(String),
-    /// One manipulator finds its references.
+    /// Homes a manipulator.
     Home(Carrier),
 }
 
 impl Activity {
-    /// The id of the job, where it is one.
+    /// The id of the job, if it is one.
     pub(super) fn job(&self) -> Option<&str> {
         match self {
             Self::Move(job) | Self::Scan(job) => Some(job),
@@ -88,67 +86,67 @@ impl Activity {
     }
 }
 
-/// What the machine is told.
+/// An input of the machine.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Input {
-    /// Somebody wants the lease.
+    /// A client requests the lease.
     TakeLease(LeaseRequest),
-    /// The holder lives.
+    /// The holder renews the lease.
     RenewLease(String),
-    /// The holder gives it back.
+    /// The holder releases the lease.
     ReleaseLease(String),
-    /// Enable or disable; `fit` says whether the manipulator can, or is so already.
+    /// Enable or disable; `fit` is the result of the check of the manipulator.
     Command { lease: String, carrier: Carrier, manual: Manual, fit: Result<Taken, Refusal> },
-    /// A job or a homing; `fit` says whether path and devices allow it.
+    /// A job or a homing; `fit` is the result of the check of the path and the devices.
     Start { lease: String, activity: Activity, fit: Result<(), Refusal> },
-    /// Stop. Needs nothing.
+    /// Stop; needs no lease.
     Stop,
-    /// Acknowledge the faults; `fit` says whether every device answers and stands.
+    /// Acknowledge the faults; `fit` says whether every device answers and stands still.
     Reset { lease: String, fit: Result<(), Refusal> },
     /// The service ends.
     Close,
-    /// A device answers, for the first time or again; whether it, or another one, was read to move.
+    /// A device answers, for the first time or again; `moves`: it or another device moves, by its last reading.
     Up { member: Member, moves: bool },
     /// A device does not answer any more.
     Lost(Member, Fault),
-    /// A device, or what was asked of it, is not as it should be.
+    /// A device has a fault, or a command to it failed.
     Fault(Fault),
-    /// The activity has come to its end, and everything is at rest.
+    /// The activity is finished, and every device is at rest.
     Finished,
-    /// The activity could not go on; no device is in doubt.
+    /// The activity could not go on; the states of all devices are known.
     GivenUp(Failure),
-    /// After a halt, every device was seen at rest.
+    /// After a halt, every device was read at rest.
     AtRest,
     /// After a reset, every device was read at rest and without a fault.
     Reread,
-    /// Time has passed.
+    /// Tests whether the lease has expired.
     Time,
 }
 
-/// What is to be done after an input.
+/// What the task does after an input.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Act {
-    /// Tell every device to halt.
+pub(super) enum Effect {
+    /// Halt every device.
     Halt,
     /// Begin the activity that was checked.
     Begin,
-    /// Tell a manipulator.
-    Tell(Carrier, Manual),
+    /// Send a manual command.
+    Command(Carrier, Manual),
     /// Acknowledge the devices' own faults, and read every device.
     Reread,
-    /// A job has ended so.
+    /// Report the end of the job.
     End(JobEnd),
-    /// Something that everybody may read.
+    /// Record an event.
     Note(EventKind),
 }
 
-/// What the machine makes of an input.
+/// The decision of the machine on an input.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Verdict {
-    /// It is taken; these are to be done, in order.
-    Accepted(Vec<Act>),
-    /// It was so before; nothing is to be done.
+    /// It is accepted; the effects are executed in this order.
+    Accepted(Vec<Effect>),
+    /// The requested state was already reached; nothing is to be done.
     AlreadySo,
-    /// It is not taken, and nothing has changed.
+    /// It is refused, and nothing has changed.
     Refused(Refusal),
 }

@@ -1,29 +1,29 @@
-//! Who may move: one lease at a time, with a time to live, renewed by use, and a fence number that grows with every lease and
-//! goes to the devices with every command. Pure: the time comes in as an argument.
+//! The lease, without which no client may command the cell: one at a time, with a time to live, renewed by use, and with a fencing
+//! token that grows with every lease and goes to the devices with every command. Pure: the time is an argument.
 
 use super::refusal::Refusal;
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// What a client asks for.
+/// A request for the lease.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LeaseRequest {
-    /// Names the lease in every command; a secret between the client and us.
+    /// Identifies the lease in every command; a secret of the client.
     pub id: String,
-    /// Who asks, for others to read.
+    /// The name of the client, for others to read.
     pub holder: String,
-    /// How long it lasts unless it is used or renewed; brought within the bounds of the settings.
+    /// How long it lasts unless it is used or renewed; limited by the settings.
     pub time_to_live: Duration,
 }
 
-/// The right to command, as its holder knows it.
+/// The lease, as its holder sees it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Lease {
-    /// Names it in every command; told to nobody but its holder.
+    /// Identifies it in every command; only its holder gets it.
     pub id: String,
-    /// Who holds it.
+    /// The name of its holder.
     pub holder: String,
-    /// Greater than that of every lease before.
+    /// Its fencing token, greater than that of every lease before.
     pub fence: u64,
     /// How long it lasts after each use.
     pub time_to_live: Duration,
@@ -31,51 +31,51 @@ pub struct Lease {
     pub until: Instant,
 }
 
-/// The lease as everybody may see it.
+/// The lease, as other clients see it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LeaseView {
-    /// Who holds it.
+    /// The name of its holder.
     pub holder: String,
-    /// Its fence.
+    /// Its fencing token.
     pub fence: u64,
     /// When it ends unless it is used.
     pub until: Instant,
 }
 
-/// Bounds of a lease's time to live.
+/// Limits of the time to live of a lease.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Bounds {
+pub(super) struct TimeToLiveBounds {
     pub(super) least: Duration,
     pub(super) most: Duration,
 }
 
-/// The one lease of the cell, and the newest fence.
+/// The one lease of the cell, and the newest fencing token.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Tenancy {
-    bounds: Bounds,
+pub(super) struct LeaseKeeper {
+    bounds: TimeToLiveBounds,
     fence: u64,
     lease: Option<Lease>,
-    /// Of the lease before, so that its holder is told that it is over.
+    /// Id of the lease before, so that its holder gets an error of its own.
     last_id: Option<String>,
 }
 
-impl Tenancy {
-    /// Nobody holds it; every fence to come is above `floor`.
-    pub(super) const fn new(bounds: Bounds, floor: u64) -> Self {
+impl LeaseKeeper {
+    /// Without a lease; every new fencing token is above `floor`.
+    pub(super) const fn new(bounds: TimeToLiveBounds, floor: u64) -> Self {
         Self { bounds, fence: floor, lease: None, last_id: None }
     }
 
-    /// The newest fence that was given out; halts carry it.
+    /// The newest fencing token; halts carry it.
     pub(super) const fn fence(&self) -> u64 {
         self.fence
     }
 
-    /// The lease, where somebody holds it at `now`.
+    /// The lease, if it is valid at `now`.
     pub(super) fn held(&self, now: Instant) -> Option<&Lease> {
         self.lease.as_ref().filter(|lease| now < lease.until)
     }
 
-    /// As everybody may see it.
+    /// The lease, as other clients see it.
     pub(super) fn view(&self, now: Instant) -> Option<LeaseView> {
         let lease = self.held(now)?;
         Some(LeaseView { holder: lease.holder.clone(), fence: lease.fence, until: lease.until })
@@ -86,7 +86,7 @@ impl Tenancy {
         self.lease.as_ref().map(|lease| lease.until)
     }
 
-    /// Gives the lease to the one that asks, unless somebody else holds it. Asking again with the same id renews.
+    /// Gives the lease to the client, unless another client holds it. A request with the same id renews it.
     pub(super) fn take(&mut self, now: Instant, request: &LeaseRequest) -> Result<Lease, Refusal> {
         match self.held(now) {
             Some(lease) if lease.id == request.id => return self.renew(now, &request.id),
@@ -106,7 +106,7 @@ impl Tenancy {
         Ok(lease)
     }
 
-    /// Uses the lease, which renews it.
+    /// Renews the lease.
     pub(super) fn renew(&mut self, now: Instant, id: &str) -> Result<Lease, Refusal> {
         self.check(now, id)?;
         match &mut self.lease {
@@ -118,14 +118,14 @@ impl Tenancy {
         }
     }
 
-    /// Gives it back.
+    /// Releases the lease.
     pub(super) fn release(&mut self, now: Instant, id: &str) -> Result<(), Refusal> {
         self.check(now, id)?;
         self.end();
         Ok(())
     }
 
-    /// Ends a lease whose time has run out; says whose.
+    /// Ends a lease that has expired, and returns it.
     pub(super) fn expire(&mut self, now: Instant) -> Option<Lease> {
         if self.lease.as_ref().is_none_or(|lease| now < lease.until) {
             return None;
@@ -135,7 +135,7 @@ impl Tenancy {
         over
     }
 
-    /// Whether `id` names the lease that is held at `now`.
+    /// Checks that `id` is the id of the lease that is valid at `now`.
     pub(super) fn check(&self, now: Instant, id: &str) -> Result<(), Refusal> {
         match self.held(now) {
             Some(lease) if lease.id == id => Ok(()),

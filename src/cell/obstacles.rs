@@ -1,6 +1,5 @@
-//! What keeps a manipulator, or the stage, from being moved: found in what was read last. Pure.
+//! Why a manipulator or the stage must not be moved, found in the last readings. Pure.
 
-use super::driver::moves;
 use super::input::{Manual, Taken};
 use super::refusal::{Refusal, ScanNumber};
 use super::settings::ScanOrder;
@@ -9,14 +8,14 @@ use crate::device::{AxisReading, AxisState, CommandResult, Mode, Reading, Sensor
 use crate::motion::{Axes, Axis, Carrier, MotionRefusal, Pair, Path, Position};
 use tokio::time::Instant;
 
-/// Profiles that one scan may have.
+/// The most profiles of one scan.
 const PROFILES_MAX: u64 = 1_000_000;
-/// Slowest and shortest that is scanned, mm/s and mm: what is less is a slip of the pen.
+/// The least speed and length of a scan, mm/s and mm; a smaller number is an error of the client.
 const SCAN_LEAST: f64 = 0.001;
-/// Relative slack of a device's own limits: what single precision on the way may round.
+/// Relative tolerance of the limits of a device: the rounding of single precision in its protocol.
 const ROUNDING: f64 = 1e-6;
 
-/// Everything that keeps the two manipulators from being moved, the most urgent first.
+/// Every reason why the two manipulators must not be moved, the most urgent first.
 pub(super) fn of_move(live: &Pair<Live<Reading>>, now: Instant) -> Vec<Refusal> {
     let found = live.iter().map(|(carrier, one)| match good(one, now) {
         Ok(reading) => of_reading(&one.name, carrier, reading),
@@ -25,7 +24,7 @@ pub(super) fn of_move(live: &Pair<Live<Reading>>, now: Instant) -> Vec<Refusal> 
     found.flatten().collect()
 }
 
-/// The same, of one that was read.
+/// The same for the reading of one manipulator.
 pub(super) fn of_reading(device: &str, carrier: Carrier, reading: &Reading) -> Vec<Refusal> {
     let mut found = of_homing(device, carrier, reading);
     let unknown = reading.axes.iter().filter(|(_, one)| !one.homed);
@@ -33,14 +32,14 @@ pub(super) fn of_reading(device: &str, carrier: Carrier, reading: &Reading) -> V
     found
 }
 
-/// What keeps one from finding its references.
+/// The reasons why a manipulator must not be homed.
 fn of_homing(device: &str, carrier: Carrier, reading: &Reading) -> Vec<Refusal> {
     let mut found = of_enabling(device, carrier, reading);
-    // One in error stop has its fault told already, and needs a reset.
-    if !enabled(reading) && !moves(reading) && fault_of(reading).is_none() {
+    // A manipulator in error stop has its fault reported above, and needs a reset.
+    if !enabled(reading) && !reading.moves() && fault_of(reading).is_none() {
         found.push(Refusal::NotEnabled { carrier, state: reading.state });
     }
-    if moves(reading) {
+    if reading.moves() {
         found.push(Refusal::Moves { device: device.to_owned() });
     }
     found
@@ -60,7 +59,7 @@ fn of_enabling(device: &str, carrier: Carrier, reading: &Reading) -> Vec<Refusal
     found
 }
 
-/// What keeps a motion under way from going on.
+/// Why a motion must not go on.
 pub(super) fn of_motion(carrier: Carrier, reading: &Reading) -> Option<Refusal> {
     if !reading.safety.allows_motion() {
         Some(Refusal::SafetyOpen { carrier })
@@ -73,7 +72,7 @@ pub(super) fn of_motion(carrier: Carrier, reading: &Reading) -> Option<Refusal> 
     }
 }
 
-/// What is wrong with one that should stay where it is.
+/// Checks a manipulator that has to stay where it is.
 pub(super) fn of_staying(
     device: &str,
     carrier: Carrier,
@@ -81,14 +80,14 @@ pub(super) fn of_staying(
     place: &Position,
     tolerance: &Axes<f64>,
 ) -> Option<Refusal> {
-    if moves(reading) {
+    if reading.moves() {
         return Some(Refusal::Moves { device: device.to_owned() });
     }
     let (axis, actual, planned) = away(&reading.position(), place, tolerance)?;
     Some(Refusal::Motion(MotionRefusal::Stale { carrier, axis, actual, planned }))
 }
 
-/// The first axis that is not where it should be, with where it is and should be; mm or degrees.
+/// The first axis that is not at its planned position, with its actual and its planned position; mm or degrees.
 pub(super) fn away(actual: &Position, planned: &Position, tolerance: &Axes<f64>) -> Option<(Axis, f64, f64)> {
     let far = |axis: &Axis| {
         let distance = (actual.get(*axis) - planned.get(*axis)).abs();
@@ -98,7 +97,7 @@ pub(super) fn away(actual: &Position, planned: &Position, tolerance: &Axes<f64>)
     Some((axis, axis.outside(*actual.get(axis)), axis.outside(*planned.get(axis))))
 }
 
-/// Whether the devices' own limits, which may be narrower than the configured ones, allow a path.
+/// Checks a path against the limits of the devices, which may be narrower than the configured ones.
 pub(super) fn of_own_limits(live: &Pair<Live<Reading>>, path: &Path, now: Instant) -> Result<(), Refusal> {
     for (carrier, one) in live.iter().filter(|(carrier, _)| *path.moves.get(*carrier)) {
         let reading = good(one, now)?;
@@ -128,8 +127,8 @@ fn within_own(carrier: Carrier, axis: Axis, own: &AxisReading, (value, speed): (
     Ok(())
 }
 
-/// Whether a manipulator can be told so by hand, or is so already. One finds its references only where the other one stands and
-/// is as it has to be during the whole homing.
+/// Checks a manual command. A manipulator is homed only if the other one stands still, and is as it has to be during the whole
+/// homing.
 pub(super) fn of_manual(
     both: &Pair<Live<Reading>>,
     carrier: Carrier,
@@ -152,14 +151,14 @@ pub(super) fn of_manual(
     }
 }
 
-/// What keeps a manipulator from moving is also found at the other one, before anything is sent: they hold one part.
+/// Checks the other manipulator before anything is sent, because both carry the same part.
 fn of_others(both: &Pair<Live<Reading>>, carrier: Carrier, now: Instant) -> Result<(), Refusal> {
     for (one, live) in both.iter().filter(|(one, _)| *one != carrier) {
         let reading = good(live, now)?;
         if let Some(code) = fault_of(reading) {
             return Err(Refusal::DeviceFault { device: live.name.clone(), code });
         }
-        if moves(reading) {
+        if reading.moves() {
             return Err(Refusal::Moves { device: live.name.clone() });
         }
         if let Some(refusal) = of_motion(one, reading) {
@@ -169,7 +168,7 @@ fn of_others(both: &Pair<Live<Reading>>, carrier: Carrier, now: Instant) -> Resu
     Ok(())
 }
 
-/// Whether a scan can be taken as ordered. A part that a manipulator moves has no pose to be measured.
+/// Checks an order to scan. While a manipulator moves the part, its pose cannot be measured.
 pub(super) fn of_scan(
     manipulators: &Pair<Live<Reading>>,
     stage: Option<&Live<StageReading>>,
@@ -182,7 +181,7 @@ pub(super) fn of_scan(
     let reading = good(stage, now)?;
     good(sensor, now)?;
     for (_, one) in manipulators.iter() {
-        if moves(good(one, now)?) {
+        if good(one, now)?.moves() {
             return Err(Refusal::Moves { device: one.name.clone() });
         }
     }
@@ -202,19 +201,19 @@ pub(super) fn of_scan(
     in_range(ScanNumber::Profiles, order.profiles_count as f64, 1.0, PROFILES_MAX as f64)
 }
 
-/// Refuses what is not a number, too.
+/// Also refuses NaN.
 fn in_range(what: ScanNumber, given: f64, least: f64, most: f64) -> Result<(), Refusal> {
     if (least..=most).contains(&given) { Ok(()) } else { Err(Refusal::ScanOutOfRange { what, given, least, most }) }
 }
 
-/// Whether every device that moves answers and stands: what a reset needs.
+/// Checks what a reset needs: every device that can move answers and stands still.
 pub(super) fn of_reset(
     live: &Pair<Live<Reading>>,
     stage: Option<&Live<StageReading>>,
     now: Instant,
 ) -> Result<(), Refusal> {
     for (_, one) in live.iter() {
-        if moves(good(one, now)?) {
+        if good(one, now)?.moves() {
             return Err(Refusal::Moves { device: one.name.clone() });
         }
     }
@@ -224,12 +223,12 @@ pub(super) fn of_reset(
     }
 }
 
-/// Where both are, by readings that may be trusted.
+/// The positions of both manipulators, from good readings.
 pub(super) fn positions(live: &Pair<Live<Reading>>, now: Instant) -> Result<Pair<Position>, Refusal> {
     Ok(Pair { m1: good(&live.m1, now)?.position(), m2: good(&live.m2, now)?.position() })
 }
 
-/// The fault that a manipulator reports. A code beside a refused command says why it was refused and is no fault.
+/// The fault that a manipulator reports. A code with a rejected command is the reason for the rejection, and no fault.
 pub(super) fn fault_of(reading: &Reading) -> Option<u32> {
     let axis = reading.axes.iter().any(|(_, one)| one.fault || one.state == AxisState::ErrorStop);
     let refused = reading.acknowledged.result == CommandResult::Rejected;

@@ -1,37 +1,38 @@
-//! Why the cell does not do what it is asked, as an operator would say it. Nothing was sent to any device then.
+//! The reasons for which the cell refuses a request, with their messages. Nothing was sent to any device then. Numbers are
+//! written with six decimals at most, and never with hundreds of digits, whatever a client or a device has sent.
 
-use super::failure::fault_code;
-use super::number::said;
-use super::state::State;
-use crate::device::{AxisState, Mode};
-use crate::motion::{Axis, Carrier};
 use std::time::Duration;
 
-/// Why a request was refused. Must not carry texts of its own; the numbers are the message.
+use crate::device::{AxisState, Mode};
+use crate::motion::{Axis, Carrier};
+
+use super::state::State;
+
+/// Why a request was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Refusal {
-    /// The cell is doing something else, or cannot do anything.
+    /// The state of the cell does not allow it.
     #[error("cannot {verb}: {}", occupation(*state, job.as_deref()))]
     WrongState {
-        /// What it does.
+        /// The state.
         state: State,
-        /// What it was asked for.
+        /// The verb of the request.
         verb: &'static str,
-        /// The move or scan under way, where there is one.
+        /// The current move or scan, if there is one.
         job: Option<String>,
     },
-    /// Nobody holds the lease.
-    #[error("nobody holds the lease; take it first")]
+    /// No client holds the lease.
+    #[error("no client holds the lease; take it first")]
     LeaseRequired,
     /// Another client holds the lease.
     #[error("{holder} holds the lease for another {} ms", remaining.as_millis())]
     LeaseHeld {
-        /// Who.
+        /// Its holder.
         holder: String,
-        /// How long it lasts unless renewed.
+        /// The rest of its time to live.
         remaining: Duration,
     },
-    /// The lease that is named is over, or never was.
+    /// The lease with this id has ended.
     #[error("the lease is over; take it again")]
     LeaseOver,
     /// Faults are latched.
@@ -40,32 +41,32 @@ pub enum Refusal {
         /// How many.
         count: usize,
     },
-    /// A device cannot be reached, or its state is old.
+    /// A device cannot be reached, or its last reading is old.
     #[error("{device} {}", age.map_or_else(|| "has never answered".to_owned(), |age| format!("has not answered for {} ms", age.as_millis())))]
     DeviceStale {
         /// Its name in the configuration.
         device: String,
-        /// Since its last good answer, where there was one.
+        /// Since its last good answer, if there was one.
         age: Option<Duration>,
     },
-    /// Somebody commands the manipulator at its panel, or nobody does.
+    /// The manipulator is not in automatic mode.
     #[error("{} is in mode {}; switch it to automatic", carrier.name(), mode_name(*mode))]
     NotRemote {
-        /// Which.
+        /// The manipulator.
         carrier: Carrier,
         /// Its mode.
         mode: Mode,
     },
-    /// A safety function keeps the manipulator from moving.
+    /// A safety function does not allow the manipulator to move.
     #[error("the safety functions of {} do not let it move", carrier.name())]
     SafetyOpen {
-        /// Which.
+        /// The manipulator.
         carrier: Carrier,
     },
     /// The manipulator is not enabled.
     #[error("{} {}", carrier.name(), unfit(*state))]
     NotEnabled {
-        /// Which.
+        /// The manipulator.
         carrier: Carrier,
         /// Its state.
         state: AxisState,
@@ -73,18 +74,18 @@ pub enum Refusal {
     /// An axis has no reference.
     #[error("axis {} of {} has no reference; home it first", axis.name(), carrier.name())]
     NotHomed {
-        /// Which.
+        /// The manipulator.
         carrier: Carrier,
-        /// Which.
+        /// The axis.
         axis: Axis,
     },
-    /// The path is not allowed, or does not start where the devices are.
+    /// The path is not allowed, or does not start at the positions of the devices.
     #[error(transparent)]
     Motion(#[from] crate::motion::MotionRefusal),
-    /// There is no stage, or no sensor, in this cell.
+    /// The cell has no stage, or no sensor.
     #[error("this cell has no {what}")]
     NotThere {
-        /// What.
+        /// The kind of device.
         what: &'static str,
     },
     /// A job with this id was started before.
@@ -94,15 +95,15 @@ pub enum Refusal {
         job: String,
     },
     /// The scan is beyond the range or the speed of the stage.
-    #[error("{} is {}; it must be from {} to {}", what.said(), said(*given), said(*least), said(*most))]
+    #[error("{} is {}; it must be from {} to {}", what.text(), number_text(*given), number_text(*least), number_text(*most))]
     ScanOutOfRange {
-        /// Which number of the order.
+        /// The number of the order.
         what: ScanNumber,
-        /// As ordered.
+        /// Its value.
         given: f64,
-        /// Least.
+        /// The least value.
         least: f64,
-        /// Most.
+        /// The greatest value.
         most: f64,
     },
     /// A device is moving without a command from coaxis.
@@ -116,18 +117,18 @@ pub enum Refusal {
     DeviceFault {
         /// Its name in the configuration.
         device: String,
-        /// As the device gives it.
+        /// The code of the device.
         code: u32,
     },
     /// The cell is being shut down.
     #[error("the service is stopping")]
     Closing,
-    /// The cell failed while it had the request; what became of that is not known.
-    #[error("the cell failed before it answered; whether it had begun this is not known")]
+    /// The cell failed before it answered the request; its outcome is not known.
+    #[error("the cell failed before it answered; whether it had started the request is not known")]
     Unanswered,
 }
 
-/// What the cell is busy with.
+/// What the cell is doing.
 const fn occupation(state: State, job: Option<&str>) -> &'static str {
     match (state, job) {
         (State::Offline, _) => "the cell is offline",
@@ -152,7 +153,7 @@ const fn mode_name(mode: Mode) -> &'static str {
     }
 }
 
-/// What keeps a manipulator in this state from moving, and what to do about it.
+/// Why a manipulator in this state cannot move, and what to do about it.
 const fn unfit(state: AxisState) -> &'static str {
     match state {
         AxisState::Disabled => "is switched off; enable it first",
@@ -169,27 +170,54 @@ const fn unfit(state: AxisState) -> &'static str {
 /// A number of the order to scan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ScanNumber {
-    /// Where it begins, mm.
+    /// The start, mm.
     Start,
-    /// Where it ends, mm.
+    /// The end, mm.
     End,
-    /// The way between them, mm.
+    /// The distance between them, mm.
     Way,
     /// mm/s.
     Speed,
-    /// How many profiles.
+    /// The number of profiles.
     Profiles,
 }
 
 impl ScanNumber {
-    const fn said(self) -> &'static str {
+    const fn text(self) -> &'static str {
         match self {
             Self::Start => "the start of the scan in mm",
             Self::End => "the end of the scan in mm",
-            Self::Way => "the way of the scan in mm",
+            Self::Way => "the length of the scan in mm",
             Self::Speed => "the speed of the scan in mm/s",
             Self::Profiles => "the number of profiles",
         }
+    }
+}
+
+/// The fault code of a device, as part of a message.
+pub(super) fn fault_code(code: u32) -> String {
+    match code {
+        0 => "a fault without a code".to_owned(),
+        code => format!("fault code {code} of the device (see its manual)"),
+    }
+}
+
+/// From this number on an exponent is written.
+const LARGE: f64 = 1e7;
+/// Below this number, too.
+const SMALL: f64 = 1e-5;
+
+/// The number as part of a message.
+pub(super) fn number_text(number: f64) -> String {
+    if number.is_nan() {
+        "no number".to_owned()
+    } else if number.is_infinite() {
+        if number > 0.0 { "infinity" } else { "-infinity" }.to_owned()
+    } else if number != 0.0 && !(SMALL..LARGE).contains(&number.abs()) {
+        format!("{number:.3e}")
+    } else {
+        let text = format!("{number:.6}");
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
     }
 }
 
@@ -239,5 +267,28 @@ mod tests {
         let (carrier, axis, within) = (Carrier::M1, Axis::C, Duration::from_secs(1));
         let failure = Failure::NotArrived { carrier, axis, actual: f64::NAN, target: f64::MAX, within };
         assert!(failure.to_string().len() < 100, "{failure}");
+    }
+}
+
+#[cfg(test)]
+mod number_tests {
+    use super::number_text;
+
+    #[test]
+    fn a_number_is_said_in_a_few_digits_whatever_it_is() {
+        for (number, text) in [
+            (0.0, "0"),
+            (40.0, "40"),
+            (-3.25, "-3.25"),
+            (40.000_001, "40.000001"),
+            (0.1 + 0.2, "0.3"),
+            (f64::MIN_POSITIVE, "2.225e-308"),
+            (-f64::MAX, "-1.798e308"),
+            (f64::NAN, "no number"),
+            (f64::NEG_INFINITY, "-infinity"),
+            (100.0, "100"),
+        ] {
+            assert_eq!(number_text(number), text);
+        }
     }
 }

@@ -1,21 +1,24 @@
-//! What is asked of the cell's task. A request is a message: whoever sent it may hang up, and nothing about it changes.
+//! The requests to the task of the cell, and the [`Job`] with which a client follows a move or a scan. A request is executed even if
+//! its client has gone, and a job goes on when its handle is dropped.
 
+use tokio::sync::{mpsc, oneshot, watch};
+
+use crate::device::Profile;
+use crate::motion::{Carrier, Path};
+
+use super::failure::{Failure, JobEnd};
 use super::input::{Manual, Taken};
-use super::job::Job;
 use super::lease::{Lease, LeaseRequest};
 use super::refusal::Refusal;
 use super::settings::ScanOrder;
-use crate::device::Profile;
-use crate::motion::{Carrier, Path};
-use tokio::sync::{mpsc, oneshot};
 
-/// Where the answer goes.
+/// The channel for the answer.
 pub(super) type Reply<T> = oneshot::Sender<Result<T, Refusal>>;
 
-/// A scan that has begun, and its profiles as they come.
+/// A scan that has begun, and the channel of its profiles.
 pub(super) type ScanBegun = (Job, mpsc::Receiver<Vec<Profile>>);
 
-/// What is asked.
+/// A request.
 #[derive(Debug)]
 pub(super) enum Request {
     TakeLease(LeaseRequest, Reply<Lease>),
@@ -29,7 +32,7 @@ pub(super) enum Request {
 }
 
 impl Request {
-    /// Answers a request that nobody will see to: the cell has ended.
+    /// Refuses the request, because the cell has ended.
     pub(super) fn refuse(self) {
         match self {
             Self::TakeLease(_, reply) | Self::RenewLease(_, reply) => answer(reply, Err(Refusal::Closing)),
@@ -44,7 +47,58 @@ impl Request {
     }
 }
 
-/// Answers; where nobody waits for it any more, that is all right.
+/// Sends an answer. If nobody waits for it any more, it is dropped.
 pub(super) fn answer<T>(reply: Reply<T>, result: Result<T, Refusal>) {
     let _nobody_waits = reply.send(result);
+}
+
+/// A move or a scan that was started.
+#[derive(Debug, Clone)]
+pub struct Job {
+    /// The id that the client gave it.
+    pub id: String,
+    state: watch::Receiver<JobState>,
+}
+
+/// The state of a job.
+#[derive(Debug, Clone, PartialEq)]
+pub enum JobState {
+    /// The job is under way, or comes to rest.
+    Running {
+        /// The share of the waypoints or of the profiles, 0 to 1.
+        progress: f64,
+    },
+    /// The job has ended; final.
+    Ended(JobEnd),
+}
+
+impl Job {
+    /// A job, and the channel by which the cell reports its state.
+    pub(super) fn new(id: String) -> (Self, watch::Sender<JobState>) {
+        let (reporter, state) = watch::channel(JobState::Running { progress: 0.0 });
+        (Self { id, state }, reporter)
+    }
+
+    /// The current state.
+    #[must_use]
+    pub fn state(&self) -> JobState {
+        self.state.borrow().clone()
+    }
+
+    /// Changes with the state.
+    #[must_use]
+    pub fn watch(&self) -> watch::Receiver<JobState> {
+        self.state.clone()
+    }
+
+    /// Waits for the end. The future may be dropped at any time.
+    pub async fn ended(&self) -> JobEnd {
+        let mut state = self.state.clone();
+        let ended = state.wait_for(|state| matches!(state, JobState::Ended(_))).await;
+        match ended.as_deref() {
+            Ok(JobState::Ended(end)) => end.clone(),
+            // The task of the cell has ended without a report.
+            Ok(JobState::Running { .. }) | Err(_) => JobEnd::Unknown(Failure::CellGone),
+        }
+    }
 }

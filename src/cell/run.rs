@@ -1,4 +1,5 @@
-//! Executes a path, waypoint by waypoint. Pure: readings, outcomes and the time go in, orders come out.
+//! The motions of the manipulators: a path, waypoint by waypoint, and the homing of one manipulator. Pure: readings, outcomes and
+//! the time go in, commands come out.
 //!
 //! ```text
 //!  look at both --fit, and where the last waypoint left them--> send each its set-point --both acknowledged-->
@@ -6,33 +7,37 @@
 //!       |-- an axis does not follow the others (see `following`) --> fail
 //! ```
 //!
-//! Nothing is sent for a waypoint before both manipulators were read for it.
+//! Nothing is sent for a waypoint before both manipulators were read for it. A homing is sent once; it is finished when the device
+//! says that it is done, every reference is known and the device stands still.
 
-use super::driver::{Handling, Outcome, moves};
+use std::time::Duration;
+
+use tokio::time::Instant;
+
+use crate::device::{Action, AxisState, CommandResult, DeviceError, Reading};
+use crate::motion::{Arrangement, Axes, Axis, Carrier, MotionRefusal, Pair, Path, Position, Waypoint};
+
+use super::driver::messages::{ManipulatorCommand, Outcome};
 use super::failure::Failure;
 use super::following::{Following, Lag};
 use super::obstacles;
 use super::refusal::Refusal;
 use super::settings::Settings;
-use crate::device::{Action, AxisState, CommandResult, DeviceError, Reading};
-use crate::motion::{Arrangement, Axis, Carrier, MotionRefusal, Pair, Path, Position, Waypoint};
-use std::time::Duration;
-use tokio::time::Instant;
 
-/// What is to be done next.
+/// The next step of a motion.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Step {
-    /// Nothing yet.
+    /// Nothing is to be done yet.
     Wait,
-    /// These orders, all at once.
-    Order(Vec<(Carrier, Handling)>),
-    /// The path is done, and everything stands where it should.
+    /// Send these commands, all at once.
+    Send(Vec<(Carrier, ManipulatorCommand)>),
+    /// The motion is finished, and every device stands where it should.
     Finished,
-    /// It cannot go on.
+    /// The motion cannot go on.
     Fail(Failure),
 }
 
-/// A path under way.
+/// A path that is being executed.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Run {
     path: Path,
@@ -40,34 +45,34 @@ pub(super) struct Run {
     arrangement: Arrangement,
     look: Duration,
     arrival: Duration,
-    /// The waypoint that is gone to; the first is where the path starts.
+    /// Index of the waypoint that the manipulators move to; the first waypoint is the start of the path.
     next: usize,
     phase: Phase,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 enum Phase {
-    /// Readings that were asked for since are waited for.
+    /// Waits for readings that were requested since.
     Look { since: Instant, readings: Box<Pair<Option<Reading>>> },
-    /// Set-points are out.
+    /// Set-points were sent.
     Go { sent_at: Instant, legs: Pair<Leg>, following: Box<Following> },
 }
 
-/// One manipulator's way to a waypoint.
+/// What one manipulator does between two waypoints.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Leg {
-    /// It has nothing to do.
+    /// It stays where it is.
     Stays,
     /// The device has not acknowledged yet.
     Sent,
-    /// It is on its way.
+    /// It moves.
     Goes { sequence: u16, since: Instant },
-    /// It is there, and stands.
+    /// It has reached the waypoint, and stands still.
     There,
 }
 
 impl Run {
-    /// A path that was checked.
+    /// Begins a path that was checked.
     pub(super) fn new(path: Path, names: Pair<String>, settings: &Settings, now: Instant) -> Self {
         Self {
             path,
@@ -80,17 +85,17 @@ impl Run {
         }
     }
 
-    /// The first orders.
+    /// The first commands.
     pub(super) fn begin(&self) -> Step {
-        Step::Order(Carrier::ALL.map(|carrier| (carrier, Handling::Look)).to_vec())
+        Step::Send(Carrier::ALL.map(|carrier| (carrier, ManipulatorCommand::Read)).to_vec())
     }
 
-    /// The part of the waypoints that was reached, 0 to 1.
+    /// The share of the waypoints that were reached, 0 to 1.
     pub(super) fn progress(&self) -> f64 {
         (self.next - 1) as f64 / (self.path.waypoints.len().max(2) - 1) as f64
     }
 
-    /// When the time is to be told at the latest.
+    /// When [`Self::time`] must be called at the latest.
     pub(super) fn deadline(&self) -> Instant {
         match &self.phase {
             Phase::Look { since, .. } => *since + self.look,
@@ -98,7 +103,7 @@ impl Run {
         }
     }
 
-    /// A manipulator was read.
+    /// Takes a reading of a manipulator.
     pub(super) fn read(&mut self, now: Instant, carrier: Carrier, asked_at: Instant, reading: &Reading) -> Step {
         match &mut self.phase {
             Phase::Look { since, readings } => {
@@ -113,12 +118,12 @@ impl Run {
                     Pair { .. } => Step::Wait,
                 }
             }
-            Phase::Go { .. } => self.watch(now, carrier, asked_at, reading),
+            Phase::Go { .. } => self.supervise(now, carrier, asked_at, reading),
         }
     }
 
-    /// What became of the set-point of a manipulator.
-    pub(super) fn told(&mut self, now: Instant, carrier: Carrier, outcome: Outcome) -> Step {
+    /// Takes the outcome of the set-point of a manipulator.
+    pub(super) fn take_outcome(&mut self, now: Instant, carrier: Carrier, outcome: Outcome) -> Step {
         let Phase::Go { legs, .. } = &mut self.phase else { return Step::Wait };
         match outcome {
             Outcome::Taken { sequence } => {
@@ -126,13 +131,13 @@ impl Run {
                 Step::Wait
             }
             Outcome::Refused(error) => Step::Fail(Failure::Device(error)),
-            // A halt is on its way to us as well.
+            // The halt is reported to the task as well.
             Outcome::Overtaken | Outcome::Cut => Step::Wait,
             Outcome::Unknown(failure) => Step::Fail(failure),
         }
     }
 
-    /// Time has passed.
+    /// Tests the deadline.
     pub(super) fn time(&self, now: Instant, last: &Pair<Option<Position>>) -> Step {
         if now < self.deadline() {
             return Step::Wait;
@@ -149,7 +154,7 @@ impl Run {
         }
     }
 
-    /// Both were read: sends the set-points, where both are fit and stand where the waypoint before has left them.
+    /// Both were read: sends the set-points if both are ready and stand at the waypoint before.
     fn send(&mut self, now: Instant, readings: &Pair<Reading>) -> Step {
         let (Some(from), Some(to)) = (self.waypoint(self.next - 1), self.waypoint(self.next)) else {
             return Step::Finished;
@@ -165,7 +170,7 @@ impl Run {
         let places = readings.map(|_, reading| reading.position());
         let following = Box::new(Following::new(&self.arrangement, &places, &to, &self.path.moves));
         self.phase = Phase::Go { sent_at: now, legs, following };
-        if orders.is_empty() { self.go_on(now) } else { Step::Order(orders) }
+        if orders.is_empty() { self.go_on(now) } else { Step::Send(orders) }
     }
 
     fn ready(&self, carrier: Carrier, reading: &Reading, planned: &Position) -> Result<(), Refusal> {
@@ -180,16 +185,16 @@ impl Run {
         }
     }
 
-    /// The command that takes a manipulator to a waypoint; none where it stays.
-    fn order(&self, carrier: Carrier, to: &Waypoint) -> Option<(Carrier, Handling)> {
+    /// The command that moves a manipulator to a waypoint; none if it stays.
+    fn order(&self, carrier: Carrier, to: &Waypoint) -> Option<(Carrier, ManipulatorCommand)> {
         let (targets, speeds) = (*to.targets.get(carrier), *to.speeds.get(carrier));
         let axes = speeds.map(|_, speed| *speed > 0.0);
         let goes = *self.path.moves.get(carrier) && axes.iter().any(|(_, goes)| *goes);
-        goes.then_some((carrier, Handling::Send(Action::MoveTo { axes, targets, speeds })))
+        goes.then_some((carrier, ManipulatorCommand::Send(Action::MoveTo { axes, targets, speeds })))
     }
 
-    /// A manipulator was read while set-points are out.
-    fn watch(&mut self, now: Instant, carrier: Carrier, asked_at: Instant, reading: &Reading) -> Step {
+    /// Takes a reading of a manipulator between two waypoints.
+    fn supervise(&mut self, now: Instant, carrier: Carrier, asked_at: Instant, reading: &Reading) -> Step {
         let Some(to) = self.waypoint(self.next) else { return Step::Finished };
         if let Some(refusal) = obstacles::of_motion(carrier, reading) {
             return Step::Fail(Failure::Interrupted(Box::new(refusal)));
@@ -209,7 +214,7 @@ impl Run {
             if let Some(failure) = given_up(carrier, sequence, reading) {
                 return Step::Fail(failure);
             }
-            let stands = !moves(reading) && reading.axes.iter().all(|(_, axis)| axis.state == AxisState::Standstill);
+            let stands = !reading.moves() && reading.axes.iter().all(|(_, axis)| axis.state == AxisState::Standstill);
             if stands && obstacles::away(&reading.position(), to.targets.get(carrier), tolerance).is_none() {
                 *leg = Leg::There;
             }
@@ -238,7 +243,7 @@ impl Run {
         self.path.waypoints.get(index).copied()
     }
 
-    /// How long the way to the next waypoint may take.
+    /// The longest time to the next waypoint.
     fn patience(&self) -> Duration {
         let way_s = match (self.waypoint(self.next - 1), self.waypoint(self.next)) {
             (Some(from), Some(to)) => to.at_s - from.at_s,
@@ -259,7 +264,7 @@ fn looking(since: Instant) -> Phase {
     Phase::Look { since, readings: Box::new(Pair { m1: None, m2: None }) }
 }
 
-/// Whether the device does not do our command any more.
+/// The failure of a device that does not execute our command any more.
 fn given_up(carrier: Carrier, sequence: u16, reading: &Reading) -> Option<Failure> {
     let found = reading.acknowledged.sequence;
     if found != sequence {
@@ -272,5 +277,94 @@ fn given_up(carrier: Carrier, sequence: u16, reading: &Reading) -> Option<Failur
             Some(Failure::Device(DeviceError::Rejected { device, code: reading.fault_code }))
         }
         CommandResult::None | CommandResult::Accepted | CommandResult::Running | CommandResult::Done => None,
+    }
+}
+
+/// A homing that is being executed.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Homing {
+    carrier: Carrier,
+    begun_at: Instant,
+    within: Duration,
+    sequence: Option<u16>,
+    names: Pair<String>,
+    tolerance: Axes<f64>,
+    /// Where the other manipulator stands.
+    place: Option<Position>,
+}
+
+impl Homing {
+    pub(super) const fn new(carrier: Carrier, names: Pair<String>, settings: &Settings, now: Instant) -> Self {
+        let tolerance = settings.arrangement.settle_tolerance;
+        Self { carrier, begun_at: now, within: settings.homing, sequence: None, names, tolerance, place: None }
+    }
+
+    /// The only command.
+    pub(super) fn begin(&self) -> Step {
+        let axes = Axes::from_fn(|_| true);
+        Step::Send(vec![(self.carrier, ManipulatorCommand::Send(Action::Home { axes }))])
+    }
+
+    /// When [`Self::time`] must be called at the latest.
+    pub(super) fn deadline(&self) -> Instant {
+        self.begun_at + self.within
+    }
+
+    /// Takes the outcome of the command.
+    pub(super) fn take_outcome(&mut self, carrier: Carrier, outcome: Outcome) -> Step {
+        match outcome {
+            _ if carrier != self.carrier => Step::Wait,
+            Outcome::Taken { sequence } => {
+                self.sequence = Some(sequence);
+                Step::Wait
+            }
+            Outcome::Refused(error) => Step::Fail(Failure::Device(error)),
+            // The halt is reported to the task as well.
+            Outcome::Overtaken | Outcome::Cut => Step::Wait,
+            Outcome::Unknown(failure) => Step::Fail(failure),
+        }
+    }
+
+    /// Takes a reading of a manipulator. The other manipulator has to stay where it is.
+    pub(super) fn read(&mut self, carrier: Carrier, reading: &Reading) -> Step {
+        let mut refusal = obstacles::of_motion(carrier, reading);
+        if carrier != self.carrier {
+            let place = *self.place.get_or_insert_with(|| reading.position());
+            let name = self.names.get(carrier);
+            refusal = refusal.or_else(|| obstacles::of_staying(name, carrier, reading, &place, &self.tolerance));
+        }
+        if let Some(refusal) = refusal {
+            return Step::Fail(Failure::Interrupted(Box::new(refusal)));
+        }
+        self.own(carrier, reading)
+    }
+
+    /// Judges the reading of the manipulator that is homed.
+    fn own(&self, carrier: Carrier, reading: &Reading) -> Step {
+        let Some(sequence) = self.sequence.filter(|_| carrier == self.carrier) else { return Step::Wait };
+        let acknowledged = reading.acknowledged;
+        if acknowledged.sequence != sequence {
+            return Step::Fail(Failure::Overridden { carrier, sequence, found: acknowledged.sequence });
+        }
+        if acknowledged.result == CommandResult::Aborted {
+            return Step::Fail(Failure::Aborted { carrier, sequence });
+        }
+        if acknowledged.result == CommandResult::Rejected {
+            let device = self.names.get(carrier).clone();
+            return Step::Fail(Failure::Device(DeviceError::Rejected { device, code: reading.fault_code }));
+        }
+        let known = reading.axes.iter().all(|(_, axis)| axis.homed);
+        if acknowledged.result == CommandResult::Done && known && !reading.moves() {
+            return Step::Finished;
+        }
+        Step::Wait
+    }
+
+    /// Tests the deadline.
+    pub(super) fn time(&self, now: Instant) -> Step {
+        if now < self.deadline() {
+            return Step::Wait;
+        }
+        Step::Fail(Failure::NotHomed { carrier: self.carrier, within: self.within })
     }
 }

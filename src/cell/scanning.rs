@@ -1,69 +1,69 @@
 //! Takes a scan: the stage to the start, the sensor armed, the stage to the end at its speed, profiles counted as they come.
-//! Pure: readings, outcomes, counts and the time go in, orders come out. The profiles themselves go from the sensor's driver to
-//! whoever ordered them, and not through here.
+//! Pure: readings, outcomes, counts and the time go in, commands come out. The profiles themselves go from the driver of the sensor
+//! directly to the client of the scan.
 //!
 //! ```text
 //!  stage to start --there--> arm sensor --ready--> stage to end, profiles come --all came, stage there--> finished
-//!                                                     \-- a gap, a drop, none for too long --> fail, by name
+//!                                                     \-- a gap, a drop, none for too long --> fail
 //! ```
 
-use super::driver::{Outcome, Travel};
+use super::driver::messages::{Outcome, StageCommand};
 use super::failure::Failure;
 use super::settings::{ScanOrder, Settings};
 use crate::device::{DeviceError, ScanFault, SensorDeadlines, StageReading};
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// What is to be done next.
+/// The next step of a scan.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum ScanStep {
-    /// Nothing yet.
+    /// Nothing is to be done yet.
     Wait,
-    /// Send the stage.
-    Carry(Travel),
-    /// Make the sensor ready for the profiles.
+    /// Move the stage.
+    Carry(StageCommand),
+    /// Start the sensor.
     Arm,
-    /// All profiles came, and the stage stands.
+    /// All profiles were received, and the stage stands still.
     Finished,
-    /// It cannot go on.
+    /// The scan cannot go on.
     Fail(Failure),
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Phase {
-    /// The stage goes to the start.
+    /// The stage moves to the start.
     Approach { since: Option<Instant>, until: Instant },
-    /// The sensor gets ready.
+    /// The sensor starts.
     Arm,
-    /// The stage goes to the end.
+    /// The stage moves to the end.
     Travel { since: Option<Instant>, until: Instant, there: bool },
 }
 
-/// A scan under way.
+/// A scan that is being taken.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Scanning {
     order: ScanOrder,
     stage: String,
     sensor: String,
     tolerance_mm: f64,
-    /// Longest time for the sensor to get ready.
+    /// Longest time for the start of the sensor.
     arm: Duration,
     /// Longest time until the first profile.
     first: Duration,
     /// Longest time from profile to profile.
     stall: Duration,
     arrival: Duration,
-    /// Where the stage was, and its greatest speed, when the scan began.
+    /// The reading of the stage when the scan began: its position and its greatest speed.
     from: StageReading,
     phase: Phase,
     received_count: u64,
     whole: bool,
-    /// The last profile; before there was one, the start of the travel.
+    /// When the last profile was received; before the first one, the start of the travel.
     heard_at: Instant,
 }
 
 impl Scanning {
-    /// A scan that was checked against the stage's limits.
+    /// Begins a scan that was checked against the limits of the stage.
     pub(super) fn new(
         order: ScanOrder,
         names: (String, String),
@@ -79,7 +79,7 @@ impl Scanning {
             sensor: names.1,
             tolerance_mm: settings.stage_tolerance_mm,
             arm: settings.arrival + settings.scan_stall.max(own.start),
-            // The adaptor has the first word on a sensor that stays silent: it can ask the sensor why.
+            // The adaptor detects a silent sensor first: it can ask the sensor for the reason.
             first: (settings.scan_stall + 2 * seconds(gap_s)).max(own.first_profile + own.reply),
             stall: settings.scan_stall + 2 * seconds(gap_s),
             arrival: settings.arrival,
@@ -91,21 +91,21 @@ impl Scanning {
         }
     }
 
-    /// The first order.
+    /// The first command.
     pub(super) fn begin(&self) -> ScanStep {
-        ScanStep::Carry(Travel::To { target_mm: self.order.x_from_mm, speed_mm_s: self.from.speed_mm_s })
+        ScanStep::Carry(StageCommand::MoveTo { target_mm: self.order.x_from_mm, speed_mm_s: self.from.speed_mm_s })
     }
 
-    /// The part of the profiles that came, 0 to 1.
+    /// The share of the profiles that were received, 0 to 1.
     pub(super) fn progress(&self) -> f64 {
         self.received_count as f64 / self.order.profiles_count.max(1) as f64
     }
 
-    /// When the time is to be told at the latest.
+    /// When [`Self::time`] must be called at the latest.
     pub(super) fn deadline(&self) -> Instant {
         match self.phase {
             Phase::Approach { until, .. } => until,
-            // The driver of the sensor has its own deadline; this one is behind it.
+            // The driver of the sensor has its own deadline; this one is later.
             Phase::Arm => self.heard_at + self.arm,
             Phase::Travel { until, .. } if self.whole => until,
             // A sensor may send all of its profiles only after the stage has arrived.
@@ -119,8 +119,8 @@ impl Scanning {
         if self.received_count == 0 { self.first } else { self.stall }
     }
 
-    /// What became of an order to the stage.
-    pub(super) fn stage_told(&mut self, now: Instant, outcome: Outcome) -> ScanStep {
+    /// Takes the outcome of a command to the stage.
+    pub(super) fn stage_outcome(&mut self, now: Instant, outcome: Outcome) -> ScanStep {
         match outcome {
             Outcome::Taken { .. } => {
                 match &mut self.phase {
@@ -135,15 +135,15 @@ impl Scanning {
         }
     }
 
-    /// What became of the order to the sensor.
-    pub(super) fn sensor_told(&mut self, now: Instant, outcome: Outcome) -> ScanStep {
+    /// Takes the outcome of the command to the sensor.
+    pub(super) fn sensor_outcome(&mut self, now: Instant, outcome: Outcome) -> ScanStep {
         match outcome {
             Outcome::Taken { .. } if self.phase == Phase::Arm => {
                 let ScanOrder { x_from_mm, x_to_mm, speed_mm_s, .. } = self.order;
                 let way_s = (x_to_mm - x_from_mm).abs() / speed_mm_s;
                 self.heard_at = now;
                 self.phase = Phase::Travel { since: None, until: now + self.arrival + seconds(way_s), there: false };
-                ScanStep::Carry(Travel::To { target_mm: x_to_mm, speed_mm_s })
+                ScanStep::Carry(StageCommand::MoveTo { target_mm: x_to_mm, speed_mm_s })
             }
             Outcome::Taken { .. } | Outcome::Overtaken | Outcome::Cut => ScanStep::Wait,
             Outcome::Refused(error) => ScanStep::Fail(Failure::Device(error)),
@@ -151,7 +151,7 @@ impl Scanning {
         }
     }
 
-    /// The stage was read.
+    /// Takes a reading of the stage.
     pub(super) fn read(&mut self, now: Instant, asked_at: Instant, reading: &StageReading) -> ScanStep {
         let order = self.order;
         let fresh = |since: Option<Instant>| since.is_some_and(|since| asked_at >= since);
@@ -168,13 +168,13 @@ impl Scanning {
         }
     }
 
-    /// Profiles have come, so many so far.
+    /// Takes the number of profiles that were received so far.
     pub(super) fn received(&mut self, now: Instant, received_count: u64) -> ScanStep {
         (self.received_count, self.heard_at) = (received_count, now);
         ScanStep::Wait
     }
 
-    /// The sensor has ended.
+    /// Takes the end of the acquisition.
     pub(super) fn ended(&mut self, result: Result<(), Failure>) -> ScanStep {
         match result {
             Ok(()) => {
@@ -185,7 +185,7 @@ impl Scanning {
         }
     }
 
-    /// Time has passed.
+    /// Tests the deadline.
     pub(super) fn time(&self, now: Instant, last: Option<&StageReading>) -> ScanStep {
         if now < self.deadline() {
             return ScanStep::Wait;
@@ -224,12 +224,12 @@ impl Scanning {
     }
 }
 
-/// How far off its target a stage stands, mm; infinitely while it moves.
+/// The distance of the stage from its target, mm; infinite while it moves.
 fn off(reading: &StageReading, target_mm: f64) -> f64 {
     if reading.moves { f64::INFINITY } else { (reading.actual_mm - target_mm).abs() }
 }
 
-/// A time that was calculated; a year where it makes no sense.
+/// A calculated time, limited to a year.
 fn seconds(seconds: f64) -> Duration {
     Duration::try_from_secs_f64(seconds).unwrap_or(Duration::from_secs(31_536_000)).min(Duration::from_secs(31_536_000))
 }

@@ -1,4 +1,5 @@
-//! What the cell is given: the devices, the arrangement, and its deadlines with their defaults.
+//! What the cell is started with: its devices, the arrangement of the manipulators, and its deadlines with their defaults; and the
+//! order for a scan.
 
 use crate::device::{Manipulator, ProfileSensor, Stage};
 use crate::motion::{Arrangement, Pair};
@@ -6,11 +7,11 @@ use std::time::Duration;
 
 /// The devices; the cell's task owns them from its start to its end.
 pub struct Devices {
-    /// Both, always.
+    /// Both manipulators; every cell has them.
     pub manipulators: Pair<Box<dyn Manipulator>>,
-    /// Where there is one.
+    /// The sensor, if there is one.
     pub sensor: Option<Box<dyn ProfileSensor>>,
-    /// Where there is one.
+    /// The stage, if there is one.
     pub stage: Option<Box<dyn Stage>>,
 }
 
@@ -21,7 +22,7 @@ pub struct Settings {
     pub arrangement: Arrangement,
     /// Between two readings of a device at rest.
     pub poll: Duration,
-    /// Between two readings of a device that moves, or whose word is waited for.
+    /// Between two readings of a device that moves, or from which an acknowledgement is expected.
     pub poll_moving: Duration,
     /// Longest wait for one answer; at most 300 ms.
     pub reply: Duration,
@@ -29,13 +30,13 @@ pub struct Settings {
     pub connect: Duration,
     /// Longest wait until a device has acknowledged a command; at most 300 ms.
     pub acknowledge: Duration,
-    /// How long a call under way may go on when a halt is due; then it is dropped, with the connection.
+    /// How long a call may still take when a halt is due; then it is dropped, and the connection closed.
     pub halt_grace: Duration,
-    /// How long a device moves on without hearing from us; at most 400 ms, so that it holds within 500 ms.
+    /// How long a device goes on moving without a heartbeat from coaxis; at most 400 ms, so that it stops within 500 ms.
     pub watchdog: Duration,
-    /// Longest wait until every device is seen at rest after a halt.
+    /// Longest wait until every device was read at rest after a halt.
     pub rest: Duration,
-    /// Allowed on top of the planned time of each way before it counts as not arrived.
+    /// Added to the planned time to each waypoint before an axis counts as not arrived.
     pub arrival: Duration,
     /// First wait before a connection is tried again; doubles.
     pub backoff_first: Duration,
@@ -53,7 +54,7 @@ pub struct Settings {
     pub scan_stall: Duration,
     /// Longest time for a manipulator to find its references.
     pub homing: Duration,
-    /// How near to its target the stage has arrived, mm.
+    /// Distance from its target at which the stage has arrived, mm.
     pub stage_tolerance_mm: f64,
 }
 
@@ -84,10 +85,10 @@ impl Settings {
         }
     }
 
-    /// Checks the bounds that the promises rest on.
+    /// Checks the settings against their ranges; the guaranteed times to stop depend on these.
     ///
     /// # Errors
-    /// The first bound that is broken, by name.
+    /// The first setting that is out of its range.
     pub fn check(&self) -> Result<(), SettingsError> {
         let bounds = [
             ("poll", self.poll, 5, 100),
@@ -124,15 +125,15 @@ impl Settings {
     }
 }
 
-/// Which setting cannot be.
+/// A setting that cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SettingsError {
-    /// A time that the promises do not allow.
+    /// A time is out of its range.
     #[error("{what} is {} ms; it must be from {} to {} ms", given.as_millis(), least.as_millis(), most.as_millis())]
     OutOfBounds {
-        /// Its name.
+        /// The name of the setting.
         what: &'static str,
-        /// As given.
+        /// Its value.
         given: Duration,
         /// Least.
         least: Duration,
@@ -142,28 +143,28 @@ pub enum SettingsError {
     /// The shortest lease is longer than the longest.
     #[error("lease_least is {} ms and lease_most {} ms", least.as_millis(), most.as_millis())]
     LeaseBounds {
-        /// As given.
+        /// Its value.
         least: Duration,
-        /// As given.
+        /// Its value.
         most: Duration,
     },
-    /// The stage's tolerance is no length.
+    /// The tolerance of the stage is not a length.
     #[error("stage_tolerance_mm is {given_mm}; it must be above zero")]
     StageTolerance {
-        /// As given.
+        /// Its value.
         given_mm: f64,
     },
 }
 
-/// A scan to take.
+/// An order for a scan.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScanOrder {
     /// Where the stage starts, mm along the rail.
     pub x_from_mm: f64,
     /// Where it ends, mm along the rail.
     pub x_to_mm: f64,
-    /// How many profiles; the sensor's trigger says where.
+    /// How many profiles; the trigger of the sensor decides where.
     pub profiles_count: u64,
-    /// Of the stage while profiles are taken, mm/s.
+    /// Speed of the stage while profiles are taken, mm/s.
     pub speed_mm_s: f64,
 }

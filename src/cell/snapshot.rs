@@ -1,4 +1,4 @@
-//! The cell as everybody may see it, at one moment: published as a whole, never changed.
+//! A snapshot of the cell at one moment, for all clients: published as a whole, never changed.
 
 use super::failure::Fault;
 use super::lease::LeaseView;
@@ -16,16 +16,16 @@ pub struct Snapshot {
     pub sequence: u64,
     /// When it was made.
     pub at: Instant,
-    /// What the cell does.
+    /// The state of the cell.
     pub state: State,
-    /// Since when.
+    /// Since when it has this state.
     pub since: Instant,
-    /// Grows with everything that may have moved the part: with the begin of a move or a homing, and with each change of state
-    /// from then until the cell is idle again.
+    /// Grows with everything that may have moved the part: when a move or a homing begins, and with each change of state from then
+    /// until the cell is idle again.
     pub motions_count: u64,
-    /// The move or scan under way; in `stopping`, the one that comes to rest.
+    /// The current move or scan; in `stopping`, the one that comes to rest.
     pub job: Option<JobView>,
-    /// Who may move.
+    /// The lease, if a client holds it.
     pub lease: Option<LeaseView>,
     /// Latched until a reset, oldest first.
     pub faults: Vec<Fault>,
@@ -33,64 +33,64 @@ pub struct Snapshot {
     pub resetting: bool,
     /// Both manipulators.
     pub manipulators: Pair<Live<Reading>>,
-    /// The stage, where there is one.
+    /// The stage, if there is one.
     pub stage: Option<Live<StageReading>>,
-    /// The sensor, where there is one.
+    /// The sensor, if there is one.
     pub sensor: Option<Live<SensorReading>>,
-    /// A move by the holder of the lease would be begun.
+    /// Whether a move of the holder of the lease would be started.
     pub commands_allowed: bool,
-    /// Why not; all reasons, the most urgent first.
+    /// The reasons why not, the most urgent first.
     pub reasons: Vec<Refusal>,
 }
 
-/// A job in short.
+/// The id and the progress of a job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JobView {
-    /// As its caller named it.
+    /// The id that the client gave it.
     pub id: String,
     /// 0 to 1.
     pub progress: f64,
 }
 
-/// What a device last said, and how well we know that it still holds.
+/// The last reading of a device, and how far it may be trusted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Live<R> {
     /// Its name in the configuration.
     pub name: String,
-    /// How its link is.
+    /// The state of its link.
     pub link: Link,
-    /// What it said last; kept when the link is lost, as what was last known.
+    /// The last reading; kept when the link is lost.
     pub reading: Option<R>,
-    /// When that was asked.
+    /// When it was requested.
     pub read_at: Option<Instant>,
-    /// Older than this is stale: three polls.
+    /// A reading older than this is stale: three polls.
     pub stale_after: Duration,
 }
 
-/// How a device's link is.
+/// The state of the link to a device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Link {
-    /// Not reached yet.
+    /// The device was not reached yet.
     Connecting,
-    /// It answers.
+    /// The device answers.
     Up,
-    /// It answered once, and does not now; being tried again.
+    /// The device does not answer any more; coaxis tries to connect again.
     Lost,
 }
 
-/// How far a live value may be trusted.
+/// The quality of a reading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Quality {
     /// The device answers.
     Good,
     /// No answer for more than three polls.
     Stale,
-    /// The link is lost, or never was.
+    /// The link is lost, or was never up.
     Lost,
 }
 
 impl Link {
-    /// The word used in documents.
+    /// The name in documents.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -102,7 +102,7 @@ impl Link {
 }
 
 impl Quality {
-    /// The word used in documents.
+    /// The name in documents.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -114,18 +114,18 @@ impl Quality {
 }
 
 impl<R> Live<R> {
-    /// Not reached yet.
+    /// A device that was not reached yet.
     pub(super) const fn unknown(name: String, stale_after: Duration) -> Self {
         Self { name, link: Link::Connecting, reading: None, read_at: None, stale_after }
     }
 
-    /// How old the reading is at `now`; `None` where there is none.
+    /// The age of the reading at `now`; `None` if there is no reading.
     #[must_use]
     pub fn age(&self, now: Instant) -> Option<Duration> {
         self.read_at.map(|at| now.saturating_duration_since(at))
     }
 
-    /// How far the reading may be trusted at `now`.
+    /// The quality of the reading at `now`.
     #[must_use]
     pub fn quality(&self, now: Instant) -> Quality {
         match (self.link, self.age(now)) {
@@ -135,7 +135,7 @@ impl<R> Live<R> {
         }
     }
 
-    /// The reading, where it may be trusted at `now`.
+    /// The reading, if its quality is good at `now`.
     pub(super) fn good(&self, now: Instant) -> Option<&R> {
         self.reading.as_ref().filter(|_| self.quality(now) == Quality::Good)
     }

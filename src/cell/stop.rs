@@ -1,48 +1,53 @@
-//! The way in for stops: raises the halt flag itself, past the cell's task and its queue, and says what the drivers have made
-//! of it.
+//! The stop: the halt flag, and the entry that raises it without waiting behind the task of the cell and its queue, and reports what
+//! the drivers have done.
+//!
+//! The halt flag is a number that grows with every halt. Every driver looks at it before anything else. Raising it takes no lock
+//! that is held for long, and waits for nothing.
 
-use super::driver::{HaltFlag, Halted};
-use super::input::Member;
-use super::now;
-use crate::motion::{Axis, Carrier};
 use std::sync::Arc;
 use std::time::Duration;
+
 use tokio::sync::watch;
 use tokio::time::{Instant, timeout_at};
 
-/// How long the answer waits for what the devices make of it.
+use crate::motion::{Axis, Carrier};
+
+use super::input::Member;
+use crate::device::clock::now;
+
+/// How long the answer waits for the devices.
 const ANSWER_WITHIN: Duration = Duration::from_millis(30);
 
-/// What a stop has brought about by the time of the answer. The stop goes on after it.
+/// What a stop has achieved when it is answered. The stop goes on afterwards.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StopReport {
-    /// Until the halt was handed to the last device that was reached; until the answer where one was not.
+    /// Time until the halt was sent to the last device; until the answer if it could not be sent to every device.
     pub sent_within: Duration,
-    /// Every device; of the sensor, its laser is switched off.
+    /// Every device; a halt of the sensor switches its laser off.
     pub devices: Vec<DeviceStop>,
-    /// All axes of each manipulator that was not seen at rest after the halt, yet; an operator must take them for moving.
+    /// All axes of each manipulator that was not yet read at rest after the halt; an operator must assume that they move.
     pub unconfirmed: Vec<(Carrier, Axis)>,
 }
 
-/// One device's part of it.
+/// The stop of one device.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DeviceStop {
     /// Its name in the configuration.
     pub name: String,
-    /// The halt was handed to it.
+    /// The halt was sent to it.
     pub sent: bool,
-    /// It was seen at rest after the halt.
+    /// It was read at rest after the halt.
     pub confirmed: bool,
 }
 
-/// The way in.
+/// The entry for stops.
 #[derive(Debug)]
-pub(super) struct StopDoor {
+pub(super) struct StopEntry {
     flag: Arc<HaltFlag>,
     watched: Vec<(Member, String, watch::Receiver<Halted>)>,
 }
 
-impl StopDoor {
+impl StopEntry {
     pub(super) const fn new(flag: Arc<HaltFlag>, watched: Vec<(Member, String, watch::Receiver<Halted>)>) -> Self {
         Self { flag, watched }
     }
@@ -59,7 +64,7 @@ impl StopDoor {
         self.report(number, sent_within)
     }
 
-    /// Waits until all are so, or the time is over.
+    /// Waits until the condition holds for all devices, or the time is over.
     async fn all(&self, until: Instant, so: impl Fn(&Halted) -> bool) -> bool {
         for (_, _, halted) in &self.watched {
             let mut halted = halted.clone();
@@ -83,5 +88,90 @@ impl StopDoor {
             report.devices.push(DeviceStop { name: name.clone(), sent: halted.sent >= number, confirmed });
         }
         report
+    }
+}
+
+/// The value of the halt flag.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Halts {
+    /// Grows with every halt.
+    pub(super) number: u64,
+    /// Grows with every stop that a client requests.
+    pub(super) requested: u64,
+    /// The newest fencing token; halts carry it.
+    pub(super) fence: u64,
+}
+
+/// How far a driver has executed the halts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Halted {
+    /// The newest halt that was sent to the device.
+    pub(super) sent: u64,
+    /// The newest halt after which the device was read at rest.
+    pub(super) rested: u64,
+}
+
+/// Raises the halt flag when it is dropped before it was disarmed, so that no device moves on when the task of the cell fails.
+#[derive(Debug)]
+pub(super) struct HaltAtEnd {
+    flag: Arc<HaltFlag>,
+    armed: bool,
+}
+
+impl HaltAtEnd {
+    pub(super) const fn new(flag: Arc<HaltFlag>) -> Self {
+        Self { flag, armed: true }
+    }
+
+    /// The task ends as intended.
+    pub(super) fn disarm(mut self) {
+        self.armed = false;
+    }
+}
+
+impl Drop for HaltAtEnd {
+    fn drop(&mut self) {
+        if self.armed {
+            self.flag.raise();
+        }
+    }
+}
+
+/// The halt flag.
+#[derive(Debug)]
+pub(super) struct HaltFlag {
+    shown: watch::Sender<Halts>,
+}
+
+impl HaltFlag {
+    pub(super) fn new(fence: u64) -> Self {
+        Self { shown: watch::Sender::new(Halts { fence, ..Halts::default() }) }
+    }
+
+    /// Raises it for the cell itself; returns the number of the halt.
+    pub(super) fn raise(&self) -> u64 {
+        self.shown.send_modify(|halts| halts.number += 1);
+        self.shown.borrow().number
+    }
+
+    /// Raises it for a client that requests a stop; returns the number of the halt.
+    pub(super) fn request(&self) -> u64 {
+        self.shown.send_modify(|halts| {
+            halts.number += 1;
+            halts.requested += 1;
+        });
+        self.shown.borrow().number
+    }
+
+    /// Sets the fencing token of the halts from now on.
+    pub(super) fn set_fence(&self, fence: u64) {
+        self.shown.send_if_modified(|halts| {
+            halts.fence = fence;
+            false
+        });
+    }
+
+    pub(super) fn watch(&self) -> watch::Receiver<Halts> {
+        self.shown.subscribe()
     }
 }

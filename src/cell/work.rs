@@ -1,10 +1,11 @@
-//! What is under way, whichever it is, with the one that is told about it; and what the orders were for whose word is still
-//! out. Pure.
+//! The active work of the cell (a path, a homing or a scan) with its job, and the purposes of the commands whose outcome is not known
+//! yet. Pure.
 
-use super::driver::{Outcome, Taking};
-use super::homing::Homing;
+use super::driver::messages::{Acquisition, Outcome};
+use super::failure::JobEnd;
 use super::input::Manual;
-use super::job::{Job, JobEnd, JobState};
+use super::request::{Job, JobState};
+use super::run::Homing;
 use super::run::{Run, Step};
 use super::scanning::{ScanStep, Scanning};
 use super::snapshot::JobView;
@@ -13,51 +14,51 @@ use crate::motion::{Carrier, Pair, Position};
 use tokio::sync::watch;
 use tokio::time::Instant;
 
-/// One of the things that can be under way.
+/// The kinds of work.
 #[derive(Debug)]
 pub(super) enum Work {
     Run(Box<Run>),
     Home(Homing),
-    Scan(Box<Scanning>, Option<Taking>),
+    Scan(Box<Scanning>, Option<Acquisition>),
 }
 
-/// The next step of whichever it is.
+/// The next step of the work.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Next {
     Manipulators(Step),
     Scan(ScanStep),
 }
 
-/// What is under way, and the job that it is.
+/// The work under way, and its job.
 #[derive(Debug)]
-pub(super) struct Course {
+pub(super) struct ActiveWork {
     pub(super) work: Work,
     job: Option<(Job, watch::Sender<JobState>)>,
 }
 
-/// What an order was for.
+/// The purpose of a command to a driver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Purpose {
-    /// The work under way, at a manipulator.
+    /// A step of the work, by a manipulator.
     Work(Carrier),
-    /// The scan under way, at the stage.
+    /// A step of the scan, by the stage.
     Carry,
-    /// The scan under way, at the sensor.
+    /// A step of the scan, by the sensor.
     Arm,
     /// A manual command.
     Manual(Carrier, Manual),
-    /// To acknowledge a device's own fault.
+    /// Acknowledges a fault of the device itself.
     Reset(Carrier),
 }
 
 impl Purpose {
-    /// Whether its word has no meaning when the work is over.
+    /// Whether its outcome has no meaning when the work has ended.
     pub(super) const fn is_work(self) -> bool {
         matches!(self, Self::Work(_) | Self::Carry | Self::Arm)
     }
 }
 
-impl Course {
+impl ActiveWork {
     /// Work without a job.
     pub(super) const fn homing(homing: Homing) -> Self {
         Self { work: Work::Home(homing), job: None }
@@ -65,11 +66,11 @@ impl Course {
 
     /// Work that is a job.
     pub(super) fn job(work: Work, id: &str) -> (Self, Job) {
-        let (job, told) = Job::new(id.to_owned());
-        (Self { work, job: Some((job.clone(), told)) }, job)
+        let (job, reporter) = Job::new(id.to_owned());
+        (Self { work, job: Some((job.clone(), reporter)) }, job)
     }
 
-    /// The job with this id, where it is that.
+    /// The job, if it has this id.
     pub(super) fn job_named(&self, id: &str) -> Option<Job> {
         self.job.as_ref().filter(|(job, _)| job.id == id).map(|(job, _)| job.clone())
     }
@@ -79,11 +80,11 @@ impl Course {
         Some(JobView { id: job.id.clone(), progress: self.progress() })
     }
 
-    /// Tells how far it is, where that has changed.
-    pub(super) fn tell_progress(&self) {
-        let Some((_, told)) = &self.job else { return };
+    /// Reports the progress, if it has changed.
+    pub(super) fn report_progress(&self) {
+        let Some((_, reporter)) = &self.job else { return };
         let progress = self.progress();
-        told.send_if_modified(|state| {
+        reporter.send_if_modified(|state| {
             let new = JobState::Running { progress };
             let changed = *state != new && !matches!(state, JobState::Ended(_));
             if changed {
@@ -93,9 +94,9 @@ impl Course {
         });
     }
 
-    pub(super) fn tell_end(&self, end: JobEnd) {
-        if let Some((_, told)) = &self.job {
-            told.send_replace(JobState::Ended(end));
+    pub(super) fn report_end(&self, end: JobEnd) {
+        if let Some((_, reporter)) = &self.job {
+            reporter.send_replace(JobState::Ended(end));
         }
     }
 
@@ -139,17 +140,17 @@ impl Course {
         }
     }
 
-    pub(super) fn told(&mut self, now: Instant, purpose: Purpose, outcome: Outcome) -> Next {
+    pub(super) fn take_outcome(&mut self, now: Instant, purpose: Purpose, outcome: Outcome) -> Next {
         match (&mut self.work, purpose) {
-            (Work::Run(run), Purpose::Work(carrier)) => Next::Manipulators(run.told(now, carrier, outcome)),
-            (Work::Home(homing), Purpose::Work(carrier)) => Next::Manipulators(homing.told(carrier, outcome)),
-            (Work::Scan(scanning, _), Purpose::Carry) => Next::Scan(scanning.stage_told(now, outcome)),
-            (Work::Scan(scanning, _), Purpose::Arm) => Next::Scan(scanning.sensor_told(now, outcome)),
+            (Work::Run(run), Purpose::Work(carrier)) => Next::Manipulators(run.take_outcome(now, carrier, outcome)),
+            (Work::Home(homing), Purpose::Work(carrier)) => Next::Manipulators(homing.take_outcome(carrier, outcome)),
+            (Work::Scan(scanning, _), Purpose::Carry) => Next::Scan(scanning.stage_outcome(now, outcome)),
+            (Work::Scan(scanning, _), Purpose::Arm) => Next::Scan(scanning.sensor_outcome(now, outcome)),
             (Work::Run(_) | Work::Home(_) | Work::Scan(..), _) => Next::Manipulators(Step::Wait),
         }
     }
 
-    /// The scan, where it is one.
+    /// The scan, if the work is one.
     pub(super) const fn scan(&mut self) -> Option<&mut Scanning> {
         match &mut self.work {
             Work::Scan(scanning, _) => Some(scanning),
@@ -157,8 +158,8 @@ impl Course {
         }
     }
 
-    /// What the sensor is to do; once.
-    pub(super) const fn taking(&mut self) -> Option<Taking> {
+    /// The acquisition for the sensor; it can be taken once.
+    pub(super) const fn taking(&mut self) -> Option<Acquisition> {
         match &mut self.work {
             Work::Scan(_, taking) => taking.take(),
             Work::Run(_) | Work::Home(_) => None,

@@ -7,7 +7,7 @@ pub mod motion;
 use super::error::DeviceError;
 use super::manipulator::{AxisReading, AxisState, Manipulator, Reading};
 use super::sensor::{ProfileSensor, SensorReading};
-use super::stage::{Stage, StageReading};
+use super::sensor::{Stage, StageReading};
 use crate::motion::{Axes, Axis};
 use serde::Serialize;
 use std::fmt::Display;
@@ -56,7 +56,7 @@ impl Report {
         self.checks.push(Check { name, passed, words: words.to_string() });
     }
 
-    /// Notes whether a device stands; says so.
+    /// Notes whether a device stands still, and returns it.
     fn stands(&mut self, moves: bool) -> bool {
         let words = if moves { "it moves, and is left alone so that its watchdog can stop it" } else { "it stands" };
         self.note("it stands before it is read", !moves, words);
@@ -83,7 +83,7 @@ impl Report {
     }
 }
 
-/// Checks a manipulator by reading alone. Connects it anew twice. One that moves is left alone at once: a reading would tell it
+/// Checks a manipulator by reading alone. Connects to it again twice. One that moves is left alone at once: a reading would tell it
 /// that its commander is alive.
 pub async fn check_manipulator(device: &mut dyn Manipulator) -> Report {
     let mut report = Report::new(device.name());
@@ -114,7 +114,7 @@ pub async fn check_manipulator(device: &mut dyn Manipulator) -> Report {
     report
 }
 
-/// Checks a sensor by reading alone. Connects it anew, and ends a scan where none runs.
+/// Checks a sensor by reading alone. Connects to it again, and ends a scan while none runs.
 pub async fn check_sensor(device: &mut dyn ProfileSensor) -> Report {
     let mut report = Report::new(device.name());
     let name = "it can be connected to";
@@ -127,7 +127,7 @@ pub async fn check_sensor(device: &mut dyn ProfileSensor) -> Report {
         let plausible = (-40.0..=125.0).contains(&temperature);
         report.note("its temperature can be", plausible, format!("{temperature} °C"));
     }
-    // One that runs serves somebody, or is for the service to stop.
+    // A sensor that runs is used by another client, or has to be stopped by the service.
     if !first.running {
         let stopped = device.stop().await;
         report.answered("ending a scan where none runs is harmless", stopped, |()| "accepted".to_owned());
@@ -139,7 +139,7 @@ pub async fn check_sensor(device: &mut dyn ProfileSensor) -> Report {
     report
 }
 
-/// Checks a stage by reading alone. Connects it anew.
+/// Checks a stage by reading alone. Connects to it again.
 pub async fn check_stage(device: &mut dyn Stage) -> Report {
     let mut report = Report::new(device.name());
     let name = "it can be connected to";

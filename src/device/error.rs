@@ -1,50 +1,54 @@
-//! What can go wrong between us and a device, as an operator would say it.
+//! What a call to a device returns: a future, and the errors with the messages that an operator reads.
 
+use std::pin::Pin;
 use std::time::Duration;
 
-/// Why a device did not do, or did not say, what it was asked.
+/// A call to a device that is under way.
+pub type Pending<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
+
+/// Why a call to a device failed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum DeviceError {
-    /// No connection, or none any more. What was under way may or may not have reached the device.
+    /// No connection, or none any more. The request may or may not have reached the device.
     #[error("{device}: the link is down: {cause}")]
     LinkLost {
         /// Its name in the configuration.
         device: String,
-        /// What the link said.
+        /// The error of the link.
         cause: String,
     },
-    /// No answer in time. What was asked may or may not have been done.
+    /// No answer in time. The request may or may not have been executed.
     #[error("{device}: no answer within {} ms", within.as_millis())]
     Silent {
         /// Its name in the configuration.
         device: String,
-        /// How long was waited.
+        /// How long the adaptor waited.
         within: Duration,
     },
-    /// An answer that the protocol does not allow, or that cannot be true.
-    #[error("{device}: the answer makes no sense: {what}")]
+    /// An answer that the protocol does not allow, or that is not plausible.
+    #[error("{device}: the answer is not plausible: {what}")]
     Implausible {
         /// Its name in the configuration.
         device: String,
-        /// What, with the value that was read.
+        /// The error, with the value that was read.
         what: String,
     },
-    /// The device has refused, and says so; it did nothing.
+    /// The device has refused the command, and did nothing.
     #[error("{device}: refused, device code {code}")]
     Rejected {
         /// Its name in the configuration.
         device: String,
-        /// As the device gives it; 0 where it gives none.
+        /// The code of the device; 0 if it gives none.
         code: u32,
     },
-    /// The command carries an older fence than one that was seen; nothing was sent.
-    #[error("{device}: the command has fence {fence}, and {newest} has commanded since; it was not sent")]
+    /// The command carries an older fencing token than a command before; nothing was sent.
+    #[error("{device}: the command has the fencing token {fence}, which is older than {newest}; it was not sent")]
     Fenced {
         /// Its name in the configuration.
         device: String,
         /// Of the command.
         fence: u64,
-        /// Newest seen.
+        /// The newest fencing token.
         newest: u64,
     },
     /// The device cannot do this.
@@ -52,11 +56,11 @@ pub enum DeviceError {
     Unsupported {
         /// Its name in the configuration.
         device: String,
-        /// What it was asked.
+        /// The request.
         what: String,
     },
-    /// The data of the sensor have a gap or a fault; the scan cannot be whole.
-    #[error("{device}: the scan is not whole: {fault}")]
+    /// The data of the sensor have a gap or a fault; the scan is incomplete.
+    #[error("{device}: the scan is incomplete: {fault}")]
     ScanFault {
         /// Its name in the configuration.
         device: String,
@@ -65,7 +69,7 @@ pub enum DeviceError {
     },
 }
 
-/// What makes a scan unusable, by name.
+/// Why a scan cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ScanFault {
     /// Frames are missing between two that came.
@@ -118,7 +122,7 @@ pub enum ScanFault {
 }
 
 impl DeviceError {
-    /// Whether what was asked may have been done all the same.
+    /// Whether the request may have been executed nevertheless.
     #[must_use]
     pub const fn leaves_unknown(&self) -> bool {
         matches!(self, Self::LinkLost { .. } | Self::Silent { .. } | Self::Implausible { .. })

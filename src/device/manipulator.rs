@@ -1,56 +1,56 @@
-//! What a manipulator's adaptor promises.
+//! What the adaptor of a manipulator guarantees.
 //!
-//! The device keeps its own limits, watchdog and safety; we read, check, and send supervised set-points. What every adaptor
-//! holds to, and the contract test asks of each:
+//! The device keeps its own limits, watchdog and safety functions; coaxis reads, checks, and sends supervised set-points. The contract
+//! test checks of every adaptor:
 //!
 //! - connecting reads and moves nothing; nothing is sent again after a reconnect;
-//! - a command has absolute targets, a sequence number and a fence; an older fence is refused before a byte is sent;
+//! - a command has absolute targets, a sequence number and a fencing token; one with an older token is refused before it is sent;
 //! - a command whose answer was lost is resolved by reading [`Reading::acknowledged`], never by sending it again;
 //! - a device executes a command only where its sequence number is newer than the last one that it has seen;
-//! - a device that does not see our heartbeat for the watchdog's time stops by itself.
+//! - a device that gets no heartbeat for the time of its watchdog stops by itself.
 
-use super::Pending;
 use super::error::DeviceError;
+use super::error::Pending;
 use crate::motion::{Axes, Position};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// A manipulator behind its adaptor. One request at a time; what is dropped half-way costs the connection.
+/// A manipulator behind its adaptor. One request at a time; a request that is dropped before its answer closes the connection.
 pub trait Manipulator: Send {
     /// The name in the configuration, for messages.
     fn name(&self) -> &str;
 
-    /// Connects, or connects anew, checks that the device is what the configuration says, and reads its state. Moves nothing.
+    /// Connects, or connects again, checks that the device is the configured one, and reads its state. Moves nothing.
     fn connect(&mut self) -> Pending<'_, Result<Reading, DeviceError>>;
 
-    /// Reads the state once, whole. Also tells the device that we live.
+    /// Reads the whole state once. Also a heartbeat for the device.
     fn read(&mut self) -> Pending<'_, Result<Reading, DeviceError>>;
 
-    /// Sends a command once. `Ok` says that it was handed over, not that the device has taken it: that is read in
-    /// [`Reading::acknowledged`]. Where the error [`DeviceError::leaves_unknown`], it may have arrived.
+    /// Sends a command once. `Ok` means that it was sent, not that the device has taken it: that is read in
+    /// [`Reading::acknowledged`]. After an error with [`DeviceError::leaves_unknown`] it may have arrived.
     fn send(&mut self, command: &Command) -> Pending<'_, Result<(), DeviceError>>;
 }
 
-/// What a device is told.
+/// A command to a device.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Command {
     /// 1 to 65535, then 1 again; never repeated for another command.
     pub sequence: u16,
-    /// Of the lease that commands; grows with every lease. Halts carry the newest.
+    /// The fencing token of the lease, which grows with every lease. Halts carry the newest.
     pub fence: u64,
-    /// How long the device moves on without hearing from us.
+    /// How long the device goes on moving without a heartbeat.
     pub watchdog: Duration,
-    /// What to do.
+    /// The action.
     pub action: Action,
 }
 
-/// What a manipulator can be told to do.
+/// The actions of a manipulator.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Action {
-    /// Put the drives under control.
+    /// Switch the drives on, under control.
     Enable,
-    /// Take the drives out of control.
+    /// Switch the drives off.
     Disable,
     /// Acknowledge the device's faults.
     Reset,
@@ -68,7 +68,7 @@ pub enum Action {
         /// Greatest speeds; mm/s, rad/s.
         speeds: Position,
     },
-    /// Stop at the greatest deceleration and hold. Category 2; no safety function.
+    /// Stop at the greatest deceleration, with the drives on: stop category 2, not a safety function.
     Halt,
 }
 
@@ -80,9 +80,9 @@ pub enum AxisState {
     Disabled,
     /// Under control, at rest.
     Standstill,
-    /// Finds its reference.
+    /// It is being homed.
     Homing,
-    /// On its way to a target.
+    /// Moves to a target.
     DiscreteMotion,
     /// Moves without a target.
     ContinuousMotion,
@@ -109,19 +109,19 @@ impl AxisState {
     }
 }
 
-/// Who commands the device.
+/// The mode of the device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Mode {
-    /// Nobody.
+    /// No commands are accepted.
     Off,
-    /// Somebody at its panel.
+    /// An operator commands it at its panel.
     Manual,
-    /// We.
+    /// It accepts commands of coaxis.
     Automatic,
 }
 
-/// What the device says about its safety functions; they are its own, we only read them.
+/// The states of the safety functions of the device; coaxis only reads them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Safety {
     /// The emergency stop is not pressed.
@@ -130,32 +130,32 @@ pub struct Safety {
     pub guard_closed: bool,
     /// The drives are ready.
     pub drives_ready: bool,
-    /// The device takes commands from us.
+    /// The device accepts commands of coaxis.
     pub remote_enabled: bool,
 }
 
 impl Safety {
-    /// Whether all of it lets the device move.
+    /// Whether all safety functions allow motion.
     #[must_use]
     pub const fn allows_motion(self) -> bool {
         self.emergency_stop_ok && self.guard_closed && self.drives_ready && self.remote_enabled
     }
 }
 
-/// What became of the newest command that the device has seen.
+/// The acknowledgement of the newest command that the device has received.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Acknowledged {
-    /// Its sequence number; 0 where there was none yet.
+    /// Its sequence number; 0 before the first command.
     pub sequence: u16,
-    /// What became of it.
+    /// Its result.
     pub result: CommandResult,
 }
 
-/// What became of a command.
+/// The result of a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CommandResult {
-    /// There was none.
+    /// There was no command.
     None,
     /// Taken.
     Accepted,
@@ -169,12 +169,12 @@ pub enum CommandResult {
     Aborted,
 }
 
-/// One axis as the device sees it.
+/// The state of an axis, as the device reports it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct AxisReading {
     /// Where it is; mm, or rad.
     pub actual: f64,
-    /// Where it is told to be at this moment; mm, or rad.
+    /// The commanded position at this moment; mm, or rad.
     pub commanded: f64,
     /// The device's own lower limit; mm, or rad.
     pub lower: f64,
@@ -182,7 +182,7 @@ pub struct AxisReading {
     pub upper: f64,
     /// The device's own greatest speed; mm/s, or rad/s.
     pub speed: f64,
-    /// What it does.
+    /// Its state.
     pub state: AxisState,
     /// Its reference is known.
     pub homed: bool,
@@ -199,15 +199,15 @@ pub struct AxisReading {
 pub struct Reading {
     /// The whole device.
     pub state: AxisState,
-    /// Who commands it.
+    /// Its mode.
     pub mode: Mode,
-    /// What it says about safety.
+    /// Its safety functions.
     pub safety: Safety,
-    /// The newest command that it has seen.
+    /// The acknowledgement of the newest command.
     pub acknowledged: Acknowledged,
     /// Its own fault code; 0 is none.
     pub fault_code: u32,
-    /// Counts while the device lives.
+    /// Counts while the program of the device runs.
     pub heartbeat: u16,
     /// Each axis.
     pub axes: Axes<AxisReading>,
@@ -218,5 +218,11 @@ impl Reading {
     #[must_use]
     pub fn position(&self) -> Position {
         self.axes.map(|_, axis| axis.actual)
+    }
+
+    /// Whether the device, or any axis, moves or may.
+    #[must_use]
+    pub fn moves(&self) -> bool {
+        self.state.moves() || self.axes.iter().any(|(_, axis)| axis.state.moves())
     }
 }

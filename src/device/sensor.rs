@@ -1,27 +1,27 @@
-//! What a profile sensor's adaptor promises.
+//! What the adaptor of a profile sensor guarantees, and that of the linear stage that carries the sensor along the rail.
 
-use super::Pending;
-use super::error::DeviceError;
 use std::time::Duration;
+
+use super::error::{DeviceError, Pending};
 
 /// A laser profile sensor behind its adaptor.
 pub trait ProfileSensor: Send {
     /// The name in the configuration, for messages.
     fn name(&self) -> &str;
 
-    /// Connects, or connects anew, and checks that the sensor is what the configuration says. Starts no laser.
+    /// Connects, or connects again, and checks that the sensor is the configured one. Does not switch the laser on.
     fn connect(&mut self) -> Pending<'_, Result<SensorReading, DeviceError>>;
 
-    /// Asks how it is. Between scans.
+    /// Reads the state, between scans.
     fn read(&mut self) -> Pending<'_, Result<SensorReading, DeviceError>>;
 
-    /// Makes it ready to take `profiles_count` profiles; they come as its trigger says.
+    /// Prepares it for `profiles_count` profiles; its trigger decides when each is taken.
     fn start(&mut self, profiles_count: u64) -> Pending<'_, Result<(), DeviceError>>;
 
     /// The profiles that have come since the last call, at least one; waits for it. Gaps, drops and faults are errors.
     fn receive(&mut self) -> Pending<'_, Result<Vec<Profile>, DeviceError>>;
 
-    /// Ends a scan, finished or not, and says whether the sensor lost anything during it. A sensor that runs without having
+    /// Ends a scan, finished or not, and reports whether the sensor lost anything during it. A sensor that runs without having
     /// been started here (by a process before us, or by another client) is stopped as well: its laser is on. Harmless where
     /// no scan runs.
     fn stop(&mut self) -> Pending<'_, Result<(), DeviceError>>;
@@ -61,21 +61,58 @@ pub struct Profile {
     pub y: Vec<f32>,
     /// z of every point, mm.
     pub z: Vec<f32>,
-    /// Places of the sensor's line that saw nothing.
+    /// Points of the sensor's line that were not measured.
     pub missing_count: u64,
 }
 
-/// How a sensor is.
+/// The state of a sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SensorReading {
     /// Model and serial number, as it gives them.
     pub model: String,
-    /// As it gives it.
+    /// As the sensor reports it.
     pub serial: String,
-    /// As it gives it.
+    /// As the sensor reports it.
     pub firmware: String,
-    /// It takes profiles now.
+    /// It is taking profiles, and its laser is on.
     pub running: bool,
-    /// °C, where it says so.
+    /// °C, if it reports it.
     pub temperature_c: Option<f64>,
+}
+
+/// The linear stage behind its adaptor. The rules for commands are those of a manipulator.
+pub trait Stage: Send {
+    /// The name in the configuration, for messages.
+    fn name(&self) -> &str;
+
+    /// Connects, or connects again, and reads. Moves nothing.
+    fn connect(&mut self) -> Pending<'_, Result<StageReading, DeviceError>>;
+
+    /// Reads the state once. Also a heartbeat for the device.
+    fn read(&mut self) -> Pending<'_, Result<StageReading, DeviceError>>;
+
+    /// Sends it to `target_mm` at `speed_mm_s`; returns when the command was handed over.
+    fn move_to(&mut self, fence: u64, target_mm: f64, speed_mm_s: f64) -> Pending<'_, Result<(), DeviceError>>;
+
+    /// Stops it.
+    fn halt(&mut self) -> Pending<'_, Result<(), DeviceError>>;
+}
+
+/// A stage's state, read at one moment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StageReading {
+    /// Where it is, mm along the rail.
+    pub actual_mm: f64,
+    /// Its limits, mm.
+    pub lower_mm: f64,
+    /// Its limits, mm.
+    pub upper_mm: f64,
+    /// Greatest speed, mm/s.
+    pub speed_mm_s: f64,
+    /// It moves.
+    pub moves: bool,
+    /// It is at its target.
+    pub in_position: bool,
+    /// Its own fault code; 0 is none.
+    pub fault_code: u32,
 }

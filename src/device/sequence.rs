@@ -1,5 +1,8 @@
-//! The arithmetic of command numbers: 1 to 65535, then 1 again; 0 is no number. In: numbers. Out: which comes next, and which
-//! of two came later.
+//! Which command is newer: by the sequence number of the command (1 to 65535, then 1 again; 0 is no number), and by the fencing
+//! token of its lease. Every adaptor keeps a [`FenceGate`] for as long as it lives, across reconnects: a command with the fencing
+//! token of an older lease is not sent.
+
+use super::error::DeviceError;
 
 /// How many numbers there are.
 const CIRCLE: u32 = u16::MAX as u32;
@@ -19,6 +22,32 @@ pub const fn is_newer(one: u16, other: u16) -> bool {
     }
     let ahead = (one as u32 + CIRCLE - other as u32) % CIRCLE;
     ahead != 0 && ahead <= CIRCLE / 2
+}
+
+/// The newest fencing token with which a device was commanded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct FenceGate {
+    newest: u64,
+}
+
+impl FenceGate {
+    /// Admits a command whose fencing token is not older than any before; to be called before it is sent.
+    ///
+    /// # Errors
+    /// [`DeviceError::Fenced`] if there was a command with a newer one.
+    pub fn admit(&mut self, device: &str, fence: u64) -> Result<(), DeviceError> {
+        if fence < self.newest {
+            return Err(DeviceError::Fenced { device: device.to_owned(), fence, newest: self.newest });
+        }
+        self.newest = fence;
+        Ok(())
+    }
+
+    /// The newest fencing token; 0 before the first command.
+    #[must_use]
+    pub const fn newest(&self) -> u64 {
+        self.newest
+    }
 }
 
 #[cfg(test)]
@@ -59,5 +88,19 @@ mod tests {
                 assert_ne!(is_newer(one, other), is_newer(other, one), "{one} and {other}");
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod fence_tests {
+    use super::*;
+
+    #[test]
+    fn an_older_fence_is_refused_and_the_newest_may_go_on() {
+        let mut gate = FenceGate::default();
+        assert!(gate.admit("m1", 7).is_ok() && gate.admit("m1", 7).is_ok() && gate.admit("m1", 9).is_ok());
+        let refused = gate.admit("m1", 8);
+        assert_eq!(refused, Err(DeviceError::Fenced { device: "m1".to_owned(), fence: 8, newest: 9 }));
+        assert_eq!(gate.newest(), 9);
     }
 }

@@ -1,10 +1,9 @@
-//! The numbers by which a PLC says the states of PLCopen: a known maker's table, or one's own. Every adaptor of a PLC reads
-//! states by it.
+//! The numbers of the PLCopen states in a PLC: the table of a known maker, or another one. Every adaptor of a PLC uses it.
 
 use super::manipulator::AxisState;
 use serde::{Deserialize, Serialize};
 
-/// A known maker's table, or one's own.
+/// The table of a known maker, or another one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(
     untagged,
@@ -31,7 +30,7 @@ pub enum StatePreset {
     Beckhoff,
     /// Micro800; by the maker's documentation.
     Rockwell,
-    /// SoftMotion SM3; from memory, not held against its documentation.
+    /// SoftMotion SM3; from memory, not compared with its documentation.
     Codesys,
 }
 
@@ -142,7 +141,7 @@ impl StateCodes {
         self.pairs().into_iter().find(|(_, _, known)| *known == Some(code)).map(|(_, state, _)| state)
     }
 
-    /// The number by which a device says a state; that of error stop where the maker has none for it.
+    /// The number of a state; that of error stop if the maker has none for it.
     #[must_use]
     pub fn code(self, state: AxisState) -> u16 {
         let code = self.pairs().into_iter().find(|(_, known, _)| *known == state).and_then(|(_, _, code)| code);

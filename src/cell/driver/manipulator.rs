@@ -1,18 +1,17 @@
-//! Attends one manipulator. Every command is sent once; an answer that was lost is looked for in what the device acknowledges.
+//! The driver of a manipulator. Every command is sent once; if its answer is lost, the acknowledgement in the next reading decides.
 
-use super::attend::{Attendant, Driver, Met};
-use super::call::Answer;
-use super::post::Post;
-use super::{Gone, Handling, News, Order, Outcome, Seen};
+use super::context::{Answer, DriverContext};
+use super::device_driver::{DeviceDriver, DriverTask, FirstReading};
+use super::messages::{DeviceReading, DriverEvent, DriverOrder, ManipulatorCommand, Outcome, SessionEnd};
 use crate::cell::failure::Failure;
-use crate::cell::now;
+use crate::device::clock::now;
 use crate::device::sequence::{is_newer, next};
 use crate::device::{Action, AxisState, Command, CommandResult, DeviceError, Manipulator, Mode, Pending, Reading};
 use crate::motion::Carrier;
 use tokio::sync::mpsc;
 use tokio::time::Instant;
 
-/// A command whose word is waited for.
+/// A command that is not acknowledged yet.
 #[derive(Debug, Clone, Copy)]
 struct Awaited {
     order: u64,
@@ -20,44 +19,42 @@ struct Awaited {
     until: Instant,
 }
 
-/// A halt after which the device was not seen at rest yet.
+/// A halt after which the device was not read at rest yet.
 #[derive(Debug, Clone, Copy)]
 struct Halting {
     number: u64,
     sequence: u16,
-    /// Unless it is acknowledged by then, it did not arrive.
+    /// If it is not acknowledged by then, it did not arrive.
     until: Instant,
 }
 
 /// The driver of a manipulator.
-pub(in crate::cell) type ManipulatorDriver = Driver<ManipulatorAttendant>;
-
-/// What is particular to it.
-pub(in crate::cell) struct ManipulatorAttendant {
+pub(in crate::cell) struct ManipulatorDriver {
     carrier: Carrier,
     device: Box<dyn Manipulator>,
-    /// Of the newest command, ours or another's; 0 before there was one.
+    /// Sequence number of the newest command, of this or of another client; 0 before the first.
     sequence: u16,
     awaited: Option<Awaited>,
     halting: Option<Halting>,
-    /// A command whose link was lost before its word came.
+    /// A command whose link was lost before its acknowledgement.
     in_doubt: Option<u16>,
-    /// As it was read last: it moves, and listens to us.
+    /// By the last reading: it moves, and takes our commands.
     moves: bool,
-    /// It comes to rest.
+    /// By the last reading: it comes to rest.
     stops: bool,
-    /// The number that it acknowledged last.
+    /// By the last reading: the sequence number that it has acknowledged.
     acknowledged: u16,
 }
 
 impl ManipulatorDriver {
-    pub(in crate::cell) const fn new(
+    /// The task of the driver.
+    pub(in crate::cell) const fn task(
         carrier: Carrier,
         device: Box<dyn Manipulator>,
-        post: Post,
-        orders: mpsc::Receiver<Order<Handling>>,
-    ) -> Self {
-        let attendant = ManipulatorAttendant {
+        context: DriverContext,
+        orders: mpsc::Receiver<DriverOrder<ManipulatorCommand>>,
+    ) -> DriverTask<Self> {
+        let driver = Self {
             carrier,
             device,
             sequence: 0,
@@ -68,86 +65,90 @@ impl ManipulatorDriver {
             stops: false,
             acknowledged: 0,
         };
-        Self::of(attendant, post, orders)
+        DriverTask::new(driver, context, orders)
     }
 }
 
-impl Attendant for ManipulatorAttendant {
-    type Errand = Handling;
+impl DeviceDriver for ManipulatorDriver {
+    type Command = ManipulatorCommand;
 
-    fn connect(&mut self) -> Pending<'_, Answer<Met>> {
+    fn connect(&mut self) -> Pending<'_, Answer<FirstReading>> {
         Box::pin(async move {
             let reading = self.device.connect().await?;
             self.follow(&reading);
             let seen = reading.acknowledged.sequence;
-            let resolved = |sequence| News::Resolved { sequence, taken: seen == sequence };
-            Ok((Seen::Manipulator(reading), self.in_doubt.take().map(resolved)))
+            let resolved = |sequence| DriverEvent::Resolved { sequence, taken: seen == sequence };
+            Ok((DeviceReading::Manipulator(reading), self.in_doubt.take().map(resolved)))
         })
     }
 
-    async fn read(&mut self, post: &mut Post) -> Result<(), Gone> {
-        let reading = post.ask(self.device.read()).await?.map_err(Gone::Lost)?;
+    async fn read(&mut self, context: &mut DriverContext) -> Result<(), SessionEnd> {
+        let reading = context.ask(self.device.read()).await?.map_err(SessionEnd::Lost)?;
         let overtaken = is_newer(reading.acknowledged.sequence, self.sequence);
         self.follow(&reading);
-        self.moves = moves(&reading) && listens(&reading);
+        self.moves = reading.moves() && listens(&reading);
         self.stops = reading.state == AxisState::Stopping;
         self.acknowledged = reading.acknowledged.sequence;
-        let word = self.awaited.and_then(|awaited| self.word(post, awaited, &reading));
+        let outcome = self.awaited.and_then(|awaited| self.outcome_of(context, awaited, &reading));
         let rested = self.halting.filter(|halting| rests(halting, &reading));
         if rested.is_some() {
             self.halting = None;
         }
-        if word.is_some() {
+        if outcome.is_some() {
             self.awaited = None;
         }
-        // What was read comes before what it means, so that nobody acts on the word by an older reading.
-        let busy = self.awaited.is_some() || self.halting.is_some() || moves(&reading);
-        post.seen(Seen::Manipulator(reading), busy).await;
+        // The reading is reported before its consequences, so that the outcome is not judged by an older reading.
+        let busy = self.awaited.is_some() || self.halting.is_some() || reading.moves();
+        context.report_reading(DeviceReading::Manipulator(reading), busy).await;
         if let Some(Halting { number, .. }) = rested {
-            post.rested(number).await;
+            context.rested(number).await;
         }
-        if let Some((order, outcome)) = word {
-            post.told(order, outcome).await;
+        if let Some((order, outcome)) = outcome {
+            context.report_outcome(order, outcome).await;
         }
-        self.mind_halt(post, overtaken)
+        self.check_halt(context, overtaken)
     }
 
-    async fn halt(&mut self, post: &mut Post) -> Result<(), Gone> {
-        let halts = post.halts();
-        self.leave(post, None).await;
-        // What the device acknowledges from here on is the halt.
+    async fn halt(&mut self, context: &mut DriverContext) -> Result<(), SessionEnd> {
+        let halts = context.halts();
+        self.leave(context, None).await;
+        // From here on the device acknowledges the halt.
         self.in_doubt = None;
-        let command = self.command(post, halts.fence, Action::Halt);
-        let answer = post.ask_for_halt(self.device.send(&command)).await?;
+        let command = self.command(context, halts.fence, Action::Halt);
+        let answer = context.ask_for_halt(self.device.send(&command)).await?;
         let refusal = answer.clone().err();
         self.halting = None;
-        if post.halted(halts.number, answer).await? {
-            let until = now() + post.timing.acknowledge;
+        if context.halted(halts.number, answer).await? {
+            let until = now() + context.timing.acknowledge;
             self.halting = Some(Halting { number: halts.number, sequence: command.sequence, until });
         }
-        self.read(post).await?;
+        self.read(context).await?;
         match refusal.filter(|_| self.moves) {
-            // To go on reading is to keep it alive: left alone, it stops by its watchdog.
-            Some(refusal) => Err(Gone::Lost(refusal)),
+            // Further readings would keep the motion alive; without them the device stops by its watchdog.
+            Some(refusal) => Err(SessionEnd::Lost(refusal)),
             None => Ok(()),
         }
     }
 
-    /// Sends a command once. Where its answer is lost and the link is not, what the device acknowledges decides.
-    async fn obey(&mut self, post: &mut Post, order: Order<Handling>) -> Result<(), Gone> {
-        let Handling::Send(action) = order.errand else { return self.read(post).await };
-        let command = self.command(post, order.fence, action);
-        let until = now() + post.timing.acknowledge;
+    /// Sends a command once. If only its answer is lost, the acknowledgement of the device decides.
+    async fn obey(
+        &mut self,
+        context: &mut DriverContext,
+        order: DriverOrder<ManipulatorCommand>,
+    ) -> Result<(), SessionEnd> {
+        let ManipulatorCommand::Send(action) = order.command else { return self.read(context).await };
+        let command = self.command(context, order.fence, action);
+        let until = now() + context.timing.acknowledge;
         self.awaited = Some(Awaited { order: order.number, sequence: command.sequence, until });
-        match post.ask(self.device.send(&command)).await? {
-            Err(error @ DeviceError::LinkLost { .. }) => Err(Gone::Lost(error)),
+        match context.ask(self.device.send(&command)).await? {
+            Err(error @ DeviceError::LinkLost { .. }) => Err(SessionEnd::Lost(error)),
             Err(error) if !error.leaves_unknown() => {
                 self.awaited = None;
-                post.told(order.number, Outcome::Refused(error)).await;
+                context.report_outcome(order.number, Outcome::Refused(error)).await;
                 Ok(())
             }
-            Ok(()) | Err(_) if post.halt_is_due() => Ok(()),
-            Ok(()) | Err(_) => self.read(post).await,
+            Ok(()) | Err(_) if context.halt_is_due() => Ok(()),
+            Ok(()) | Err(_) => self.read(context).await,
         }
     }
 
@@ -155,49 +156,49 @@ impl Attendant for ManipulatorAttendant {
         self.awaited.is_none()
     }
 
-    async fn leave(&mut self, post: &mut Post, error: Option<&DeviceError>) {
+    async fn leave(&mut self, context: &mut DriverContext, error: Option<&DeviceError>) {
         let Some(Awaited { order, sequence, .. }) = self.awaited.take() else { return };
         self.in_doubt = Some(sequence);
         let failure = error.cloned().map(Failure::Device);
-        post.told(order, failure.map_or(Outcome::Cut, Outcome::Unknown)).await;
+        context.report_outcome(order, failure.map_or(Outcome::Cut, Outcome::Unknown)).await;
     }
 }
 
-impl ManipulatorAttendant {
-    /// A halt that somebody else's command has overtaken goes out again. One that is not acknowledged in time while the device
-    /// moves costs the link: our reading would keep the motion alive, and left alone the device stops by its watchdog.
-    fn mind_halt(&mut self, post: &mut Post, overtaken: bool) -> Result<(), Gone> {
+impl ManipulatorDriver {
+    /// Sends a halt again if another client's command came after it. If the device moves and does not acknowledge the halt in time,
+    /// the link is closed: readings would keep the motion alive, and without them the device stops by its watchdog.
+    fn check_halt(&mut self, context: &mut DriverContext, overtaken: bool) -> Result<(), SessionEnd> {
         let Some(Halting { sequence, until, .. }) = self.halting else { return Ok(()) };
         let late = self.moves && now() >= until;
-        // A number that it knows already, from somebody else, is acknowledged and not obeyed.
+        // A sequence number that the device already knows from another client is acknowledged, but not executed.
         if overtaken || (late && !self.stops) {
-            post.halt_again();
+            context.halt_again();
         }
         let unheard = late && self.acknowledged != sequence;
-        if unheard { Err(Gone::Lost(post.unheard())) } else { Ok(()) }
+        if unheard { Err(SessionEnd::Lost(context.unheard())) } else { Ok(()) }
     }
 
-    /// Counts on from the device's number, where somebody else has commanded it: it would not listen to an older one, and not
-    /// to a halt either.
+    /// Continues from the sequence number of the device if another client has commanded it: the device would ignore an older number,
+    /// also that of a halt.
     const fn follow(&mut self, reading: &Reading) {
         if is_newer(reading.acknowledged.sequence, self.sequence) {
             self.sequence = reading.acknowledged.sequence;
         }
     }
 
-    const fn command(&mut self, post: &Post, fence: u64, action: Action) -> Command {
+    const fn command(&mut self, context: &DriverContext, fence: u64, action: Action) -> Command {
         self.sequence = next(self.sequence);
-        Command { sequence: self.sequence, fence, watchdog: post.timing.watchdog, action }
+        Command { sequence: self.sequence, fence, watchdog: context.timing.watchdog, action }
     }
 
-    /// What the device says about the command that is waited for; none while that may still come.
-    fn word(&self, post: &Post, awaited: Awaited, reading: &Reading) -> Option<(u64, Outcome)> {
+    /// The outcome of the command that is not acknowledged yet; none while it may still be acknowledged.
+    fn outcome_of(&self, context: &DriverContext, awaited: Awaited, reading: &Reading) -> Option<(u64, Outcome)> {
         let (Awaited { order, sequence, until }, carrier) = (awaited, self.carrier);
         let acknowledged = reading.acknowledged;
         let outcome = if acknowledged.sequence == sequence {
             match acknowledged.result {
                 CommandResult::Rejected => {
-                    Outcome::Refused(DeviceError::Rejected { device: post.name.clone(), code: reading.fault_code })
+                    Outcome::Refused(DeviceError::Rejected { device: context.name.clone(), code: reading.fault_code })
                 }
                 CommandResult::Aborted => Outcome::Unknown(Failure::Aborted { carrier, sequence }),
                 CommandResult::None | CommandResult::Accepted | CommandResult::Running | CommandResult::Done => {
@@ -205,7 +206,7 @@ impl ManipulatorAttendant {
                 }
             }
         } else if now() >= until {
-            Outcome::Unknown(Failure::NotAcknowledged { carrier, sequence, within: post.timing.acknowledge })
+            Outcome::Unknown(Failure::NotAcknowledged { carrier, sequence, within: context.timing.acknowledge })
         } else {
             return None;
         };
@@ -213,17 +214,12 @@ impl ManipulatorAttendant {
     }
 }
 
-/// Whether the device stands after a halt: it has seen the halt, or does not listen to us, and no axis moves.
+/// Whether the device is at rest after a halt: it has acknowledged the halt, or does not take our commands, and no axis moves.
 fn rests(halting: &Halting, reading: &Reading) -> bool {
     let heard = reading.acknowledged.sequence == halting.sequence;
-    (heard || !listens(reading)) && !moves(reading)
+    (heard || !listens(reading)) && !reading.moves()
 }
 
 fn listens(reading: &Reading) -> bool {
     reading.mode == Mode::Automatic && reading.safety.remote_enabled
-}
-
-/// Whether the device, or any axis, moves or may.
-pub(in crate::cell) fn moves(reading: &Reading) -> bool {
-    reading.state.moves() || reading.axes.iter().any(|(_, axis)| axis.state.moves())
 }

@@ -1,176 +1,173 @@
-//! Drives the sensor: asks how it is between scans; in a scan, hands its profiles over as they come, and checks that none is
-//! missing. It moves nothing, but its laser is a hazard like a motion: a halt switches it off and is over when the sensor was
-//! read not to run any more, and a sensor that is found running on connecting is switched off before anything else.
+//! The driver of the sensor: reads it between scans; during a scan it sends the profiles on as they come, and checks that none is
+//! missing. The sensor moves nothing, but its laser is a hazard like a motion: a halt switches it off, and has ended when a reading
+//! shows that the sensor does not run any more. A sensor that is found running on connecting is stopped before anything else.
 
-use super::attend::{Attendant, Driver, Met};
-use super::call::{Answer, raised};
-use super::post::Post;
-use super::{Gone, News, Order, Outcome, Seen, Taking};
+use super::context::{Answer, DriverContext, raised};
+use super::device_driver::{DeviceDriver, DriverTask, FirstReading};
+use super::messages::{Acquisition, DeviceReading, DriverEvent, DriverOrder, Outcome, SessionEnd};
 use crate::cell::failure::Failure;
-use crate::device::{DeviceError, Pending, Profile, ProfileSensor, ScanFault, SensorDeadlines};
+use crate::device::Pending;
+use crate::device::{DeviceError, Profile, ProfileSensor, ScanFault, SensorDeadlines};
 use tokio::sync::mpsc;
 use tokio::time::timeout;
 
 /// The driver of the sensor.
-pub(in crate::cell) type SensorDriver = Driver<SensorAttendant>;
-
-/// What is particular to it.
-pub(in crate::cell) struct SensorAttendant {
+pub(in crate::cell) struct SensorDriver {
     device: Box<dyn ProfileSensor>,
     deadlines: SensorDeadlines,
-    /// A halt after which the sensor was not read to have stopped yet.
+    /// A halt after which the sensor was not read stopped yet.
     halting: Option<u64>,
-    /// The sensor was running when the link came up, so that no scan of ours needs its laser.
+    /// The sensor was running when the link came up, without a scan of this cell.
     found_running: bool,
 }
 
-/// How the taking of profiles ended.
-enum Ending {
-    /// All came, or the scan cannot be whole.
+/// How an acquisition ended.
+enum AcquisitionEnd {
+    /// All profiles were received, or the scan is incomplete.
     Scan(Result<(), Failure>),
     /// A halt came first.
     Halted,
-    /// The link, or the cell, is gone.
-    Gone(Gone),
+    /// The link failed, or the cell has ended.
+    SessionEnd(SessionEnd),
 }
 
 impl SensorDriver {
-    pub(in crate::cell) fn new(
+    /// The task of the driver.
+    pub(in crate::cell) fn task(
         device: Box<dyn ProfileSensor>,
-        post: Post,
-        orders: mpsc::Receiver<Order<Taking>>,
-    ) -> Self {
+        context: DriverContext,
+        orders: mpsc::Receiver<DriverOrder<Acquisition>>,
+    ) -> DriverTask<Self> {
         let deadlines = device.deadlines();
-        Self::of(SensorAttendant { device, deadlines, halting: None, found_running: false }, post, orders)
+        DriverTask::new(Self { device, deadlines, halting: None, found_running: false }, context, orders)
     }
 }
 
-impl Attendant for SensorAttendant {
-    type Errand = Taking;
+impl DeviceDriver for SensorDriver {
+    type Command = Acquisition;
 
-    fn connect(&mut self) -> Pending<'_, Answer<Met>> {
+    fn connect(&mut self) -> Pending<'_, Answer<FirstReading>> {
         Box::pin(async move {
             let reading = self.device.connect().await?;
             self.found_running = reading.running;
-            Ok((Seen::Sensor(reading), None))
+            Ok((DeviceReading::Sensor(reading), None))
         })
     }
 
-    async fn settle(&mut self, post: &mut Post) -> Result<(), Gone> {
-        // A halt that is due switches it off as well.
-        if self.found_running && !post.halt_is_due() { self.read(post).await } else { Ok(()) }
+    async fn settle(&mut self, context: &mut DriverContext) -> Result<(), SessionEnd> {
+        // A halt that is due stops it as well.
+        if self.found_running && !context.halt_is_due() { self.read(context).await } else { Ok(()) }
     }
 
-    /// Where the sensor was found running, it is switched off first, again with every reading until it has stopped.
-    async fn read(&mut self, post: &mut Post) -> Result<(), Gone> {
+    /// A sensor that was found running is stopped first, again with every reading until it has stopped.
+    async fn read(&mut self, context: &mut DriverContext) -> Result<(), SessionEnd> {
         if self.found_running {
-            tracing::warn!(device = %post.name, "the sensor was found running without a scan; it is stopped");
-            match self.switch_off(post).await? {
-                Err(error) if error.leaves_unknown() => return Err(Gone::Lost(error)),
-                Err(error) => post.tell(News::WillNotHalt { error }).await,
+            tracing::warn!(device = %context.name, "the sensor was found running without a scan; it is stopped");
+            match self.switch_off(context).await? {
+                Err(error) if error.leaves_unknown() => return Err(SessionEnd::Lost(error)),
+                Err(error) => context.report(DriverEvent::HaltRefused { error }).await,
                 Ok(()) => {}
             }
         }
-        self.look(post).await
+        self.look(context).await
     }
 
-    /// Where the answer is lost, the connection is made anew at once and the halt sent again: nothing but we switches the laser
-    /// off.
-    async fn halt(&mut self, post: &mut Post) -> Result<(), Gone> {
-        let number = post.halts().number;
-        let answer = self.switch_off(post).await?;
+    /// If the answer is lost, the driver connects again at once and repeats the halt, because nothing else switches the laser off.
+    async fn halt(&mut self, context: &mut DriverContext) -> Result<(), SessionEnd> {
+        let number = context.halts().number;
+        let answer = self.switch_off(context).await?;
         if answer.as_ref().is_err_and(DeviceError::leaves_unknown) {
-            return Err(Gone::Cut);
+            return Err(SessionEnd::Cut);
         }
-        self.halting = post.halted(number, answer).await?.then_some(number);
-        self.look(post).await
+        self.halting = context.halted(number, answer).await?.then_some(number);
+        self.look(context).await
     }
 
-    async fn obey(&mut self, post: &mut Post, order: Order<Taking>) -> Result<(), Gone> {
-        let Order { number, errand, .. } = order;
-        match post.ask_within(self.device.start(errand.profiles_count), self.deadlines.start).await? {
-            Ok(()) => post.told(number, Outcome::Taken { sequence: 0 }).await,
-            Err(error) if error.leaves_unknown() => return Err(Gone::Lost(error)),
+    async fn obey(&mut self, context: &mut DriverContext, order: DriverOrder<Acquisition>) -> Result<(), SessionEnd> {
+        let DriverOrder { number, command, .. } = order;
+        match context.ask_within(self.device.start(command.profiles_count), self.deadlines.start).await? {
+            Ok(()) => context.report_outcome(number, Outcome::Taken { sequence: 0 }).await,
+            Err(error) if error.leaves_unknown() => return Err(SessionEnd::Lost(error)),
             Err(error) => {
-                post.told(number, Outcome::Refused(error)).await;
+                context.report_outcome(number, Outcome::Refused(error)).await;
                 return Ok(());
             }
         }
-        let ending = self.take(post, errand).await;
-        post.pace(false);
+        let ending = self.take(context, command).await;
+        context.pace(false);
         match ending {
-            Ending::Halted => Ok(()),
-            Ending::Gone(gone) => Err(gone),
-            Ending::Scan(result) => {
-                self.conclude(post, result).await?;
-                // It was not asked during the scan; the next one may be ordered at once.
-                self.look(post).await
+            AcquisitionEnd::Halted => Ok(()),
+            AcquisitionEnd::SessionEnd(gone) => Err(gone),
+            AcquisitionEnd::Scan(result) => {
+                self.conclude(context, result).await?;
+                // It was not read during the scan; the next one may be ordered at once.
+                self.look(context).await
             }
         }
     }
 }
 
-impl SensorAttendant {
-    /// Reads, and says whether the sensor has stopped after a halt.
-    async fn look(&mut self, post: &mut Post) -> Result<(), Gone> {
-        let reading = post.ask(self.device.read()).await?.map_err(Gone::Lost)?;
+impl SensorDriver {
+    /// Reads the sensor, and reports whether it has stopped after a halt.
+    async fn look(&mut self, context: &mut DriverContext) -> Result<(), SessionEnd> {
+        let reading = context.ask(self.device.read()).await?.map_err(SessionEnd::Lost)?;
         self.found_running &= reading.running;
         let stopped = self.halting.take_if(|_| !reading.running);
-        post.seen(Seen::Sensor(reading), self.halting.is_some()).await;
+        context.report_reading(DeviceReading::Sensor(reading), self.halting.is_some()).await;
         if let Some(number) = stopped {
-            post.rested(number).await;
+            context.rested(number).await;
         }
         Ok(())
     }
 
-    /// What a scan has lost is no reason against its stop.
-    async fn switch_off(&mut self, post: &mut Post) -> Result<Answer<()>, Gone> {
-        let answer = post.ask_for_halt_within(self.device.stop(), self.deadlines.stop).await?;
+    /// Stops the sensor. A fault of the scan is no failure of the stop.
+    async fn switch_off(&mut self, context: &mut DriverContext) -> Result<Answer<()>, SessionEnd> {
+        let answer = context.ask_for_halt_within(self.device.stop(), self.deadlines.stop).await?;
         Ok(answer.or_else(|error| if matches!(error, DeviceError::ScanFault { .. }) { Ok(()) } else { Err(error) }))
     }
 
-    /// The sensor has the last word on whether it lost anything.
-    async fn conclude(&mut self, post: &mut Post, result: Result<(), Failure>) -> Result<(), Gone> {
-        let stopped = post.ask_within(self.device.stop(), self.deadlines.stop).await?;
+    /// Ends the scan: the sensor reports whether it lost anything.
+    async fn conclude(&mut self, context: &mut DriverContext, result: Result<(), Failure>) -> Result<(), SessionEnd> {
+        let stopped = context.ask_within(self.device.stop(), self.deadlines.stop).await?;
         let lost = stopped.clone().err().filter(DeviceError::leaves_unknown);
         let result = result.and_then(|()| stopped.map_err(Failure::Device));
-        post.tell(News::ScanEnded { result }).await;
-        lost.map_or(Ok(()), |error| Err(Gone::Lost(error)))
+        context.report(DriverEvent::ScanEnded { result }).await;
+        lost.map_or(Ok(()), |error| Err(SessionEnd::Lost(error)))
     }
 
-    /// Hands over what comes until all have come.
-    async fn take(&mut self, post: &mut Post, taking: Taking) -> Ending {
+    /// Sends the profiles on until all were received.
+    async fn take(&mut self, context: &mut DriverContext, taking: Acquisition) -> AcquisitionEnd {
         let mut received_count = 0;
         while received_count < taking.profiles_count {
-            let handled = post.handled;
+            let handled = context.handled;
             let received = tokio::select! {
                 biased;
-                raised = raised(&mut post.halts, handled) => {
-                    return if raised { Ending::Halted } else { Ending::Gone(Gone::Closed) };
+                raised = raised(&mut context.halts, handled) => {
+                    return if raised { AcquisitionEnd::Halted } else { AcquisitionEnd::SessionEnd(SessionEnd::Closed) };
                 }
                 received = self.device.receive() => received,
             };
             let mut profiles = match received {
                 Ok(profiles) => profiles,
-                Err(error) if error.leaves_unknown() => return Ending::Gone(Gone::Lost(error)),
-                Err(error) => return Ending::Scan(Err(Failure::Device(error))),
+                Err(error) if error.leaves_unknown() => return AcquisitionEnd::SessionEnd(SessionEnd::Lost(error)),
+                Err(error) => return AcquisitionEnd::Scan(Err(Failure::Device(error))),
             };
             let due = usize::try_from(taking.profiles_count - received_count).unwrap_or(usize::MAX);
             profiles.truncate(due);
-            received_count = match whole(&post.name, received_count, &profiles) {
+            received_count = match whole(&context.name, received_count, &profiles) {
                 Ok(count) => count,
-                Err(failure) => return Ending::Scan(Err(failure)),
+                Err(failure) => return AcquisitionEnd::Scan(Err(failure)),
             };
             if !matches!(timeout(taking.patience, taking.sink.send(profiles)).await, Ok(Ok(()))) {
-                return Ending::Scan(Err(Failure::ProfilesNotTaken));
+                return AcquisitionEnd::Scan(Err(Failure::ProfilesNotTaken));
             }
-            post.tell(News::Profiles { received_count }).await;
+            context.report(DriverEvent::Profiles { received_count }).await;
         }
-        Ending::Scan(Ok(()))
+        AcquisitionEnd::Scan(Ok(()))
     }
 }
 
-/// Whether these are the ones that were due; says how many there are then.
+/// Checks that these profiles follow the ones before, and returns how many were received now.
 fn whole(sensor: &str, received_count: u64, profiles: &[Profile]) -> Result<u64, Failure> {
     let mut expected = received_count;
     for profile in profiles {

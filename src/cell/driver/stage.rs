@@ -1,87 +1,84 @@
-//! Attends the stage, by the rules of a manipulator. The stage acknowledges nothing, so that an answer that is lost is a link
-//! that is lost.
+//! The driver of the stage, with the rules of a manipulator. The stage acknowledges no commands, so a lost answer means a lost link.
 
-use super::attend::{Attendant, Driver, Met};
-use super::call::Answer;
-use super::post::Post;
-use super::{Gone, Order, Outcome, Seen, Travel};
+use super::context::{Answer, DriverContext};
+use super::device_driver::{DeviceDriver, DriverTask, FirstReading};
+use super::messages::{DeviceReading, DriverOrder, Outcome, SessionEnd, StageCommand};
 use crate::cell::failure::Failure;
-use crate::device::{Pending, Stage};
+use crate::device::Pending;
+use crate::device::Stage;
 use tokio::sync::mpsc;
 
 /// The driver of the stage.
-pub(in crate::cell) type StageDriver = Driver<StageAttendant>;
-
-/// What is particular to it.
-pub(in crate::cell) struct StageAttendant {
+pub(in crate::cell) struct StageDriver {
     device: Box<dyn Stage>,
-    /// A halt after which it was not seen at rest yet.
+    /// A halt after which it was not read at rest yet.
     halting: Option<u64>,
-    /// As it was read last.
+    /// By the last reading.
     moves: bool,
 }
 
 impl StageDriver {
-    pub(in crate::cell) const fn new(
+    /// The task of the driver.
+    pub(in crate::cell) const fn task(
         device: Box<dyn Stage>,
-        post: Post,
-        orders: mpsc::Receiver<Order<Travel>>,
-    ) -> Self {
-        Self::of(StageAttendant { device, halting: None, moves: false }, post, orders)
+        context: DriverContext,
+        orders: mpsc::Receiver<DriverOrder<StageCommand>>,
+    ) -> DriverTask<Self> {
+        DriverTask::new(Self { device, halting: None, moves: false }, context, orders)
     }
 }
 
-impl Attendant for StageAttendant {
-    type Errand = Travel;
+impl DeviceDriver for StageDriver {
+    type Command = StageCommand;
 
-    fn connect(&mut self) -> Pending<'_, Answer<Met>> {
-        Box::pin(async move { Ok((Seen::Stage(self.device.connect().await?), None)) })
+    fn connect(&mut self) -> Pending<'_, Answer<FirstReading>> {
+        Box::pin(async move { Ok((DeviceReading::Stage(self.device.connect().await?), None)) })
     }
 
-    async fn read(&mut self, post: &mut Post) -> Result<(), Gone> {
-        let reading = post.ask(self.device.read()).await?.map_err(Gone::Lost)?;
+    async fn read(&mut self, context: &mut DriverContext) -> Result<(), SessionEnd> {
+        let reading = context.ask(self.device.read()).await?.map_err(SessionEnd::Lost)?;
         let rested = self.halting.take_if(|_| !reading.moves);
         self.moves = reading.moves;
-        post.seen(Seen::Stage(reading), reading.moves).await;
+        context.report_reading(DeviceReading::Stage(reading), reading.moves).await;
         if let Some(number) = rested {
-            post.rested(number).await;
+            context.rested(number).await;
         }
         Ok(())
     }
 
-    async fn halt(&mut self, post: &mut Post) -> Result<(), Gone> {
-        let number = post.halts().number;
-        let answer = post.ask_for_halt(self.device.halt()).await?;
+    async fn halt(&mut self, context: &mut DriverContext) -> Result<(), SessionEnd> {
+        let number = context.halts().number;
+        let answer = context.ask_for_halt(self.device.halt()).await?;
         let refusal = answer.clone().err();
-        if post.halted(number, answer).await? {
+        if context.halted(number, answer).await? {
             self.halting = Some(number);
         }
-        self.read(post).await?;
+        self.read(context).await?;
         match refusal.filter(|_| self.moves) {
-            // To go on reading is to keep it alive: left alone, it stops by its watchdog.
-            Some(refusal) => Err(Gone::Lost(refusal)),
+            // Further readings would keep the motion alive; without them the stage stops by its watchdog.
+            Some(refusal) => Err(SessionEnd::Lost(refusal)),
             None => Ok(()),
         }
     }
 
-    async fn obey(&mut self, post: &mut Post, order: Order<Travel>) -> Result<(), Gone> {
-        let Order { number, fence, errand, .. } = order;
-        let Travel::To { target_mm, speed_mm_s } = errand else { return self.read(post).await };
-        let answer = post.ask(self.device.move_to(fence, target_mm, speed_mm_s)).await;
+    async fn obey(&mut self, context: &mut DriverContext, order: DriverOrder<StageCommand>) -> Result<(), SessionEnd> {
+        let DriverOrder { number, fence, command, .. } = order;
+        let StageCommand::MoveTo { target_mm, speed_mm_s } = command else { return self.read(context).await };
+        let answer = context.ask(self.device.move_to(fence, target_mm, speed_mm_s)).await;
         let (outcome, gone) = match answer {
             Ok(Ok(())) => (Outcome::Taken { sequence: 0 }, None),
             Ok(Err(error)) if !error.leaves_unknown() => (Outcome::Refused(error), None),
-            Ok(Err(error)) | Err(Gone::Lost(error)) => {
-                (Outcome::Unknown(Failure::Device(error.clone())), Some(Gone::Lost(error)))
+            Ok(Err(error)) | Err(SessionEnd::Lost(error)) => {
+                (Outcome::Unknown(Failure::Device(error.clone())), Some(SessionEnd::Lost(error)))
             }
-            // Its bytes may have gone.
-            Err(gone @ (Gone::Cut | Gone::Closed)) => (Outcome::Cut, Some(gone)),
+            // It may have been sent.
+            Err(gone @ (SessionEnd::Cut | SessionEnd::Closed)) => (Outcome::Cut, Some(gone)),
         };
-        post.told(number, outcome).await;
+        context.report_outcome(number, outcome).await;
         match gone {
             Some(gone) => Err(gone),
-            None if post.halt_is_due() => Ok(()),
-            None => self.read(post).await,
+            None if context.halt_is_due() => Ok(()),
+            None => self.read(context).await,
         }
     }
 }

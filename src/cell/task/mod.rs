@@ -1,54 +1,57 @@
-//! The one task: looks for stops first, then for what the drivers report, then for requests, then at the time; puts each to
-//! the state machine, does what the verdict says, and publishes. Waits for no device, ever.
+//! The task of the cell: takes stops first, then reports of the drivers, then requests, then deadlines; puts each to the state
+//! machine, executes the effects of the verdict, and publishes a snapshot. It never waits for a device.
 //!
-//! `requests` answers what is asked, `waiting` lets those wait that need a newer reading, `reports` takes what the drivers say,
-//! `acts` does what was decided, `publish` shows it.
+//! `requests` answers requests, `reports` takes the reports of the drivers, `effects` does what the machine has decided.
 
-mod acts;
-mod publish;
+mod effects;
 mod reports;
 mod requests;
-mod waiting;
 
-use super::driver::{HaltAtEnd, HaltFlag, Halts, Handling, Order, Report, Taking, Travel};
-use super::events::EventKind;
-use super::events::EventLog;
-use super::failure::Fault;
-use super::input::Taken;
-use super::input::{Act, Input, Member, Verdict};
-use super::lease::Bounds;
-use super::now;
-use super::refusal::Refusal;
-use super::request::Request;
-use super::settings::Settings;
-use super::snapshot::{Live, Snapshot};
-use super::state::{Machine, State};
-use super::work::{Course, Purpose};
-use crate::device::{Reading, SensorDeadlines, SensorReading, StageReading};
-use crate::motion::Pair;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
+
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::{Instant, sleep_until};
-use waiting::{Commanded, Waiting};
 
-/// The lines to the drivers.
-pub(super) struct Lines {
-    pub(super) manipulators: Pair<mpsc::Sender<Order<Handling>>>,
-    pub(super) stage: Option<mpsc::Sender<Order<Travel>>>,
-    pub(super) sensor: Option<mpsc::Sender<Order<Taking>>>,
+use crate::device::{Reading, SensorDeadlines, SensorReading, StageReading};
+use crate::motion::Pair;
+
+use super::driver::messages::{Acquisition, DriverOrder, ManipulatorCommand, Report, StageCommand};
+use super::events::{EventKind, EventLog};
+use super::failure::Fault;
+
+use super::input::{Activity, Effect, Input, Member, Taken, Verdict};
+use super::lease::TimeToLiveBounds;
+use super::machine::Machine;
+use super::obstacles;
+use super::refusal::Refusal;
+use super::request::Request;
+
+use super::scanning::Scanning;
+use super::settings::Settings;
+use super::snapshot::{Live, Snapshot};
+use super::state::State;
+use super::stop::{HaltAtEnd, HaltFlag, Halts};
+use super::work::{ActiveWork, Purpose};
+use crate::device::clock::now;
+
+/// Where the task sends the commands for the drivers.
+pub(super) struct Drivers {
+    pub(super) manipulators: Pair<mpsc::Sender<DriverOrder<ManipulatorCommand>>>,
+    pub(super) stage: Option<mpsc::Sender<DriverOrder<StageCommand>>>,
+    pub(super) sensor: Option<mpsc::Sender<DriverOrder<Acquisition>>>,
     /// How long the sensor's adaptor itself waits.
     pub(super) sensor_deadlines: SensorDeadlines,
 }
 
-/// After a halt, who was seen at rest, and until when that is waited for.
+/// The halt after which the task waits for every device to be at rest, and the deadline.
 #[derive(Debug, Clone, Copy)]
 struct Rest {
     halt: u64,
     until: Instant,
 }
 
-/// After a reset, which devices have to be read, and since when.
+/// After a reset: which devices were read, and the times since which a reading counts.
 #[derive(Debug, Clone, Copy)]
 struct Rereading {
     since: Pair<Instant>,
@@ -58,15 +61,15 @@ struct Rereading {
     until: Instant,
 }
 
-/// The task and all that it knows.
-pub(super) struct Task {
+/// The task and its data.
+pub(super) struct CellTask {
     settings: Settings,
-    lines: Lines,
+    drivers: Drivers,
     flag: Arc<HaltFlag>,
     halts: watch::Receiver<Halts>,
-    /// Stops that were requested and put to the machine.
+    /// Number of the requested stops that were put to the machine.
     stops_seen: u64,
-    /// Halts that the task knows of; orders carry it, so that a halt it does not know yet overtakes them.
+    /// The newest halt that the task knows; commands carry it, so that they are not sent after a newer halt.
     halts_known: u64,
     log: Arc<EventLog>,
     machine: Machine,
@@ -76,36 +79,36 @@ pub(super) struct Task {
     rested: BTreeMap<Member, u64>,
     rest: Option<Rest>,
     rereading: Option<Rereading>,
-    prepared: Option<Course>,
-    course: Option<Course>,
+    prepared: Option<ActiveWork>,
+    active: Option<ActiveWork>,
     orders_count: u64,
     purposes: BTreeMap<u64, Purpose>,
     /// The last command to each manipulator.
     commanded: Pair<Commanded>,
     waiting: VecDeque<Waiting>,
-    /// Jobs that were begun, newest last: none of them is begun again.
+    /// Ids of the jobs that were started, newest last: none of them is started again.
     begun: VecDeque<String>,
     closers: Vec<oneshot::Sender<()>>,
-    /// Somebody holds the cell, and may ask.
+    /// A handle of the cell exists.
     held: bool,
 }
 
-/// What the devices said last: nothing yet.
+/// The last readings of the devices: none yet.
 type Lives = (Pair<Live<Reading>>, Option<Live<StageReading>>, Option<Live<SensorReading>>);
 
-impl Task {
+impl CellTask {
     pub(super) fn new(
         settings: Settings,
-        lines: Lines,
+        drivers: Drivers,
         (live, live_stage, live_sensor): Lives,
         flag: &Arc<HaltFlag>,
         log: Arc<EventLog>,
         fence_floor: u64,
     ) -> Self {
-        let bounds = Bounds { least: settings.lease_least, most: settings.lease_most };
+        let bounds = TimeToLiveBounds { least: settings.lease_least, most: settings.lease_most };
         Self {
             settings,
-            lines,
+            drivers,
             halts: flag.watch(),
             flag: Arc::clone(flag),
             stops_seen: 0,
@@ -119,7 +122,7 @@ impl Task {
             rest: None,
             rereading: None,
             prepared: None,
-            course: None,
+            active: None,
             orders_count: 0,
             purposes: BTreeMap::new(),
             commanded: Pair::default(),
@@ -130,14 +133,14 @@ impl Task {
         }
     }
 
-    /// Runs until it was closed, or nobody holds the cell any more.
+    /// Runs until the cell was closed, or its last handle was dropped.
     pub(super) async fn run(
         mut self,
         mut requests: mpsc::Receiver<Request>,
         mut reports: mpsc::Receiver<Report>,
         published: watch::Sender<Arc<Snapshot>>,
     ) {
-        // Dropped before the lines to the drivers: they see the halt first, and then that nobody orders any more.
+        // Dropped before the channels to the drivers: they see the halt before the end of the commands.
         let halt = HaltAtEnd::new(Arc::clone(&self.flag));
         let mut sequence = 0;
         while !self.is_over(now()) {
@@ -154,7 +157,7 @@ impl Task {
             sequence += 1;
             published.send_replace(Arc::new(self.snapshot(sequence, now())));
         }
-        // Nothing of what still waits was begun.
+        // No waiting request was started.
         requests.close();
         while let Some(request) = requests.recv().await {
             request.refuse();
@@ -166,13 +169,13 @@ impl Task {
         }
     }
 
-    /// Puts an input to the machine and does what it says.
+    /// Puts an input to the machine, and executes its effects.
     fn put(&mut self, input: Input) -> Result<Taken, Refusal> {
         let raised = matches!(input, Input::Stop);
         match self.machine.put(now(), input) {
-            Verdict::Accepted(acts) => {
-                for act in acts {
-                    self.perform(act, raised);
+            Verdict::Accepted(effects) => {
+                for effect in effects {
+                    self.perform(effect, raised);
                 }
                 self.settle();
                 Ok(Taken::Accepted)
@@ -186,14 +189,14 @@ impl Task {
     }
 
     /// Puts an event, which cannot be refused.
-    fn tell(&mut self, event: Input) {
+    fn put_event(&mut self, event: Input) {
         let _taken = self.put(event);
     }
 
-    /// Lets go of what is over.
+    /// Clears what has ended.
     fn settle(&mut self) {
         if self.machine.activity().is_none() {
-            self.course = None;
+            self.active = None;
             self.purposes.retain(|_, purpose| !purpose.is_work());
         }
         if !self.machine.resetting() {
@@ -208,15 +211,15 @@ impl Task {
         let requested = self.halts.borrow_and_update().requested;
         if requested != self.stops_seen {
             self.stops_seen = requested;
-            self.tell(Input::Stop);
+            self.put_event(Input::Stop);
         }
     }
 
-    /// What is due by now.
+    /// Handles everything that is due.
     fn take_time(&mut self) {
         let now = now();
-        if self.machine.tenancy().until().is_some_and(|until| now >= until) {
-            self.tell(Input::Time);
+        if self.machine.leases().until().is_some_and(|until| now >= until) {
+            self.put_event(Input::Time);
         }
         self.take_work_time(now);
         self.look_for_rest(now);
@@ -224,27 +227,27 @@ impl Task {
         self.take_waiting(now);
     }
 
-    /// When something is due next.
+    /// The time at which something is due next.
     fn wake(&self) -> Instant {
-        let work = self.works().then(|| self.course.as_ref().map(Course::deadline)).flatten();
+        let work = self.works().then(|| self.active.as_ref().map(ActiveWork::deadline)).flatten();
         let due = [
-            self.machine.tenancy().until(),
+            self.machine.leases().until(),
             work,
             self.rest.map(|rest| rest.until),
             self.rereading.map(|rereading| rereading.until),
             self.waiting_until(),
         ];
-        // Without any of them, the pace keeps the snapshot's ages honest.
+        // Without any of them, the period keeps the ages in the snapshot up to date.
         let pace = now() + self.settings.poll;
         due.into_iter().flatten().min().map_or(pace, |due| due.min(pace))
     }
 
-    /// Whether something is under way that is not being stopped.
+    /// Whether work is under way that is not being stopped.
     fn works(&self) -> bool {
         matches!(self.machine.state(), State::Moving | State::Scanning)
     }
 
-    /// Closed, and everything that can be reached was seen at rest, or the time for that is over.
+    /// Whether the cell is closed, and every device that can be reached was read at rest, or the time for that is over.
     fn is_over(&self, now: Instant) -> bool {
         let due = self.rest.is_none_or(|rest| now >= rest.until);
         self.machine.closing() && self.machine.state() != State::Stopping && (due || self.restless().is_none())
@@ -261,18 +264,72 @@ impl Task {
         self.log.add(now(), kind);
     }
 
-    fn perform(&mut self, act: Act, raised: bool) {
-        match act {
-            Act::Halt => self.halt(raised),
-            Act::Begin => self.begin(),
-            Act::Tell(carrier, manual) => self.order_manual(carrier, manual),
-            Act::Reread => self.reread(),
-            Act::End(end) => {
-                if let Some(course) = &self.course {
-                    course.tell_end(end);
+    fn perform(&mut self, effect: Effect, raised: bool) {
+        match effect {
+            Effect::Halt => self.halt(raised),
+            Effect::Begin => self.begin(),
+            Effect::Command(carrier, manual) => self.order_manual(carrier, manual),
+            Effect::Reread => self.reread(),
+            Effect::End(end) => {
+                if let Some(active) = &self.active {
+                    active.report_end(end);
                 }
             }
-            Act::Note(kind) => self.note(kind),
+            Effect::Note(kind) => self.note(kind),
         }
+    }
+}
+
+/// A request that waits.
+#[derive(Debug)]
+struct Waiting {
+    request: Request,
+    until: Instant,
+}
+
+/// The last command to a manipulator.
+#[derive(Debug, Clone, Copy, Default)]
+struct Commanded {
+    /// When its outcome became known.
+    known_at: Option<Instant>,
+    /// Its sequence number, where it is a manual command that the device has acknowledged.
+    sequence: Option<u16>,
+}
+
+impl CellTask {
+    pub(super) fn snapshot(&self, sequence: u64, now: Instant) -> Snapshot {
+        let reasons = self.reasons(now);
+        Snapshot {
+            sequence,
+            at: now,
+            state: self.machine.state(),
+            since: self.machine.since(),
+            motions_count: self.machine.motions_count(),
+            job: self.active.as_ref().and_then(ActiveWork::view),
+            lease: self.machine.leases().view(now),
+            faults: self.machine.faults().to_vec(),
+            resetting: self.machine.resetting(),
+            manipulators: self.live.clone(),
+            stage: self.live_stage.clone(),
+            sensor: self.live_sensor.clone(),
+            commands_allowed: reasons.is_empty(),
+            reasons,
+        }
+    }
+
+    /// The reasons why a move of the holder of the lease would be refused.
+    fn reasons(&self, now: Instant) -> Vec<Refusal> {
+        let mut reasons = Vec::new();
+        let job = self.machine.activity().and_then(Activity::job).map(str::to_owned);
+        match self.machine.state() {
+            _ if self.machine.closing() => reasons.push(Refusal::Closing),
+            State::Idle => {}
+            State::Faulted => reasons.push(Refusal::Faulted { count: self.machine.faults().len() }),
+            state @ (State::Offline | State::Scanning | State::Moving | State::Stopping) => {
+                reasons.push(Refusal::WrongState { state, verb: "move", job });
+            }
+        }
+        reasons.extend(obstacles::of_move(&self.live, now));
+        reasons
     }
 }

@@ -1,41 +1,43 @@
-//! Takes what the drivers say: keeps the readings, latches what is wrong, and gives what is under way its next step.
+//! Takes the reports of the drivers: keeps the readings, latches faults, and executes the next step of the active work.
 
-use super::Task;
-use crate::cell::driver::{News, Outcome, Report, Seen, moves};
+use super::CellTask;
+use crate::cell::driver::messages::{DeviceReading, DriverEvent, Outcome, Report};
 use crate::cell::events::EventKind;
 use crate::cell::failure::{Failure, Fault};
 use crate::cell::input::{Input, Member};
-use crate::cell::now;
 use crate::cell::obstacles::fault_of;
 use crate::cell::refusal::Refusal;
 use crate::cell::snapshot::{Link, Live};
 use crate::cell::state::State;
 use crate::cell::work::{Next, Purpose};
+use crate::device::clock::now;
 use crate::device::{DeviceError, Reading};
 use crate::motion::Carrier;
 use tokio::time::Instant;
 
-impl Task {
-    pub(super) fn take_report(&mut self, Report { member, news }: Report) {
-        match news {
-            News::Up { asked_at, seen } => self.up(member, asked_at, seen),
-            News::Read { asked_at, seen } => self.read(member, asked_at, seen),
-            News::Lost { error, was_up } => self.lost(member, error, was_up),
-            News::Told { order, outcome } => self.told(member, order, outcome),
-            News::Rested { halt } => {
+impl CellTask {
+    pub(super) fn take_report(&mut self, Report { member, event }: Report) {
+        match event {
+            DriverEvent::Up { asked_at, seen } => self.up(member, asked_at, seen),
+            DriverEvent::Read { asked_at, seen } => self.read(member, asked_at, seen),
+            DriverEvent::Lost { error, was_up } => self.lost(member, error, was_up),
+            DriverEvent::Outcome { order, outcome } => self.take_outcome(member, order, outcome),
+            DriverEvent::AtRest { halt } => {
                 self.rested.insert(member, halt);
             }
-            News::WillNotHalt { error } => self.fault(member, Failure::HaltRefused(error)),
-            News::Resolved { sequence, taken } => {
+            DriverEvent::HaltRefused { error } => self.fault(member, Failure::HaltRefused(error)),
+            DriverEvent::Resolved { sequence, taken } => {
                 let device = self.name_of(member);
                 self.note(EventKind::Resolved { device, sequence, taken });
             }
-            News::Profiles { received_count } => self.scanned(|scanning, now| scanning.received(now, received_count)),
-            News::ScanEnded { result } => self.scanned(|scanning, _| scanning.ended(result)),
+            DriverEvent::Profiles { received_count } => {
+                self.step_scan(|scanning, now| scanning.received(now, received_count))
+            }
+            DriverEvent::ScanEnded { result } => self.step_scan(|scanning, _| scanning.ended(result)),
         }
     }
 
-    fn up(&mut self, member: Member, asked_at: Instant, seen: Seen) {
+    fn up(&mut self, member: Member, asked_at: Instant, seen: DeviceReading) {
         match member {
             Member::Manipulator(carrier) => self.live.get_mut(carrier).link = Link::Up,
             Member::Stage => set_link(self.live_stage.as_mut(), Link::Up),
@@ -44,9 +46,9 @@ impl Task {
         let device = self.name_of(member);
         self.note(EventKind::LinkUp { device });
         self.read(member, asked_at, seen);
-        // A sensor that comes back is no reason to halt what somebody moves at its panel, unless its laser is on.
+        // A sensor that answers again is no reason to halt a device that an operator moves at its panel, unless its laser is on.
         let moves = if member == Member::Sensor { self.moves(member) } else { self.anything_moves() };
-        self.tell(Input::Up { member, moves });
+        self.put_event(Input::Up { member, moves });
     }
 
     fn anything_moves(&self) -> bool {
@@ -54,10 +56,10 @@ impl Task {
         manipulators.chain([Member::Stage, Member::Sensor]).any(|member| self.moves(member))
     }
 
-    /// By what was read last. Of the sensor: its laser is on.
+    /// Whether a device moves, by its last reading. Of the sensor: whether its laser is on.
     pub(super) fn moves(&self, member: Member) -> bool {
         match member {
-            Member::Manipulator(carrier) => self.live.get(carrier).reading.as_ref().is_some_and(moves),
+            Member::Manipulator(carrier) => self.live.get(carrier).reading.as_ref().is_some_and(Reading::moves),
             Member::Stage => {
                 self.live_stage.as_ref().and_then(|stage| stage.reading).is_some_and(|reading| reading.moves)
             }
@@ -67,22 +69,22 @@ impl Task {
         }
     }
 
-    fn read(&mut self, member: Member, asked_at: Instant, seen: Seen) {
+    fn read(&mut self, member: Member, asked_at: Instant, seen: DeviceReading) {
         match (member, seen) {
-            (Member::Manipulator(carrier), Seen::Manipulator(reading)) => {
+            (Member::Manipulator(carrier), DeviceReading::Manipulator(reading)) => {
                 self.read_manipulator(carrier, asked_at, &reading);
             }
-            (_, Seen::Stage(reading)) => {
+            (_, DeviceReading::Stage(reading)) => {
                 keep(self.live_stage.as_mut(), asked_at, reading);
                 self.reread_of_stage(asked_at);
                 if reading.fault_code != 0 && !self.machine.resetting() {
                     self.device_fault(Member::Stage, reading.fault_code);
                 }
-                self.scanned(|scanning, now| scanning.read(now, asked_at, &reading));
+                self.step_scan(|scanning, now| scanning.read(now, asked_at, &reading));
             }
-            (_, Seen::Sensor(reading)) => keep(self.live_sensor.as_mut(), asked_at, reading),
-            // A driver says what its own device is; nothing else comes.
-            (_, Seen::Manipulator(_)) => {}
+            (_, DeviceReading::Sensor(reading)) => keep(self.live_sensor.as_mut(), asked_at, reading),
+            // A driver reports readings of its own device only.
+            (_, DeviceReading::Manipulator(_)) => {}
         }
     }
 
@@ -93,14 +95,14 @@ impl Task {
         if let Some(code) = fault_of(reading)
             && !self.machine.resetting()
         {
-            // Most devices report a fault of their own then, too; the guard is what an operator has to see to first.
+            // Most devices then also report a fault of their own; the operator has to see to the guard first.
             if self.works() && !reading.safety.allows_motion() {
                 self.fault(member, Failure::Interrupted(Box::new(Refusal::SafetyOpen { carrier })));
             }
             self.device_fault(member, code);
         }
         if self.works()
-            && let Some(next) = self.course.as_mut().map(|course| course.read(now(), carrier, asked_at, reading))
+            && let Some(next) = self.active.as_mut().map(|active| active.read(now(), carrier, asked_at, reading))
         {
             let device = self.name_of(member);
             self.follow(next, &device);
@@ -114,7 +116,7 @@ impl Task {
 
     fn fault(&mut self, member: Member, failure: Failure) {
         let device = self.name_of(member);
-        self.tell(Input::Fault(Fault { device, failure, at: now() }));
+        self.put_event(Input::Fault(Fault { device, failure, at: now() }));
     }
 
     fn lost(&mut self, member: Member, error: DeviceError, was_up: bool) {
@@ -128,18 +130,18 @@ impl Task {
             Member::Stage => set_link(self.live_stage.as_mut(), Link::Lost),
             Member::Sensor => set_link(self.live_sensor.as_mut(), Link::Lost),
         }
-        self.tell(Input::Lost(member, Fault { device, failure: Failure::Device(error), at: now() }));
+        self.put_event(Input::Lost(member, Fault { device, failure: Failure::Device(error), at: now() }));
     }
 
-    fn told(&mut self, member: Member, order: u64, outcome: Outcome) {
+    fn take_outcome(&mut self, member: Member, order: u64, outcome: Outcome) {
         let Some(purpose) = self.purposes.remove(&order) else { return };
         self.remember_outcome(purpose, &outcome);
         match purpose {
-            Purpose::Manual(_, manual) => self.manual_told(member, manual.name(), outcome),
-            Purpose::Reset(carrier) => self.reset_told(carrier, outcome),
+            Purpose::Manual(_, manual) => self.manual_outcome(member, manual.name(), outcome),
+            Purpose::Reset(carrier) => self.reset_outcome(carrier, outcome),
             Purpose::Work(_) | Purpose::Carry | Purpose::Arm => {
                 if self.works()
-                    && let Some(next) = self.course.as_mut().map(|course| course.told(now(), purpose, outcome))
+                    && let Some(next) = self.active.as_mut().map(|active| active.take_outcome(now(), purpose, outcome))
                 {
                     let device = self.name_of(member);
                     self.follow(next, &device);
@@ -148,7 +150,7 @@ impl Task {
         }
     }
 
-    fn manual_told(&mut self, member: Member, verb: &'static str, outcome: Outcome) {
+    fn manual_outcome(&mut self, member: Member, verb: &'static str, outcome: Outcome) {
         let device = self.name_of(member);
         match outcome {
             Outcome::Taken { .. } => self.note(EventKind::ManualDone { device, verb }),
@@ -159,7 +161,7 @@ impl Task {
                 let cause = "a halt came first".to_owned();
                 self.note(EventKind::ManualRefused { device, verb, cause });
             }
-            // No fault of its own: whatever has raised the halt is told already.
+            // Not a fault: the cause of the halt is reported already.
             Outcome::Cut => {
                 let cause = "a halt came before its acknowledgement; whether it was done is not known".to_owned();
                 self.note(EventKind::ManualRefused { device, verb, cause });
@@ -168,8 +170,8 @@ impl Task {
         }
     }
 
-    /// Readings from before the device had acknowledged do not count.
-    fn reset_told(&mut self, carrier: Carrier, outcome: Outcome) {
+    /// Readings from before the acknowledgement of the device do not count.
+    fn reset_outcome(&mut self, carrier: Carrier, outcome: Outcome) {
         match outcome {
             Outcome::Taken { .. } => {
                 if let Some(rereading) = &mut self.rereading {
@@ -178,33 +180,33 @@ impl Task {
             }
             Outcome::Refused(error) => self.fault(Member::Manipulator(carrier), Failure::Device(error)),
             Outcome::Unknown(failure) => self.fault(Member::Manipulator(carrier), failure),
-            // Whatever has raised the halt is told already; what is read says whether the device's fault is gone.
+            // The cause of the halt is reported already; the next reading shows whether the fault of the device is gone.
             Outcome::Overtaken | Outcome::Cut => {}
         }
     }
 
-    /// Gives the scan under way its next step, where there is one.
-    fn scanned(
+    /// Executes the next step of the scan under way, if there is one.
+    fn step_scan(
         &mut self,
         step: impl FnOnce(&mut crate::cell::scanning::Scanning, Instant) -> crate::cell::scanning::ScanStep,
     ) {
         if self.machine.state() != State::Scanning {
             return;
         }
-        if let Some(next) = self.course.as_mut().and_then(|course| course.scan()).map(|scan| step(scan, now())) {
+        if let Some(next) = self.active.as_mut().and_then(|active| active.scan()).map(|scan| step(scan, now())) {
             let device = self.stage_name();
             self.follow(Next::Scan(next), &device);
         }
     }
 
-    /// What is under way may be late.
+    /// Tests the deadline of the active work.
     pub(super) fn take_work_time(&mut self, now: Instant) {
         if !self.works() {
             return;
         }
         let positions = self.live.map(|_, one| one.reading.as_ref().map(Reading::position));
         let stage = self.live_stage.as_ref().and_then(|stage| stage.reading);
-        if let Some(next) = self.course.as_ref().map(|course| course.time(now, &positions, stage.as_ref())) {
+        if let Some(next) = self.active.as_ref().map(|active| active.time(now, &positions, stage.as_ref())) {
             self.follow(next, "cell");
         }
     }

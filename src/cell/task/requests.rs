@@ -1,40 +1,49 @@
-//! Answers what is asked: finds out whether path and devices allow it, puts it to the machine, and replies at once.
+//! Answers requests: checks path and devices, puts the request to the machine, and replies at once.
+//!
+//! Requests that need a newer reading wait until the manipulator has acknowledged its last command and was read after that, so that
+//! they are judged by its state after the command. A request waits for a bounded time, and only if the cell is idle and the request
+//! has the lease; a stop, a fault and the end of the lease answer it at once.
 
-use super::Task;
-use crate::cell::driver::Taking;
-use crate::cell::homing::Homing;
+use super::{Commanded, Waiting};
+use tokio::sync::mpsc;
+use tokio::time::Instant;
+
+use crate::cell::driver::messages::{Acquisition, Outcome};
 use crate::cell::input::{Activity, Input, Manual, Taken};
-use crate::cell::job::Job;
 use crate::cell::lease::{Lease, LeaseRequest};
-use crate::cell::now;
 use crate::cell::obstacles;
 use crate::cell::refusal::Refusal;
-use crate::cell::request::{Reply, Request, ScanBegun, answer};
+use crate::cell::request::{Job, Reply, Request, ScanBegun, answer};
+use crate::cell::run::Homing;
 use crate::cell::run::Run;
 use crate::cell::scanning::Scanning;
 use crate::cell::settings::ScanOrder;
-use crate::cell::work::{Course, Work};
+use crate::cell::state::State;
+use crate::cell::work::{ActiveWork, Purpose, Work};
+use crate::device::CommandResult;
+use crate::device::clock::now;
 use crate::motion::{Carrier, Path, check_path};
-use tokio::sync::mpsc;
 
-/// Batches of profiles that may wait for the one that takes them.
+use super::CellTask;
+
+/// Batches of profiles that may wait for their receiver.
 const PROFILES_WAITING: usize = 64;
-/// Jobs that are remembered, so that none is begun twice.
+/// Ids of jobs that are kept, so that none is started twice.
 const JOBS_REMEMBERED: usize = 256;
 
-impl Task {
-    /// `None`: nobody holds the cell any more, so that it is closed.
+impl CellTask {
+    /// `None`: the last handle of the cell was dropped, so it is closed.
     pub(super) fn take_request(&mut self, request: Option<Request>) {
-        // A lease that has run out is over before anything else is decided.
-        self.tell(Input::Time);
+        // A lease that has expired ends before anything else is decided.
+        self.put_event(Input::Time);
         match request {
             None => {
                 self.held = false;
-                self.tell(Input::Close);
+                self.put_event(Input::Close);
             }
             Some(Request::Close(closer)) => {
                 self.closers.push(closer);
-                self.tell(Input::Close);
+                self.put_event(Input::Close);
             }
             Some(Request::TakeLease(request, reply)) => answer(reply, self.take_lease(request)),
             Some(Request::RenewLease(id, reply)) => answer(reply, self.renew_lease(id)),
@@ -50,13 +59,13 @@ impl Task {
 
     fn take_lease(&mut self, request: LeaseRequest) -> Result<Lease, Refusal> {
         self.put(Input::TakeLease(request))?;
-        self.flag.set_fence(self.machine.tenancy().fence());
-        self.machine.tenancy().held(now()).cloned().ok_or(Refusal::LeaseOver)
+        self.flag.set_fence(self.machine.leases().fence());
+        self.machine.leases().held(now()).cloned().ok_or(Refusal::LeaseOver)
     }
 
     fn renew_lease(&mut self, id: String) -> Result<Lease, Refusal> {
         self.put(Input::RenewLease(id))?;
-        self.machine.tenancy().held(now()).cloned().ok_or(Refusal::LeaseOver)
+        self.machine.leases().held(now()).cloned().ok_or(Refusal::LeaseOver)
     }
 
     pub(super) fn manual(&mut self, lease: String, carrier: Carrier, manual: Manual) -> Result<Taken, Refusal> {
@@ -71,7 +80,7 @@ impl Task {
             Manual::Enable | Manual::Disable => self.put(Input::Command { lease, carrier, manual, fit }),
             Manual::Home => {
                 let names = self.live.map(|_, one| one.name.clone());
-                self.prepared = Some(Course::homing(Homing::new(carrier, names, &self.settings, now())));
+                self.prepared = Some(ActiveWork::homing(Homing::new(carrier, names, &self.settings, now())));
                 self.put(Input::Start { lease, activity: Activity::Home(carrier), fit: fit.map(drop) })
             }
         }
@@ -83,16 +92,17 @@ impl Task {
         }
         let fit = self.fit_to_move(job, &path);
         let names = self.live.map(|_, one| one.name.clone());
-        let (course, told) = Course::job(Work::Run(Box::new(Run::new(path, names, &self.settings, now()))), job);
-        self.prepared = Some(course);
+        let (active, job_handle) =
+            ActiveWork::job(Work::Run(Box::new(Run::new(path, names, &self.settings, now()))), job);
+        self.prepared = Some(active);
         self.put(Input::Start { lease, activity: Activity::Move(job.to_owned()), fit })?;
         self.remember(job);
-        Ok(told)
+        Ok(job_handle)
     }
 
-    /// The same job, where it is under way: its holder has lost the answer, and asks again.
+    /// The job, if it is under way: the client has lost the answer, and repeats its request.
     fn under_way(&mut self, lease: &str, job: &str) -> Result<Option<Job>, Refusal> {
-        let Some(job) = self.course.as_ref().filter(|_| self.works()).and_then(|course| course.job_named(job)) else {
+        let Some(job) = self.active.as_ref().filter(|_| self.works()).and_then(|active| active.job_named(job)) else {
             return Ok(None);
         };
         self.put(Input::RenewLease(lease.to_owned()))?;
@@ -125,7 +135,7 @@ impl Task {
                 self.remember(job);
                 answer(reply, Ok(begun));
             }
-            // The machine accepts nothing that is not fit.
+            // The machine accepts no request that failed its check.
             (Ok(_), None) => answer(reply, Err(Refusal::NotThere { what: "scan" })),
             (Err(refusal), _) => answer(reply, Err(refusal)),
         }
@@ -138,13 +148,13 @@ impl Task {
         let from = from.ok_or(Refusal::NotThere { what: "stage" })?;
         let (sink, profiles) = mpsc::channel(PROFILES_WAITING);
         let patience = self.settings.scan_stall;
-        let taking = Taking { profiles_count: order.profiles_count, sink, patience };
+        let acquisition = Acquisition { profiles_count: order.profiles_count, sink, patience };
         let names = (self.stage_name(), self.sensor_name());
-        let waits = (&self.settings, &self.lines.sensor_deadlines);
+        let waits = (&self.settings, &self.drivers.sensor_deadlines);
         let scanning = Scanning::new(order, names, from, waits, now());
-        let (course, told) = Course::job(Work::Scan(Box::new(scanning), Some(taking)), job);
-        self.prepared = Some(course);
-        Ok((told, profiles))
+        let (active, job_handle) = ActiveWork::job(Work::Scan(Box::new(scanning), Some(acquisition)), job);
+        self.prepared = Some(active);
+        Ok((job_handle, profiles))
     }
 
     fn not_begun(&self, job: &str) -> Result<(), Refusal> {
@@ -159,5 +169,123 @@ impl Task {
             self.begun.pop_front();
         }
         self.begun.push_back(job.to_owned());
+    }
+}
+
+/// Requests that may wait; while there are as many, no other request is taken.
+const WAITING_MAX: usize = 256;
+
+/// Whether the newest reading of a manipulator was made after its last command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Knowledge {
+    /// Nothing: it is older.
+    Outdated,
+    /// The device is still executing the command.
+    Executing,
+    /// The device has come to the end of the command.
+    Current,
+}
+
+impl CellTask {
+    /// Keeps the time at which the outcome of a command became known.
+    pub(super) fn remember_outcome(&mut self, purpose: Purpose, outcome: &Outcome) {
+        let (carrier, is_manual) = match purpose {
+            Purpose::Manual(carrier, _) => (carrier, true),
+            Purpose::Work(carrier) | Purpose::Reset(carrier) => (carrier, false),
+            Purpose::Carry | Purpose::Arm => return,
+        };
+        let sequence = match outcome {
+            Outcome::Taken { sequence } if is_manual => Some(*sequence),
+            Outcome::Taken { .. } | Outcome::Refused(_) | Outcome::Overtaken | Outcome::Cut | Outcome::Unknown(_) => {
+                None
+            }
+        };
+        *self.commanded.get_mut(carrier) = Commanded { known_at: Some(now()), sequence };
+    }
+
+    pub(super) fn takes_requests(&self) -> bool {
+        self.held && self.waiting.len() < WAITING_MAX
+    }
+
+    /// Answers a request, or lets it wait, behind those that came before it.
+    pub(super) fn answer_or_wait(&mut self, request: Request) {
+        if self.waiting.is_empty() && !self.must_wait(&request) {
+            self.answer_command(request);
+        } else {
+            let until = now() + self.settings.acknowledge + self.settings.reply;
+            self.waiting.push_back(Waiting { request, until });
+        }
+    }
+
+    /// Answers those that need not wait any more.
+    pub(super) fn take_waiting(&mut self, now: Instant) {
+        while self.waiting.front().is_some_and(|first| now >= first.until || !self.must_wait(&first.request)) {
+            if let Some(Waiting { request, .. }) = self.waiting.pop_front() {
+                self.answer_command(request);
+            }
+        }
+    }
+
+    /// When the first one has waited long enough.
+    pub(super) fn waiting_until(&self) -> Option<Instant> {
+        self.waiting.front().map(|first| first.until)
+    }
+
+    /// The refusal of a request that would be judged by an outdated reading of a manipulator.
+    pub(super) fn outdated(&self, carrier: Carrier, now: Instant) -> Option<Refusal> {
+        let live = self.live.get(carrier);
+        (self.knowledge(carrier) == Knowledge::Outdated)
+            .then(|| Refusal::DeviceStale { device: live.name.clone(), age: live.age(now) })
+    }
+
+    fn must_wait(&self, request: &Request) -> bool {
+        let (lease, carriers) = match request {
+            Request::Act { lease, manual: Manual::Home, .. } | Request::Move { lease, .. } => {
+                (lease, Carrier::ALL.as_slice())
+            }
+            Request::Act { lease, carrier, manual: Manual::Enable | Manual::Disable, .. } => {
+                (lease, std::slice::from_ref(carrier))
+            }
+            Request::TakeLease(..)
+            | Request::RenewLease(..)
+            | Request::ReleaseLease(..)
+            | Request::Scan { .. }
+            | Request::Reset { .. }
+            | Request::Close(_) => return false,
+        };
+        let may_be_accepted = self.machine.state() == State::Idle
+            && !self.machine.closing()
+            && self.machine.leases().check(now(), lease).is_ok();
+        may_be_accepted && carriers.iter().any(|carrier| self.knowledge(*carrier) != Knowledge::Current)
+    }
+
+    fn knowledge(&self, carrier: Carrier) -> Knowledge {
+        let is_out = |purpose: &Purpose| matches!(purpose, Purpose::Manual(one, _) | Purpose::Reset(one) | Purpose::Work(one) if *one == carrier);
+        if self.purposes.values().any(is_out) {
+            return Knowledge::Outdated;
+        }
+        let (live, Commanded { known_at, sequence }) = (self.live.get(carrier), *self.commanded.get(carrier));
+        let acknowledged = live.reading.as_ref().map(|reading| reading.acknowledged);
+        match acknowledged.filter(|one| Some(one.sequence) == sequence).map(|one| one.result) {
+            Some(CommandResult::Accepted | CommandResult::Running) => Knowledge::Executing,
+            // The reading that shows the end of the command is from after its acknowledgement.
+            Some(_) => Knowledge::Current,
+            None if known_at.is_some() && live.read_at < known_at => Knowledge::Outdated,
+            None => Knowledge::Current,
+        }
+    }
+
+    fn answer_command(&mut self, request: Request) {
+        match request {
+            Request::Act { lease, carrier, manual, reply } => answer(reply, self.manual(lease, carrier, manual)),
+            Request::Move { lease, job, path, reply } => answer(reply, self.start_move(lease, &job, path)),
+            // Only these two are ever given here.
+            Request::TakeLease(..)
+            | Request::RenewLease(..)
+            | Request::ReleaseLease(..)
+            | Request::Scan { .. }
+            | Request::Reset { .. }
+            | Request::Close(_) => {}
+        }
     }
 }

@@ -1,13 +1,18 @@
-//! What is latched, by which name, and what it leaves moving: nothing.
+//! Which faults are latched, and that nothing moves on after them. Also an axis that is stuck while the others go on: they stop within
+//! 300 ms and 1 mm, and the fault names the axis; and no motion is stopped if no axis is stuck.
 
-use super::bench::{Bench, LEASE, made};
-use crate::cell::input::{Act, Input, Verdict};
-use crate::cell::lease::Bounds;
-use crate::cell::state::Machine;
-use crate::cell::{EventKind, Failure, Fault, JobEnd, Link, Manual, Refusal, ScanOrder, State, Taken, now};
-use crate::device::simulated::{Device, Fault as MadeFault, STAGE_WATCHDOG};
+use super::{Bench, LEASE, arrangement, simulation};
+use crate::cell::input::{Effect, Input, Verdict};
+use crate::cell::lease::TimeToLiveBounds;
+use crate::cell::machine::Machine;
+use crate::cell::{EventKind, Failure, Fault, JobEnd, Link, Manual, Refusal, ScanOrder, State, Taken};
+use crate::device::clock::now;
+use crate::device::simulated::{Device, Fault as SimulatedFault, STAGE_WATCHDOG, Settings};
 use crate::device::{Action, Safety};
-use crate::motion::{Axes, Carrier, Pair};
+use crate::motion::{Axes, Axis, Carrier, MoveTargets, Pair, Path, Position, plan_move};
+use rand::seq::IndexedRandom;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
@@ -33,7 +38,7 @@ async fn both_were_halted(bench: &Bench, since: Instant) {
 
 #[tokio::test(start_paused = true)]
 async fn a_safety_function_that_opens_in_a_move_halts_both_and_is_named() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     let job = bench.begin("job-1", 20.0).await;
     sleep(Duration::from_millis(700)).await;
     bench.world.set_safety(Carrier::M2, GUARD_OPEN);
@@ -44,7 +49,7 @@ async fn a_safety_function_that_opens_in_a_move_halts_both_and_is_named() {
     assert_eq!((seen.state, seen.faults.first().map(|fault| &fault.failure)), (State::Faulted, Some(&open)));
     assert!(open.to_string().contains("safety functions of m2"), "{open}");
     both_were_halted(&bench, opened_at).await;
-    // It stays latched when the guard is closed, until somebody resets.
+    // It stays latched when the guard is closed, until a reset.
     let closed = Safety { guard_closed: true, ..GUARD_OPEN };
     bench.world.set_safety(Carrier::M2, closed);
     sleep(Duration::from_secs(1)).await;
@@ -55,7 +60,7 @@ async fn a_safety_function_that_opens_in_a_move_halts_both_and_is_named() {
 
 #[tokio::test(start_paused = true)]
 async fn a_manipulator_that_drifts_while_the_other_moves_stops_both_whoever_commands_it() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     // 15 mm across at one end lengthen 500 mm by 0.22 mm, of 0.5 that are allowed.
     let y_to = |y| Axes { x: None, y: Some(y), z: None, c: None };
     let path = bench.path(&Pair { m1: None, m2: Some(y_to(15.0)) });
@@ -75,11 +80,14 @@ async fn a_manipulator_that_drifts_while_the_other_moves_stops_both_whoever_comm
 
 #[tokio::test(start_paused = true)]
 async fn a_command_that_a_faults_own_halt_has_cut_is_no_second_fault() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     bench.m1_was_read().await;
     // m1 takes its time with the command; meanwhile the stage's link breaks.
-    bench.world.faults().next(Device::Manipulator(Carrier::M1), MadeFault::Late { by: Duration::from_millis(120) });
-    bench.world.faults().next(Device::Stage, MadeFault::LinkLost { arrives: false });
+    bench
+        .world
+        .faults()
+        .next(Device::Manipulator(Carrier::M1), SimulatedFault::Late { by: Duration::from_millis(120) });
+    bench.world.faults().next(Device::Stage, SimulatedFault::LinkLost { arrives: false });
     assert_eq!(bench.cell.act(LEASE, Carrier::M1, Manual::Disable).await, Ok(Taken::Accepted));
     bench.until(|now| now.state == State::Faulted).await;
     sleep(Duration::from_secs(1)).await;
@@ -91,13 +99,13 @@ async fn a_command_that_a_faults_own_halt_has_cut_is_no_second_fault() {
 
 #[tokio::test(start_paused = true)]
 async fn no_more_than_32_faults_are_latched_and_what_comes_after_halts_no_more() {
-    let bounds = Bounds { least: Duration::from_secs(1), most: Duration::from_secs(10) };
+    let bounds = TimeToLiveBounds { least: Duration::from_secs(1), most: Duration::from_secs(10) };
     let mut machine = Machine::new(now(), bounds, 0);
     for code in 1..=40 {
         let failure = Failure::DeviceFault { device: "m1".to_owned(), code };
         let verdict = machine.put(now(), Input::Fault(Fault { device: "m1".to_owned(), failure, at: now() }));
         match verdict {
-            Verdict::Accepted(acts) => assert!(code <= 32 && acts.contains(&Act::Halt), "{code}: {acts:?}"),
+            Verdict::Accepted(acts) => assert!(code <= 32 && acts.contains(&Effect::Halt), "{code}: {acts:?}"),
             other => assert!(code > 32 && other == Verdict::AlreadySo, "{code}: {other:?}"),
         }
     }
@@ -108,7 +116,7 @@ async fn no_more_than_32_faults_are_latched_and_what_comes_after_halts_no_more()
 
 #[tokio::test(start_paused = true)]
 async fn a_task_that_ends_in_the_middle_leaves_everything_halted() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     let job = bench.begin("job-1", 20.0).await;
     sleep(Duration::from_millis(700)).await;
     assert!(bench.cell.is_alive());
@@ -127,10 +135,10 @@ async fn a_driver_without_a_link_sends_nothing_but_a_halt_after_the_task_has_end
     let m1 = Device::Manipulator(Carrier::M1);
     // In its silence, while it tries to connect, and in between.
     for ended_after_ms in [210, 400, 600, 800, 900, 1_000, 1_200] {
-        let bench = Bench::ready(&made()).await;
+        let bench = Bench::ready(&simulation()).await;
         bench.begin("job-1", 20.0).await;
         sleep(Duration::from_millis(700)).await;
-        bench.world.faults().hold(m1, MadeFault::Silence { arrives: false });
+        bench.world.faults().hold(m1, SimulatedFault::Silence { arrives: false });
         let silent_since = now();
         sleep(Duration::from_millis(ended_after_ms)).await;
         bench.task.abort();
@@ -148,7 +156,7 @@ async fn a_driver_without_a_link_sends_nothing_but_a_halt_after_the_task_has_end
     }
 }
 
-/// When a device was spoken to, looked at each millisecond for so long.
+/// When requests were sent to a device, checked each millisecond for this time.
 async fn words(bench: &Bench, device: Device, within: Duration) -> Vec<Instant> {
     let until = now() + within;
     let (mut steps, mut words) = (bench.world.faults().steps(device), Vec::new());
@@ -165,7 +173,7 @@ async fn words(bench: &Bench, device: Device, within: Duration) -> Vec<Instant> 
 
 #[tokio::test(start_paused = true)]
 async fn after_a_loss_nothing_is_said_for_as_long_as_the_longest_watchdog() {
-    let mut slow = made();
+    let mut slow = simulation();
     slow.stage.watchdog_ms = 400.0;
     for device in [Device::Stage, Device::Manipulator(Carrier::M1)] {
         let bench = Bench::ready(&slow).await;
@@ -178,8 +186,8 @@ async fn after_a_loss_nothing_is_said_for_as_long_as_the_longest_watchdog() {
             bench.begin("job-1", 20.0).await;
             sleep(Duration::from_millis(700)).await;
         }
-        // Nothing that is said from here on arrives; the device hears nobody.
-        bench.world.faults().hold(device, MadeFault::Silence { arrives: false });
+        // No request arrives from here on; the device gets no heartbeat.
+        bench.world.faults().hold(device, SimulatedFault::Silence { arrives: false });
         let words = words(&bench, device, Duration::from_millis(1_200)).await;
         // An answer is waited for 200 ms at most, so a longer pause is the silence.
         let silence = words.windows(2).map(|two| two[1] - two[0]).find(|pause| *pause > Duration::from_millis(210));
@@ -192,5 +200,140 @@ async fn after_a_loss_nothing_is_said_for_as_long_as_the_longest_watchdog() {
             let stage = seen.stage.as_ref().and_then(|stage| stage.reading).expect("was read");
             assert_eq!((stage.moves, stage.fault_code), (false, STAGE_WATCHDOG), "it has stopped by itself");
         }
+    }
+}
+
+const CASES_COUNT: u64 = 1_000;
+const HEALTHY_COUNT: u64 = 200;
+const STANDS_WITHIN: Duration = Duration::from_millis(300);
+const RUN_ON_MAX_MM: f64 = 1.0;
+/// An axis sticks where it is farther than this from every set-point, mm or rad: nearer to one it counts as there.
+const ON_ITS_WAY: f64 = 0.05;
+/// The shortest way of an axis that sticks, mm or rad. A shorter one is noticed when the part has felt as little.
+const WAY_MIN: Axes<f64> = Axes { x: 0.4, y: 0.4, z: 0.4, c: 0.01 };
+
+/// Clamps that are exactly where the encoders are.
+fn rigid() -> Settings {
+    let mut rigid = simulation();
+    rigid.manipulators.coupling_ratio = 0.0;
+    rigid
+}
+
+/// Targets for some axes of both manipulators, about the same for both, at a random speed.
+fn path(rng: &mut ChaCha8Rng) -> Path {
+    let arrangement = arrangement();
+    let from = Pair { m1: Position::default(), m2: Position::default() };
+    loop {
+        let mut common = |reach: f64| rng.random_bool(0.6).then(|| rng.random_range(-reach..reach));
+        let (x, y, z, c) = (common(6.0), common(15.0), common(15.0), common(0.3));
+        let mut beside = |value: Option<f64>| value.map(|value| value + rng.random_range(-3.0..3.0));
+        let targets: MoveTargets =
+            Pair { m1: Some(Axes { x, y, z, c }), m2: Some(Axes { x, y: beside(y), z: beside(z), c }) };
+        if let Ok(plan) = plan_move(&arrangement, &from, &targets, rng.random_range(0.2..=1.0)) {
+            return plan.path;
+        }
+    }
+}
+
+/// The axes of both that go far enough.
+fn movers(path: &Path) -> Vec<(Carrier, Axis)> {
+    let (Some(first), Some(last)) = (path.waypoints.first(), path.waypoints.last()) else { return Vec::new() };
+    let way = |carrier, axis: &Axis| last.targets.get(carrier).get(*axis) - first.targets.get(carrier).get(*axis);
+    let far = |carrier| {
+        Axis::ALL
+            .into_iter()
+            .filter(move |axis| way(carrier, axis).abs() > *WAY_MIN.get(*axis))
+            .map(move |axis| (carrier, axis))
+    };
+    Carrier::ALL.into_iter().flat_map(far).collect()
+}
+
+fn distance(a: &Position, b: &Position) -> f64 {
+    ((a.x - b.x).powi(2) + (a.y - b.y).powi(2) + (a.z - b.z).powi(2)).sqrt()
+}
+
+/// Waits until an axis is on its way, away from every set-point; false where the job ends before.
+async fn is_on_its_way(bench: &Bench, path: &Path, (carrier, axis): (Carrier, Axis)) -> bool {
+    let mut before = *bench.world.clamp(carrier).get(axis);
+    while bench.cell.snapshot().state == State::Moving {
+        sleep(Duration::from_millis(1)).await;
+        let at = *bench.world.clamp(carrier).get(axis);
+        let away = |target: &f64| (at - target).abs() > ON_ITS_WAY * if axis == Axis::C { 0.05 } else { 1.0 };
+        if at.to_bits() != before.to_bits() && path.waypoints.iter().all(|one| away(one.targets.get(carrier).get(axis)))
+        {
+            return true;
+        }
+        before = at;
+    }
+    false
+}
+
+/// When the other manipulator began to move without the one that sticks, and when and how far away it stood.
+async fn ran_on(bench: &Bench, other: Carrier, stuck_at: Instant) -> (Duration, f64) {
+    let from = bench.world.clamp(other);
+    let (mut before, mut first, mut last) = (from, None, stuck_at);
+    while now() - stuck_at < Duration::from_secs(2) {
+        sleep(Duration::from_millis(1)).await;
+        let at = bench.world.clamp(other);
+        if at != before {
+            (before, last) = (at, now());
+            first.get_or_insert(now());
+        }
+    }
+    (last - first.unwrap_or(last), distance(&from, &before))
+}
+
+/// One case; `None` where the axis could not be caught on its way.
+async fn stick(seed: u64) -> Option<(Duration, f64)> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let path = path(&mut rng);
+    let (carrier, axis) = *movers(&path).choose(&mut rng)?;
+    let other = if carrier == Carrier::M1 { Carrier::M2 } else { Carrier::M1 };
+    let bench = Bench::ready(&rigid()).await;
+    let before_the_start = rng.random_ratio(1, 5);
+    if before_the_start {
+        bench.world.set_stuck(carrier, axis, true);
+    }
+    let duration_s = path.waypoints.last().map_or(0.0, |last| last.at_s);
+    let job = bench.cell.start_move(LEASE, "job-1", path.clone()).await.expect("allowed");
+    if !before_the_start {
+        sleep(Duration::from_secs_f64(rng.random_range(0.0..0.9) * duration_s)).await;
+        if !is_on_its_way(&bench, &path, (carrier, axis)).await {
+            return None;
+        }
+        bench.world.set_stuck(carrier, axis, true);
+    }
+    let ran_on = ran_on(&bench, other, now()).await;
+    let end = job.ended().await;
+    let named = matches!(&end, JobEnd::Failed(Failure::NotFollowing { carrier: c, axis: a, .. }) if (*c, *a) == (carrier, axis));
+    assert!(named, "seed {seed}, {} {}: {end:?}", carrier.name(), axis.name());
+    assert_eq!(bench.cell.snapshot().state, State::Faulted, "seed {seed}");
+    Some(ran_on)
+}
+
+#[tokio::test(start_paused = true)]
+async fn with_one_manipulator_stuck_in_any_axis_the_other_stops_within_300_ms_and_1_mm() {
+    let (mut cases_count, mut longest, mut farthest) = (0, Duration::ZERO, 0.0_f64);
+    for seed in 0.. {
+        let Some((time, way_mm)) = stick(seed).await else { continue };
+        assert!(time <= STANDS_WITHIN, "seed {seed}: stood after {time:?}");
+        assert!(way_mm <= RUN_ON_MAX_MM, "seed {seed}: ran on by {way_mm} mm");
+        (longest, farthest) = (longest.max(time), farthest.max(way_mm));
+        cases_count += 1;
+        if cases_count == CASES_COUNT {
+            break;
+        }
+    }
+    // Otherwise nothing was tested.
+    assert!(farthest > 0.3 && longest > Duration::from_millis(50), "{farthest} mm, {longest:?}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn nothing_is_stopped_where_nothing_sticks() {
+    for seed in 0..HEALTHY_COUNT {
+        let path = path(&mut ChaCha8Rng::seed_from_u64(1_000_000 + seed));
+        let bench = Bench::ready(&simulation()).await;
+        let job = bench.cell.start_move(LEASE, "job-1", path).await.expect("allowed");
+        assert_eq!(job.ended().await, JobEnd::Done, "seed {seed}");
     }
 }

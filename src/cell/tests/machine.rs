@@ -1,10 +1,12 @@
 //! The pure machine, driven with random requests and events, against a small model of it that was written apart: flags and
 //! rules in one place, no acts. 100 000 steps; the seed of a failure is in its message.
 
-use crate::cell::input::{Act, Activity, Input, Member, Verdict};
-use crate::cell::lease::Bounds;
-use crate::cell::state::{Machine, State};
-use crate::cell::{Failure, Fault, JobEnd, LeaseRequest, Manual, Refusal, Taken, now};
+use crate::cell::input::{Activity, Effect, Input, Member, Verdict};
+use crate::cell::lease::TimeToLiveBounds;
+use crate::cell::machine::Machine;
+use crate::cell::state::State;
+use crate::cell::{Failure, Fault, JobEnd, LeaseRequest, Manual, Refusal, Taken};
+use crate::device::clock::now;
 use crate::motion::Carrier;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -14,7 +16,7 @@ use tokio::time::Instant;
 const STEPS_COUNT: usize = 100_000;
 /// A fresh machine now and then, so that every path from the start is walked too.
 const STEPS_A_MACHINE: usize = 500;
-const BOUNDS: Bounds = Bounds { least: Duration::from_secs(1), most: Duration::from_secs(10) };
+const BOUNDS: TimeToLiveBounds = TimeToLiveBounds { least: Duration::from_secs(1), most: Duration::from_secs(10) };
 
 /// What the machine has to agree with.
 #[derive(Debug, Default, Clone)]
@@ -82,7 +84,7 @@ impl Model {
         }
     }
 
-    /// What the machine must say, and the model as it is then.
+    /// The verdict that the machine must give, and the model after it.
     fn put(&mut self, ms: u64, input: &Input) -> Said {
         match input {
             Input::TakeLease(request) => self.take(ms, &request.id),
@@ -272,7 +274,7 @@ fn input(rng: &mut ChaCha8Rng) -> Input {
     }
 }
 
-/// What holds after every step, whatever the model says.
+/// The invariants after every step, independent of the model.
 #[derive(Default)]
 struct Watch {
     job_open: bool,
@@ -286,27 +288,27 @@ impl Watch {
         let Verdict::Accepted(acts) = verdict else { return };
         for act in acts {
             match act {
-                Act::Begin => {
-                    let leased = before.tenancy().held(at).is_some();
+                Effect::Begin => {
+                    let leased = before.leases().held(at).is_some();
                     assert!(leased && before.state() == State::Idle && before.faults().is_empty() && !before.closing());
                     self.begun_count += 1;
                     self.job_open = after.activity().is_some_and(|activity| activity.job().is_some());
                 }
-                Act::End(end) => {
+                Effect::End(end) => {
                     assert!(self.job_open, "an end without a job: {end:?}");
                     self.job_open = false;
                     self.ended_count += 1;
                     assert_eq!(*end == JobEnd::Done, *input == Input::Finished);
                 }
-                Act::Halt => self.halted_count += 1,
-                Act::Tell(..) | Act::Reread | Act::Note(_) => {}
+                Effect::Halt => self.halted_count += 1,
+                Effect::Command(..) | Effect::Reread | Effect::Note(_) => {}
             }
         }
         let moved = |machine: &Machine| matches!(machine.state(), State::Moving | State::Scanning);
         if moved(before) && !moved(after) && *input != Input::Finished {
-            assert!(acts.contains(&Act::Halt), "left motion without a halt: {input:?} {acts:?}");
+            assert!(acts.contains(&Effect::Halt), "left motion without a halt: {input:?} {acts:?}");
         }
-        assert!(after.tenancy().fence() >= before.tenancy().fence());
+        assert!(after.leases().fence() >= before.leases().fence());
         if before.state() == State::Faulted && after.state() != State::Faulted {
             assert!(*input == Input::Reread && before.resetting());
         }
@@ -344,11 +346,11 @@ async fn the_machine_agrees_with_a_small_model_over_a_hundred_thousand_steps() {
                 assert_eq!(verdict == Verdict::AlreadySo, expected == Said::AlreadySo, "{told}");
             }
             if matches!(input, Input::Stop | Input::Close) {
-                let halts = matches!(&verdict, Verdict::Accepted(acts) if acts.contains(&Act::Halt));
+                let halts = matches!(&verdict, Verdict::Accepted(acts) if acts.contains(&Effect::Halt));
                 assert!(halts, "a stop is always accepted; {told}");
             }
             assert_eq!(machine.state(), model.state(), "{told}");
-            assert_eq!(machine.tenancy().fence(), model.fence, "{told}");
+            assert_eq!(machine.leases().fence(), model.fence, "{told}");
             watch.look(&before, &machine, at, &input, &verdict);
         }
     }

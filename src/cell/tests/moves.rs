@@ -1,8 +1,11 @@
-//! Moves: what is refused before a byte goes out, and what a good path does.
+//! Commands of the lease holder: moves (what is refused before a byte is sent, and what a good path does), homing (one manipulator
+//! at a time, only if the other one stands still), and that commands are judged by the state after the last command.
 
-use super::bench::{Bench, LEASE, made, settings};
-use crate::cell::{EventKind, JobEnd, JobState, Manual, Refusal, State, Taken, now};
-use crate::device::{Action, Mode};
+use super::{Bench, LEASE, settings, simulation};
+use crate::cell::{EventKind, Failure, JobEnd, JobState, Manual, Refusal, State, Taken};
+use crate::device::clock::now;
+use crate::device::simulated::{Device, Fault};
+use crate::device::{Action, AxisState, Mode, Reading, Safety};
 use crate::motion::{Axes, Axis, AxisLimits, Carrier, MotionRefusal, Pair};
 use std::time::Duration;
 use tokio::time::sleep;
@@ -13,7 +16,7 @@ const fn is_move(action: &Action) -> bool {
 
 #[tokio::test(start_paused = true)]
 async fn a_move_reaches_its_target_with_every_set_point_executed_once() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     let path = bench.path_to_y(6.0);
     let legs_count = path.waypoints.len() - 1;
     let job = bench.cell.start_move(LEASE, "job-1", path).await.expect("allowed");
@@ -37,7 +40,7 @@ async fn a_move_reaches_its_target_with_every_set_point_executed_once() {
 
 #[tokio::test(start_paused = true)]
 async fn a_manipulator_that_stays_is_sent_nothing() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     // 0.3 mm across at one end: cos strains the part by less than a micrometre.
     let targets = Axes { x: None, y: Some(0.3), z: None, c: None };
     let path = bench.path(&Pair { m1: None, m2: Some(targets) });
@@ -49,7 +52,7 @@ async fn a_manipulator_that_stays_is_sent_nothing() {
 
 #[tokio::test(start_paused = true)]
 async fn what_is_not_allowed_is_refused_before_a_byte_goes_out() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     let good = bench.path_to_y(6.0);
     let last = good.waypoints.len() - 1;
     let mut beyond = good.clone();
@@ -86,7 +89,7 @@ async fn what_is_not_allowed_is_refused_before_a_byte_goes_out() {
 
 #[tokio::test(start_paused = true)]
 async fn a_path_that_was_planned_before_something_moved_is_stale() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     let old = bench.path_to_y(6.0);
     bench.begin("job-1", 3.0).await.ended().await;
     bench.until(|now| now.state == State::Idle).await;
@@ -96,13 +99,13 @@ async fn a_path_that_was_planned_before_something_moved_is_stale() {
 
 #[tokio::test(start_paused = true)]
 async fn one_job_at_a_time_and_each_only_once() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     let path = bench.path_to_y(6.0);
     let job = bench.cell.start_move(LEASE, "job-1", path.clone()).await.expect("allowed");
     let other = bench.cell.start_move(LEASE, "job-2", path.clone()).await;
     let busy = Refusal::WrongState { state: State::Moving, verb: "move", job: Some("job-1".to_owned()) };
     assert_eq!(other.map(|job| job.id), Err(busy));
-    // Who has lost the answer asks again, and gets the same job.
+    // A client that has lost the answer repeats its request, and gets the same job.
     let again = bench.cell.start_move(LEASE, "job-1", path.clone()).await.expect("the same job");
     assert_eq!(again.ended().await, JobEnd::Done);
     assert_eq!(job.state(), JobState::Ended(JobEnd::Done));
@@ -113,9 +116,9 @@ async fn one_job_at_a_time_and_each_only_once() {
 
 #[tokio::test(start_paused = true)]
 async fn a_client_that_hangs_up_changes_nothing() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     let path = bench.path_to_y(6.0);
-    // Dropped as soon as it has been polled once: the request is in the line, nobody waits for the answer.
+    // Dropped as soon as it has been polled once: the request is in the queue, and its answer is not awaited.
     {
         let mut asked = Box::pin(bench.cell.start_move(LEASE, "job-1", path));
         let once = std::future::poll_fn(|context| std::task::Poll::Ready(asked.as_mut().poll(context)));
@@ -128,7 +131,7 @@ async fn a_client_that_hangs_up_changes_nothing() {
 
 #[tokio::test(start_paused = true)]
 async fn the_manipulator_must_be_enabled_homed_remote_and_safe() {
-    let mut unhomed = made();
+    let mut unhomed = simulation();
     unhomed.manipulators.homed = false;
     let bench = Bench::start(&unhomed);
     bench.until(|now| now.state == State::Idle).await;
@@ -160,7 +163,7 @@ async fn the_manipulator_must_be_enabled_homed_remote_and_safe() {
 
 #[tokio::test(start_paused = true)]
 async fn a_mode_that_is_left_during_a_move_is_latched_even_at_the_one_that_stays() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     let targets = Axes { x: None, y: Some(0.3), z: None, c: None };
     let path = bench.path(&Pair { m1: None, m2: Some(targets) });
     let job = bench.cell.start_move(LEASE, "job-1", path).await.expect("allowed");
@@ -175,7 +178,7 @@ async fn a_mode_that_is_left_during_a_move_is_latched_even_at_the_one_that_stays
 async fn the_devices_own_limits_are_kept_before_the_first_set_point() {
     let shorter = |limits: Axes<AxisLimits>| Axes { y: AxisLimits { upper: 5.0, ..limits.y }, ..limits };
     let slower = |limits: Axes<AxisLimits>| Axes { y: AxisLimits { speed: 5.0, ..limits.y }, ..limits };
-    let bench = Bench::start_within(&made(), settings(), shorter).made_ready().await;
+    let bench = Bench::start_within(&simulation(), settings(), shorter).prepared().await;
     let refused = bench.cell.start_move(LEASE, "a", bench.path_to_y(6.0)).await.map(|job| job.id);
     let (carrier, axis, lower, upper) = (Carrier::M1, Axis::Y, -40.0, 5.0);
     let Err(Refusal::Motion(MotionRefusal::OutOfLimits { value, .. })) = refused else { panic!("{refused:?}") };
@@ -185,7 +188,7 @@ async fn the_devices_own_limits_are_kept_before_the_first_set_point() {
     // Up to there it goes.
     assert_eq!(bench.begin("b", 5.0).await.ended().await, JobEnd::Done);
 
-    let bench = Bench::start_within(&made(), settings(), slower).made_ready().await;
+    let bench = Bench::start_within(&simulation(), settings(), slower).prepared().await;
     let refused = bench.cell.start_move(LEASE, "a", bench.path_to_y(20.0)).await.map(|job| job.id);
     assert!(
         matches!(refused, Err(Refusal::Motion(MotionRefusal::TooFast { axis: Axis::Y, max: 5.0, .. }))),
@@ -198,7 +201,7 @@ async fn the_devices_own_limits_are_kept_before_the_first_set_point() {
 
 #[tokio::test(start_paused = true)]
 async fn a_cell_that_starts_says_nothing_before_the_watchdogs_have_run_out() {
-    let bench = Bench::start(&made());
+    let bench = Bench::start(&simulation());
     let started_at = now();
     bench.until(|now| now.state == State::Idle).await;
     // 500 ms of the slowest watchdog and 50 ms of margin.
@@ -207,7 +210,7 @@ async fn a_cell_that_starts_says_nothing_before_the_watchdogs_have_run_out() {
 
 #[tokio::test(start_paused = true)]
 async fn events_are_numbered_without_a_gap_and_can_be_waited_for() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     let seen = bench.cell.events(0);
     assert_eq!(seen.missed, 0);
     let numbers: Vec<u64> = seen.events.iter().map(|event| event.number).collect();
@@ -218,4 +221,205 @@ async fn events_are_numbered_without_a_gap_and_can_be_waited_for() {
     newest.changed().await.expect("the cell lives");
     let more = bench.cell.events(last);
     assert!(more.events.first().is_some_and(|event| event.number == last + 1 && event.at <= now()));
+}
+
+/// A cell that is idle, with the lease taken and nothing enabled.
+async fn idle() -> Bench {
+    let bench = Bench::start_with(&simulation(), settings());
+    bench.until(|now| now.state == State::Idle).await;
+    bench.take_lease(Duration::from_secs(60)).await;
+    bench
+}
+
+fn state(bench: &Bench, carrier: Carrier) -> AxisState {
+    bench.cell.snapshot().manipulators.get(carrier).reading.as_ref().expect("was read").state
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_disable_right_after_an_enable_disables_and_so_does_its_mirror() {
+    // At every phase of the polling, which has a period of 50 ms.
+    for offset_ms in 0..50 {
+        for (first, last, ends) in [
+            (Manual::Enable, Manual::Disable, AxisState::Disabled),
+            (Manual::Disable, Manual::Enable, AxisState::Standstill),
+        ] {
+            let bench = idle().await;
+            if first == Manual::Disable {
+                bench.cell.act(LEASE, Carrier::M1, Manual::Enable).await.expect("allowed");
+                sleep(Duration::from_millis(200)).await;
+            }
+            sleep(Duration::from_millis(offset_ms)).await;
+            assert_eq!(bench.cell.act(LEASE, Carrier::M1, first).await, Ok(Taken::Accepted));
+            assert_eq!(bench.cell.act(LEASE, Carrier::M1, last).await, Ok(Taken::Accepted), "{first:?} {offset_ms} ms");
+            sleep(Duration::from_millis(200)).await;
+            assert_eq!(state(&bench, Carrier::M1), ends, "{first:?}, {last:?}, {offset_ms} ms");
+            assert_eq!(bench.cell.act(LEASE, Carrier::M1, last).await, Ok(Taken::AlreadySo));
+        }
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_same_command_again_is_already_so_once_it_was_read_and_is_sent_once() {
+    let bench = idle().await;
+    let enable = || bench.cell.act(LEASE, Carrier::M1, Manual::Enable);
+    let answers = tokio::join!(enable(), enable(), enable());
+    assert_eq!(answers, (Ok(Taken::Accepted), Ok(Taken::AlreadySo), Ok(Taken::AlreadySo)));
+    assert_eq!(bench.sent(Carrier::M1, |command| command.action == Action::Enable).len(), 1);
+    assert_eq!(state(&bench, Carrier::M1), AxisState::Standstill);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_move_right_after_two_accepted_enables_begins() {
+    for offset_ms in 0..50 {
+        let bench = idle().await;
+        let path = bench.path_to_y(3.0);
+        sleep(Duration::from_millis(offset_ms)).await;
+        for carrier in Carrier::ALL {
+            assert_eq!(bench.cell.act(LEASE, carrier, Manual::Enable).await, Ok(Taken::Accepted));
+        }
+        let begun = bench.cell.start_move(LEASE, "job-1", path).await.map(|job| job.id);
+        assert_eq!(begun, Ok("job-1".to_owned()), "{offset_ms} ms");
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_move_right_after_a_disable_is_refused_and_sends_nothing() {
+    let bench = Bench::ready(&simulation()).await;
+    let path = bench.path_to_y(3.0);
+    assert_eq!(bench.cell.act(LEASE, Carrier::M2, Manual::Disable).await, Ok(Taken::Accepted));
+    let refused = bench.cell.start_move(LEASE, "job-1", path).await.map(|job| job.id);
+    assert!(matches!(refused, Err(Refusal::NotEnabled { carrier: Carrier::M2, .. })), "{refused:?}");
+    assert!(bench.sent(Carrier::M1, |command| matches!(command.action, Action::MoveTo { .. })).is_empty());
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_request_that_waits_for_a_reading_does_not_outlive_a_stop() {
+    let bench = idle().await;
+    let path = bench.path_to_y(3.0);
+    for carrier in Carrier::ALL {
+        bench.cell.act(LEASE, carrier, Manual::Enable).await.expect("allowed");
+    }
+    let cell = bench.cell.clone();
+    let waiting = tokio::spawn(async move { cell.start_move(LEASE, "job-1", path).await.map(|job| job.id) });
+    tokio::task::yield_now().await;
+    bench.cell.stop().await;
+    let refused = waiting.await.expect("it is answered");
+    assert!(matches!(refused, Err(Refusal::WrongState { state: State::Stopping, .. })), "{refused:?}");
+    bench.until(|now| now.state == State::Idle).await;
+    assert_eq!(bench.last_motion(Duration::from_secs(2)).await, None);
+    assert!(bench.sent(Carrier::M1, |command| matches!(command.action, Action::MoveTo { .. })).is_empty());
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_request_waits_no_longer_than_for_an_acknowledgement_and_an_answer() {
+    let bench = idle().await;
+    bench.m1_was_read().await;
+    // The command arrives, and neither its answer nor any other comes.
+    bench.world.faults().hold(Device::Manipulator(Carrier::M1), Fault::Silence { arrives: true });
+    assert_eq!(bench.cell.act(LEASE, Carrier::M1, Manual::Enable).await, Ok(Taken::Accepted));
+    let asked_at = now();
+    let refused = bench.cell.act(LEASE, Carrier::M1, Manual::Disable).await;
+    assert!(matches!(refused, Err(Refusal::Faulted { .. } | Refusal::DeviceStale { .. })), "{refused:?}");
+    assert!(now() - asked_at <= Duration::from_millis(500), "{:?}", now() - asked_at);
+}
+
+fn home() -> Action {
+    Action::Home { axes: Axes::from_fn(|_| true) }
+}
+
+fn homes(bench: &Bench, carrier: Carrier) -> usize {
+    bench.sent(carrier, |command| matches!(command.action, Action::Home { .. })).len()
+}
+
+fn homed(reading: &Reading) -> bool {
+    reading.axes.iter().all(|(_, axis)| axis.homed)
+}
+
+/// Both are enabled, and none has a reference.
+async fn without_references() -> Bench {
+    let mut unhomed = simulation();
+    unhomed.manipulators.homed = false;
+    let bench = Bench::start(&unhomed);
+    bench.until(|now| now.state == State::Idle).await;
+    bench.take_lease(Duration::from_secs(60)).await;
+    for carrier in Carrier::ALL {
+        bench.cell.act(LEASE, carrier, Manual::Enable).await.expect("allowed");
+    }
+    let enabled = |reading: &Option<Reading>| reading.as_ref().is_some_and(|one| one.state == AxisState::Standstill);
+    bench.until(|now| now.manipulators.iter().all(|(_, live)| enabled(&live.reading))).await;
+    bench
+}
+
+#[tokio::test(start_paused = true)]
+async fn homing_what_is_homed_moves_nothing() {
+    let bench = Bench::ready(&simulation()).await;
+    assert_eq!(bench.cell.act(LEASE, Carrier::M1, Manual::Home).await, Ok(Taken::AlreadySo));
+    sleep(Duration::from_secs(1)).await;
+    assert_eq!(homes(&bench, Carrier::M1), 0);
+}
+
+#[tokio::test(start_paused = true)]
+async fn homing_is_refused_while_the_other_moves() {
+    let bench = without_references().await;
+    bench.command_from_elsewhere(Carrier::M2, home()).await;
+    bench.until(|now| now.manipulators.m2.reading.as_ref().is_some_and(|one| one.state.moves())).await;
+    let refused = bench.cell.act(LEASE, Carrier::M1, Manual::Home).await;
+    assert_eq!(refused, Err(Refusal::Moves { device: "m2".to_owned() }));
+    assert_eq!(homes(&bench, Carrier::M1), 0);
+}
+
+#[tokio::test(start_paused = true)]
+async fn homing_is_refused_before_anything_moves_where_the_other_may_not_move() {
+    let disabled = without_references().await;
+    disabled.cell.act(LEASE, Carrier::M2, Manual::Disable).await.expect("allowed");
+    let guard_open = without_references().await;
+    let open = Safety { emergency_stop_ok: true, guard_closed: false, drives_ready: true, remote_enabled: true };
+    guard_open.world.set_safety(Carrier::M2, open);
+    let at_its_panel = without_references().await;
+    at_its_panel.world.set_mode(Carrier::M2, Mode::Manual);
+    for (bench, what) in [(disabled, "disabled"), (guard_open, "guard open"), (at_its_panel, "in manual mode")] {
+        // Long enough for a reading of it.
+        sleep(Duration::from_millis(200)).await;
+        let refused = bench.cell.act(LEASE, Carrier::M1, Manual::Home).await;
+        let named = match (&refused, what) {
+            (Err(Refusal::NotEnabled { carrier, .. }), "disabled")
+            | (Err(Refusal::NotRemote { carrier, .. }), "in manual mode") => *carrier == Carrier::M2,
+            // The guard makes the device report a fault, which has stopped the cell already.
+            (Err(Refusal::Faulted { .. }), "guard open") => true,
+            _ => false,
+        };
+        assert!(named, "m2 is {what}: {refused:?}");
+        assert_eq!(homes(&bench, Carrier::M1), 0, "m2 is {what}");
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_manipulator_that_moves_while_the_other_is_homed_stops_both() {
+    let bench = without_references().await;
+    assert_eq!(bench.cell.act(LEASE, Carrier::M1, Manual::Home).await, Ok(Taken::Accepted));
+    sleep(Duration::from_millis(200)).await;
+    bench.command_from_elsewhere(Carrier::M2, home()).await;
+    let seen = bench.until(|now| now.state == State::Faulted).await;
+    let moves = Failure::Interrupted(Box::new(Refusal::Moves { device: "m2".to_owned() }));
+    assert_eq!(seen.faults.first().map(|fault| &fault.failure), Some(&moves));
+    let rests = |reading: &Option<Reading>| reading.as_ref().is_some_and(|one| !one.state.moves());
+    let seen = bench.until(|now| now.manipulators.iter().all(|(_, live)| rests(&live.reading))).await;
+    for (carrier, live) in seen.manipulators.iter() {
+        assert_eq!(bench.sent(carrier, |command| command.action == Action::Halt).len(), 1);
+        assert!(!live.reading.as_ref().is_some_and(homed), "{} was stopped on the way", carrier.name());
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_reference_that_was_lost_meanwhile_is_found_again() {
+    let bench = Bench::ready(&simulation()).await;
+    // A homing that does not come to its end leaves the axes without a reference.
+    bench.command_from_elsewhere(Carrier::M1, home()).await;
+    bench.command_from_elsewhere(Carrier::M1, Action::Halt).await;
+    let lost = |reading: &Reading| !homed(reading) && reading.state == AxisState::Standstill;
+    let seen = bench.until(|now| now.manipulators.m1.reading.as_ref().is_some_and(lost)).await;
+    assert!(matches!(seen.reasons.first(), Some(Refusal::NotHomed { carrier: Carrier::M1, .. })), "{:?}", seen.reasons);
+    assert_eq!(bench.cell.act(LEASE, Carrier::M1, Manual::Home).await, Ok(Taken::Accepted));
+    bench.until(|now| now.state == State::Idle && now.commands_allowed).await;
+    assert_eq!((homes(&bench, Carrier::M1), homes(&bench, Carrier::M2)), (1, 0));
 }

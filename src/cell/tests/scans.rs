@@ -1,16 +1,19 @@
-//! Scans: the profiles come whole and in order, or the scan fails by name and the stage stands.
+//! Scans: all profiles in order, or the scan fails with a named reason and the stage stops. And the laser, a hazard like a motion: a
+//! sensor that is found running is stopped, a stop and the end of the cell switch it off, and one that does not stop is a fault.
 
-use super::bench::{Bench, LEASE, made, settings};
-use crate::cell::driver::Outcome;
+use super::{Bench, LEASE, arrangement, settings, simulation};
+use crate::cell::driver::messages::Outcome;
 use crate::cell::scanning::{ScanStep, Scanning};
-use crate::cell::{Failure, JobEnd, Refusal, ScanOrder, State, StopCause, now};
-use crate::device::simulated::{Device, Fault};
-use crate::device::{DeviceError, Profile, ScanFault, SensorDeadlines, StageReading};
+use crate::cell::{Failure, JobEnd, Link, Refusal, ScanOrder, State, StopCause};
+use crate::device::clock::now;
+use crate::device::simulated::{Device, Fault, Mounting, World};
+use crate::device::{DeviceError, Profile, ProfileSensor, ScanFault, SensorDeadlines, StageReading};
+use crate::motion::{Carrier, Support};
 use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio::time::{Instant, sleep};
 
-/// 50 profiles, one each 2 mm, as the made sensor triggers.
+/// 50 profiles, one each 2 mm, as the simulated sensor triggers.
 const ORDER: ScanOrder = ScanOrder { x_from_mm: 100.0, x_to_mm: 202.0, profiles_count: 50, speed_mm_s: 50.0 };
 
 async fn collect(mut profiles: mpsc::Receiver<Vec<Profile>>) -> Vec<Profile> {
@@ -35,7 +38,7 @@ fn stage_stands(stage: &crate::cell::Live<crate::device::StageReading>) -> bool 
 
 #[tokio::test(start_paused = true)]
 async fn a_scan_gives_every_profile_once_and_in_order() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     let (job, profiles) = bench.cell.start_scan(LEASE, "scan-1", ORDER).await.expect("allowed");
     assert_eq!(bench.cell.snapshot().state, State::Scanning);
     let all = collect(profiles).await;
@@ -49,7 +52,7 @@ async fn a_scan_gives_every_profile_once_and_in_order() {
 
 #[tokio::test(start_paused = true)]
 async fn what_the_stage_cannot_do_is_refused() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     for wrong in [
         ScanOrder { x_to_mm: 1001.0, ..ORDER },
         ScanOrder { x_from_mm: f64::NAN, ..ORDER },
@@ -69,7 +72,7 @@ async fn what_the_stage_cannot_do_is_refused() {
 async fn a_scan_is_refused_while_a_manipulator_moves() {
     use crate::device::Action;
     use crate::motion::{Axes, Carrier};
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     let axes = Axes { y: true, ..Axes::default() };
     let (targets, speeds) = (Axes { y: 10.0, ..Axes::default() }, Axes { y: 5.0, ..Axes::default() });
     bench.command_from_elsewhere(Carrier::M2, Action::MoveTo { axes, targets, speeds }).await;
@@ -91,10 +94,10 @@ fn travelling(own: SensorDeadlines, at: Instant) -> Scanning {
     };
     let names = ("stage".to_owned(), "sensor".to_owned());
     let mut scanning = Scanning::new(ORDER, names, from, (&settings(), &own), at);
-    scanning.stage_told(at, Outcome::Taken { sequence: 0 });
+    scanning.stage_outcome(at, Outcome::Taken { sequence: 0 });
     assert_eq!(scanning.read(at, at, &from), ScanStep::Arm);
-    assert!(matches!(scanning.sensor_told(at, Outcome::Taken { sequence: 0 }), ScanStep::Carry(_)));
-    scanning.stage_told(at, Outcome::Taken { sequence: 0 });
+    assert!(matches!(scanning.sensor_outcome(at, Outcome::Taken { sequence: 0 }), ScanStep::Carry(_)));
+    scanning.stage_outcome(at, Outcome::Taken { sequence: 0 });
     let arrived = StageReading { actual_mm: ORDER.x_to_mm, ..from };
     assert_eq!(scanning.read(at + Duration::from_secs(3), at + Duration::from_secs(3), &arrived), ScanStep::Wait);
     scanning
@@ -122,7 +125,7 @@ async fn the_stall_limit_does_not_override_a_sensors_own_time_for_the_first_prof
 
 #[tokio::test(start_paused = true)]
 async fn a_gap_fails_the_scan_by_name_and_halts_the_stage() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     let (job, profiles) = bench.cell.start_scan(LEASE, "scan-1", ORDER).await.expect("allowed");
     let collecting = tokio::spawn(collect(profiles));
     bench.until(|now| now.job.as_ref().is_some_and(|job| job.progress > 0.2)).await;
@@ -143,7 +146,7 @@ async fn a_gap_fails_the_scan_by_name_and_halts_the_stage() {
 
 #[tokio::test(start_paused = true)]
 async fn a_sensor_that_falls_silent_fails_the_scan_and_halts_the_stage() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     let (job, profiles) = bench.cell.start_scan(LEASE, "scan-1", ORDER).await.expect("allowed");
     let collecting = tokio::spawn(collect(profiles));
     bench.until(|now| now.job.as_ref().is_some_and(|job| job.progress > 0.2)).await;
@@ -157,7 +160,7 @@ async fn a_sensor_that_falls_silent_fails_the_scan_and_halts_the_stage() {
 
 #[tokio::test(start_paused = true)]
 async fn a_stage_that_stalls_fails_the_scan() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     let (job, profiles) = bench.cell.start_scan(LEASE, "scan-1", ORDER).await.expect("allowed");
     let collecting = tokio::spawn(collect(profiles));
     bench.until(|now| now.job.as_ref().is_some_and(|job| job.progress > 0.2)).await;
@@ -169,7 +172,7 @@ async fn a_stage_that_stalls_fails_the_scan() {
 
 #[tokio::test(start_paused = true)]
 async fn a_scan_that_asks_for_more_than_the_way_gives_is_incomplete() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     let order = ScanOrder { profiles_count: 500, ..ORDER };
     let (job, profiles) = bench.cell.start_scan(LEASE, "scan-1", order).await.expect("allowed");
     let collecting = tokio::spawn(collect(profiles));
@@ -181,7 +184,7 @@ async fn a_scan_that_asks_for_more_than_the_way_gives_is_incomplete() {
 
 #[tokio::test(start_paused = true)]
 async fn profiles_that_nobody_takes_fail_the_scan() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     let (job, profiles) = bench.cell.start_scan(LEASE, "scan-1", ORDER).await.expect("allowed");
     drop(profiles);
     assert_eq!(job.ended().await, JobEnd::Failed(Failure::ProfilesNotTaken));
@@ -190,7 +193,7 @@ async fn profiles_that_nobody_takes_fail_the_scan() {
 
 #[tokio::test(start_paused = true)]
 async fn a_stop_in_a_scan_halts_the_stage() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     let (job, profiles) = bench.cell.start_scan(LEASE, "scan-1", ORDER).await.expect("allowed");
     let collecting = tokio::spawn(collect(profiles));
     bench.until(|now| now.job.as_ref().is_some_and(|job| job.progress > 0.2)).await;
@@ -198,4 +201,137 @@ async fn a_stop_in_a_scan_halts_the_stage() {
     assert_eq!(job.ended().await, JobEnd::Stopped(StopCause::Requested));
     stands(&bench).await;
     assert!(collecting.await.expect("it ends").len() < 50);
+}
+
+const LASER_ORDER: ScanOrder = ScanOrder { x_from_mm: 100.0, x_to_mm: 900.0, profiles_count: 350, speed_mm_s: 50.0 };
+
+fn world() -> World {
+    let mounting = |support: &Support| Mounting { mount_mm: support.mount_mm, limits: support.limits };
+    World::new(&simulation(), &arrangement().supports.map(|_, support| mounting(support)))
+        .expect("settings that are allowed")
+}
+
+/// Another client starts the sensor over its own link.
+async fn start_from_elsewhere(world: &World) {
+    let mut line = world.sensor();
+    line.connect().await.expect("a link");
+    line.start(1_000).await.expect("started");
+    assert!(world.laser_is_on());
+}
+
+/// Checks each millisecond, for up to a minute, and returns when the laser was off.
+async fn off_after(world: &World, since: Instant) -> Duration {
+    while world.laser_is_on() {
+        assert!(now() - since < Duration::from_secs(60), "the laser is still on");
+        sleep(Duration::from_millis(1)).await;
+    }
+    now() - since
+}
+
+/// In the middle of a scan.
+async fn scanning() -> Bench {
+    let bench = Bench::ready(&simulation()).await;
+    let (_, mut profiles) = bench.cell.start_scan(LEASE, "scan-1", LASER_ORDER).await.expect("allowed");
+    tokio::spawn(async move { while profiles.recv().await.is_some() {} });
+    bench.until(|now| now.job.as_ref().is_some_and(|job| job.progress > 0.05)).await;
+    assert!(bench.world.laser_is_on());
+    bench
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_sensor_found_running_at_the_start_is_stopped_within_a_second_and_the_cell_waits_for_it() {
+    let world = world();
+    start_from_elsewhere(&world).await;
+    let (bench, started_at) = (Bench::on(world.clone(), settings()), now());
+    let off = off_after(&world, started_at).await;
+    assert!(off <= Duration::from_millis(100), "off after {off:?}");
+    let idle = bench.until(|now| now.state == State::Idle).await;
+    assert!(idle.sensor.as_ref().and_then(|sensor| sensor.reading.as_ref()).is_some_and(|one| !one.running));
+    assert_eq!(idle.faults, []);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_sensor_found_running_after_a_lost_link_is_stopped_whatever_the_cell_does() {
+    for moves in [false, true] {
+        let bench = Bench::ready(&simulation()).await;
+        bench.world.faults().hold(Device::Sensor, Fault::HalfOpen);
+        bench.until(|now| now.sensor.as_ref().is_some_and(|sensor| sensor.link == Link::Lost)).await;
+        bench.world.faults().clear(Device::Sensor);
+        start_from_elsewhere(&bench.world).await;
+        if moves {
+            bench.begin("job-1", 20.0).await;
+        }
+        bench.until(|now| now.sensor.as_ref().is_some_and(|sensor| sensor.link == Link::Up)).await;
+        let off = off_after(&bench.world, now()).await;
+        assert!(off <= Duration::from_millis(50), "off after {off:?}");
+        if moves {
+            assert_eq!(bench.cell.snapshot().state, State::Moving, "a laser is no reason to halt a move");
+        } else {
+            bench.until(|now| now.state == State::Idle).await;
+        }
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_link_that_is_lost_in_a_scan_leaves_the_laser_on_no_longer_than_until_it_is_back() {
+    let bench = scanning().await;
+    bench.world.faults().hold(Device::Sensor, Fault::LinkLost { arrives: false });
+    bench.until(|now| now.state == State::Faulted).await;
+    sleep(Duration::from_secs(3)).await;
+    assert!(bench.world.laser_is_on(), "nothing arrives there");
+    bench.world.faults().clear(Device::Sensor);
+    let back_at = bench.until(|now| now.sensor.as_ref().is_some_and(|sensor| sensor.link == Link::Up)).await.at;
+    let off = off_after(&bench.world, back_at).await;
+    assert!(off <= Duration::from_millis(50), "off after {off:?}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_a_lease_that_is_over_and_the_end_of_the_cell_switch_the_laser_off() {
+    let bench = scanning().await;
+    let asked_at = now();
+    let report = bench.cell.stop().await;
+    assert_eq!(report.devices.last().map(|device| (device.name.as_str(), device.sent)), Some(("sensor", true)));
+    let off = off_after(&bench.world, asked_at).await;
+    assert!(off <= Duration::from_millis(50), "off after {off:?}");
+
+    let bench = scanning().await;
+    bench.cell.release_lease(LEASE).await.expect("it is held");
+    let off = off_after(&bench.world, now()).await;
+    assert!(off <= Duration::from_millis(50), "off after {off:?}");
+
+    let bench = scanning().await;
+    bench.cell.close().await;
+    assert!(!bench.world.laser_is_on(), "it is off before the cell lets go of the devices");
+
+    let bench = scanning().await;
+    // What a panic would do to the cell's task.
+    bench.task.abort();
+    let off = off_after(&bench.world, now()).await;
+    assert!(off <= Duration::from_millis(50), "off after {off:?}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_switches_off_a_laser_that_somebody_else_has_switched_on() {
+    let bench = Bench::ready(&simulation()).await;
+    start_from_elsewhere(&bench.world).await;
+    let asked_at = now();
+    bench.cell.stop().await;
+    let off = off_after(&bench.world, asked_at).await;
+    assert!(off <= Duration::from_millis(50), "off after {off:?}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_sensor_that_refuses_to_stop_is_latched_by_that_name() {
+    let bench = Bench::ready(&simulation()).await;
+    start_from_elsewhere(&bench.world).await;
+    // It is not asked again for a second then.
+    let read_at = bench.cell.snapshot().sensor.as_ref().and_then(|sensor| sensor.read_at);
+    bench.until(|now| now.sensor.as_ref().is_some_and(|sensor| sensor.read_at != read_at)).await;
+    bench.world.faults().next(Device::Sensor, Fault::Rejected { code: 1000 });
+    bench.cell.stop().await;
+    let seen = bench.until(|now| now.state == State::Faulted).await;
+    let refused = Failure::HaltRefused(DeviceError::Rejected { device: "sensor".to_owned(), code: 1000 });
+    let named = seen.faults.iter().any(|fault| fault.failure == refused);
+    assert!(named, "{:?}", seen.faults);
+    assert!(Carrier::ALL.iter().all(|carrier| seen.manipulators.get(*carrier).link == Link::Up));
 }

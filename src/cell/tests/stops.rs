@@ -1,7 +1,8 @@
-//! Stops: in every state, without a lease, past everything.
+//! Stops in every state, without a lease and ahead of every queue; and leases: one commander, and what happens when the lease ends.
 
-use super::bench::{Bench, LEASE, made};
-use crate::cell::{Failure, JobEnd, LeaseRequest, Manual, Refusal, State, StopCause, now};
+use super::{Bench, LEASE, simulation};
+use crate::cell::{Failure, JobEnd, LeaseRequest, Manual, Refusal, State, StopCause};
+use crate::device::clock::now;
 use crate::device::simulated::{Device, Fault};
 use crate::device::{Action, DeviceError};
 use crate::motion::{Axes, Axis, Carrier};
@@ -14,13 +15,13 @@ fn halts(bench: &Bench, carrier: Carrier) -> Vec<tokio::time::Instant> {
 
 #[tokio::test(start_paused = true)]
 async fn a_stop_in_a_move_is_sent_to_all_within_50_ms_and_ends_the_job_when_all_stand() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     let job = bench.begin("job-1", 20.0).await;
     sleep(Duration::from_millis(700)).await;
     let asked_at = now();
     let report = bench.cell.stop().await;
     assert!(now() - asked_at <= Duration::from_millis(50), "the answer took {:?}", now() - asked_at);
-    // Latency of the made devices is 5 ms, and a call under way is let go on for 25 ms.
+    // Latency of the simulated devices is 5 ms, and a call under way may take another 25 ms.
     assert!(report.sent_within < Duration::from_millis(30), "{report:?}");
     assert!(report.devices.len() == 4 && report.devices.iter().all(|device| device.sent), "{report:?}");
     assert_eq!(bench.cell.snapshot().state, State::Stopping);
@@ -35,7 +36,7 @@ async fn a_stop_in_a_move_is_sent_to_all_within_50_ms_and_ends_the_job_when_all_
 
 #[tokio::test(start_paused = true)]
 async fn axes_that_still_move_are_named() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     bench.begin("job-1", 20.0).await;
     sleep(Duration::from_millis(700)).await;
     let report = bench.cell.stop().await;
@@ -47,7 +48,7 @@ async fn axes_that_still_move_are_named() {
 
 #[tokio::test(start_paused = true)]
 async fn a_halt_that_a_device_refuses_is_not_said_to_be_sent_and_is_latched_by_that_name() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     bench.m1_was_read().await;
     // The halt, a reading, and the halt that the fault raises.
     let (m1, faults) = (Device::Manipulator(Carrier::M1), bench.world.faults());
@@ -66,7 +67,7 @@ async fn a_halt_that_a_device_refuses_is_not_said_to_be_sent_and_is_latched_by_t
 
 #[tokio::test(start_paused = true)]
 async fn a_device_that_refuses_the_halt_in_a_motion_is_left_alone_and_stops_by_its_watchdog() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     bench.begin("job-1", 20.0).await;
     sleep(Duration::from_millis(700)).await;
     bench.m1_was_read().await;
@@ -85,7 +86,7 @@ async fn a_device_that_refuses_the_halt_in_a_motion_is_left_alone_and_stops_by_i
 async fn a_halt_whose_number_somebody_else_has_used_goes_out_again() {
     // The first takes the number of our halt, the second a newer one.
     for commands_count in [1, 2] {
-        let bench = Bench::ready(&made()).await;
+        let bench = Bench::ready(&simulation()).await;
         bench.begin("job-1", 20.0).await;
         sleep(Duration::from_millis(700)).await;
         bench.m1_was_read().await;
@@ -105,7 +106,7 @@ async fn a_halt_whose_number_somebody_else_has_used_goes_out_again() {
 
 #[tokio::test(start_paused = true)]
 async fn a_device_that_is_slow_every_time_is_halted_every_time() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     for round in 1..=3 {
         bench.world.faults().next(Device::Manipulator(Carrier::M1), Fault::Late { by: Duration::from_millis(120) });
         sleep(Duration::from_millis(60)).await;
@@ -120,7 +121,7 @@ async fn a_device_that_is_slow_every_time_is_halted_every_time() {
 
 #[tokio::test(start_paused = true)]
 async fn stop_is_taken_in_every_state_without_a_lease_and_again() {
-    let bench = Bench::start(&made());
+    let bench = Bench::start(&simulation());
     assert_eq!(bench.cell.snapshot().state, State::Offline);
     bench.cell.stop().await;
     bench.until(|now| now.state == State::Idle).await;
@@ -142,7 +143,7 @@ async fn stop_is_taken_in_every_state_without_a_lease_and_again() {
 
 #[tokio::test(start_paused = true)]
 async fn a_stop_does_not_wait_behind_a_device_that_is_slow_to_answer() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     bench.begin("job-1", 20.0).await;
     sleep(Duration::from_millis(500)).await;
     // m1's next answer comes 120 ms late: its call is dropped after the grace, and the halt goes out on a new connection.
@@ -160,7 +161,7 @@ async fn a_stop_does_not_wait_behind_a_device_that_is_slow_to_answer() {
 
 #[tokio::test(start_paused = true)]
 async fn a_stop_overtakes_requests_and_orders_that_came_before_it() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     let path = bench.path_to_y(20.0);
     // Both at once; the stop has its own way in.
     let (started, _) = tokio::join!(bench.cell.start_move(LEASE, "job-1", path), bench.cell.stop());
@@ -174,7 +175,7 @@ async fn a_stop_overtakes_requests_and_orders_that_came_before_it() {
 
 #[tokio::test(start_paused = true)]
 async fn a_hundred_stops_at_once_do_not_wear_the_cell_down() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     bench.begin("job-1", 20.0).await;
     for _ in 0..100 {
         let report = bench.cell.stop().await;
@@ -186,7 +187,7 @@ async fn a_hundred_stops_at_once_do_not_wear_the_cell_down() {
 
 #[tokio::test(start_paused = true)]
 async fn closing_stops_first_and_then_lets_go() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     let job = bench.begin("job-1", 20.0).await;
     sleep(Duration::from_millis(700)).await;
     bench.cell.close().await;
@@ -199,7 +200,7 @@ async fn closing_stops_first_and_then_lets_go() {
 
 #[tokio::test(start_paused = true)]
 async fn requests_that_wait_when_the_cell_ends_are_refused_and_not_left_unanswered() {
-    let bench = Bench::ready(&made()).await;
+    let bench = Bench::ready(&simulation()).await;
     // All of them are in the queue before the task sees the first.
     let (closed, first, second) =
         tokio::join!(bench.cell.close(), bench.cell.act(LEASE, Carrier::M1, Manual::Disable), bench.cell.reset(LEASE),);
@@ -208,7 +209,7 @@ async fn requests_that_wait_when_the_cell_ends_are_refused_and_not_left_unanswer
 
 #[tokio::test(start_paused = true)]
 async fn the_cell_stops_when_nobody_holds_it_any_more() {
-    let Bench { world, cell, task, lines, arrangement } = Bench::ready(&made()).await;
+    let Bench { world, cell, task, lines, arrangement } = Bench::ready(&simulation()).await;
     let bench = Bench { world, cell: cell.clone(), task, lines, arrangement };
     bench.begin("job-1", 20.0).await;
     sleep(Duration::from_millis(700)).await;
@@ -219,9 +220,93 @@ async fn the_cell_stops_when_nobody_holds_it_any_more() {
     while watch.changed().await.is_ok() {}
     assert_eq!(watch.borrow().state, State::Idle);
     let halted = |carrier| {
-        let line: &std::sync::Mutex<super::bench::Line> = lines.get(carrier);
+        let line: &std::sync::Mutex<super::Line> = lines.get(carrier);
         line.lock().expect("unpoisoned").sent.last().is_some_and(|(_, command)| command.action == Action::Halt)
     };
     assert!(halted(Carrier::M1) && halted(Carrier::M2));
     drop(world);
+}
+
+fn request(id: &str, holder: &str, seconds: u64) -> LeaseRequest {
+    let time_to_live = Duration::from_secs(seconds);
+    LeaseRequest { id: id.to_owned(), holder: holder.to_owned(), time_to_live }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_lease_that_runs_out_stops_what_it_moved_within_250_ms() {
+    let bench = Bench::start(&simulation());
+    bench.until(|now| now.state == State::Idle).await;
+    bench.take_lease(Duration::from_secs(2)).await;
+    bench.enable().await;
+    let job = bench.begin("job-1", 30.0).await;
+    let until = bench.cell.snapshot().lease.as_ref().expect("it was just used").until;
+    let halt_count = bench.sent(Carrier::M1, |command| command.action == Action::Halt).len();
+    assert_eq!(job.ended().await, JobEnd::Stopped(StopCause::LeaseOver));
+    let at_rest_after = now() - until;
+    assert!(at_rest_after <= Duration::from_millis(250), "at rest {at_rest_after:?} after the lease");
+    for carrier in Carrier::ALL {
+        let halts = bench.sent(carrier, |command| command.action == Action::Halt);
+        assert!(halts.len() > halt_count && *halts.last().expect("one") - until <= Duration::from_millis(50));
+    }
+    assert_eq!(bench.last_motion(Duration::from_secs(2)).await, None);
+    let late = bench.cell.act(LEASE, Carrier::M1, Manual::Disable).await;
+    assert_eq!(late, Err(Refusal::LeaseOver));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_lease_that_is_renewed_carries_a_long_move_to_its_end() {
+    let bench = Bench::start(&simulation());
+    bench.until(|now| now.state == State::Idle).await;
+    bench.take_lease(Duration::from_secs(1)).await;
+    bench.enable().await;
+    let job = bench.begin("job-1", 30.0).await;
+    let cell = bench.cell.clone();
+    let renewing = tokio::spawn(async move {
+        while cell.renew_lease(LEASE).await.is_ok() {
+            sleep(Duration::from_millis(500)).await;
+        }
+    });
+    assert_eq!(job.ended().await, JobEnd::Done);
+    renewing.abort();
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_lease_that_is_given_back_stops_what_it_moved() {
+    let bench = Bench::ready(&simulation()).await;
+    let job = bench.begin("job-1", 30.0).await;
+    sleep(Duration::from_millis(600)).await;
+    bench.cell.release_lease(LEASE).await.expect("it is held");
+    assert_eq!(job.ended().await, JobEnd::Stopped(StopCause::LeaseReleased));
+    assert_eq!(bench.cell.release_lease(LEASE).await, Err(Refusal::LeaseOver));
+}
+
+#[tokio::test(start_paused = true)]
+async fn two_clients_cannot_both_command() {
+    let bench = Bench::ready(&simulation()).await;
+    let refused = bench.cell.take_lease(request("lease-2", "other", 5)).await;
+    assert!(matches!(&refused, Err(Refusal::LeaseHeld { holder, .. }) if holder == "test"), "{refused:?}");
+    let refused = bench.cell.start_move("lease-2", "job-2", bench.path_to_y(1.0)).await.map(|job| job.id);
+    assert!(matches!(refused, Err(Refusal::LeaseHeld { .. })), "{refused:?}");
+    assert!(matches!(bench.cell.reset("lease-2").await, Err(Refusal::LeaseHeld { .. })));
+    bench.cell.release_lease(LEASE).await.expect("it is held");
+    let next = bench.cell.take_lease(request("lease-2", "other", 5)).await.expect("free");
+    // The bench's floor is 41: 42 was the first.
+    assert_eq!(next.fence, 43);
+    let refused = bench.cell.start_move(LEASE, "job-3", bench.path_to_y(1.0)).await.map(|job| job.id);
+    assert!(matches!(refused, Err(Refusal::LeaseHeld { .. })), "{refused:?}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn every_command_carries_the_fence_of_its_lease() {
+    let bench = Bench::ready(&simulation()).await;
+    bench.begin("job-1", 1.0).await.ended().await;
+    bench.cell.release_lease(LEASE).await.expect("it is held");
+    bench.cell.take_lease(request("lease-2", "other", 5)).await.expect("free");
+    bench.cell.stop().await;
+    bench.until(|now| now.state == State::Idle).await;
+    let line = bench.lines.m1.lock().expect("unpoisoned");
+    for (_, command) in &line.sent {
+        let fence = if command.action == Action::Halt { 43 } else { 42 };
+        assert_eq!(command.fence, fence, "{command:?}");
+    }
 }

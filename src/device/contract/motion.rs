@@ -1,12 +1,12 @@
-//! The part of the contract that moves: for tests against made devices and servers, never against a machine that carries a
+//! The part of the contract that moves: for tests against simulated devices and servers, never against a machine that carries a
 //! part. In: an adaptor, connected or not. Out: a [`Report`].
 
 use super::{Report, STANDS, moved, say_state};
 use crate::device::error::DeviceError;
 use crate::device::manipulator::{Acknowledged, Action, AxisState, Command, CommandResult, Manipulator, Reading};
 use crate::device::sensor::ProfileSensor;
+use crate::device::sensor::{Stage, StageReading};
 use crate::device::sequence::next;
-use crate::device::stage::{Stage, StageReading};
 use crate::motion::{Axes, Position};
 use std::time::Duration;
 use tokio::time::{sleep, timeout};
@@ -22,7 +22,7 @@ const WATCHDOG: Duration = Duration::from_millis(400);
 /// After this long without a word every watchdog has struck and the axis is at rest.
 const UNHEARD: Duration = Duration::from_millis(1_500);
 
-/// Says commands, with the next sequence number, to one device.
+/// Sends commands, with the next sequence number, to one device.
 struct Commander<'a> {
     device: &'a mut dyn Manipulator,
     sequence: u16,
@@ -53,7 +53,7 @@ impl Commander<'_> {
         Ok(reading)
     }
 
-    /// Sends and reads until the device says what became of it.
+    /// Sends, and reads until the device reports the result.
     async fn settle(&mut self, action: Action) -> Result<Reading, DeviceError> {
         self.send(action).await?;
         let sequence = self.sequence;
@@ -76,7 +76,7 @@ fn y_to(target: f64, speed: f64) -> Action {
     }
 }
 
-/// Moves axis y of a manipulator by 2 mm and back, halts it, lets its watchdog strike and loses its link, with fences from
+/// Moves axis y of a manipulator by 2 mm and back, halts it, lets its watchdog expire and loses its link, with fencing tokens from
 /// `fence` on. It must be ready to be enabled and stand at least 25 mm within its limits.
 pub async fn check_manipulator_motion(device: &mut dyn Manipulator, fence: u64) -> Report {
     let mut report = Report::new(device.name());
@@ -127,7 +127,7 @@ async fn again(commander: &mut Commander<'_>, report: &mut Report, from: f64) ->
     let same = commander.command(y_to(from, SPEED_MM_S));
     let older = Command { sequence: commander.sequence.saturating_sub(1).max(1), ..same.clone() };
     for command in [same, older] {
-        // Whether it is told so at once or never is the protocol's matter; that nothing moves is not.
+        // Whether the answer comes at once or never depends on the protocol; but nothing may move.
         match commander.device.send(&command).await {
             Ok(()) | Err(DeviceError::Rejected { .. }) => {}
             Err(error) => return Err(error),
@@ -188,7 +188,7 @@ async fn halts(commander: &mut Commander<'_>, report: &mut Report, from: f64) ->
     Ok(())
 }
 
-/// Sends it on a long way and says nothing more.
+/// Starts a long move and sends nothing more.
 async fn watchdog(commander: &mut Commander<'_>, report: &mut Report, from: f64) -> Result<(), DeviceError> {
     let (before, far) = (commander.device.read().await?, from + 10.0 * WAY_MM);
     commander.send(y_to(far, SPEED_MM_S)).await?;
@@ -324,7 +324,7 @@ async fn scan(
         if due >= profiles_count {
             break;
         }
-        // The stage hears us while we wait for profiles.
+        // The stage gets heartbeats while profiles are awaited.
         stage.read().await?;
         for profile in device.receive().await? {
             let alike =

@@ -1,5 +1,5 @@
-//! Messages of the data channel into profiles in the rail frame. Groups end with the bit that says so; a group is a frame: its
-//! stamps first, then what was seen. Whatever makes a scan less than whole ends it by name. Pure: no socket, no clock.
+//! Messages of the data channel into profiles in the rail frame. The last message of a group is marked; a group is a frame: its
+//! stamps first, then its data. Every gap or fault ends the scan with its reason. Pure: no socket, no clock.
 
 use super::codec::{CodecError, Framed, INVALID, Message, Profiles, Stamp, Stamps, Surface};
 use super::extrinsic::Placement;
@@ -192,7 +192,7 @@ impl Assembly {
     }
 }
 
-/// An iterator whose length is known though its type does not say so.
+/// An iterator with a known length.
 struct Exactly<I>(usize, I);
 
 impl<I: Iterator> Iterator for Exactly<I> {

@@ -2,7 +2,7 @@
 //!
 //! The sensor has X along its laser line, Z towards itself and Y along the travel, growing with the encoder. Depending on how
 //! it is mounted these three are left-handed, while the rail frame is right-handed. So each axis is stated by itself, and
-//! whether a mirror is among them must be said aloud: a sign that slipped would turn the sign of an angle and nothing else.
+//! whether a mirror is among them must be stated: a sign that slipped would turn the sign of an angle and nothing else.
 //!
 //! ```text
 //! rail = [sensor_x sensor_y sensor_z] · (x, 0, z) + translation + (travel, 0, 0)
@@ -48,7 +48,7 @@ pub enum ExtrinsicError {
         /// Largest element by which their products differ from the identity.
         off: f64,
     },
-    /// The axes have the other handedness than is said.
+    /// The axes do not have the stated handedness.
     #[error(
         "sensor_x, sensor_y and sensor_z are {}-handed, and mirrored = {mirrored} says otherwise; check every sign against a known part",
         if *.determinant < 0.0 { "left" } else { "right" }
@@ -71,7 +71,7 @@ impl Extrinsic {
     /// The checked form of it.
     ///
     /// # Errors
-    /// [`ExtrinsicError`] where it is not rigid, or its handedness is not what it says.
+    /// [`ExtrinsicError`] if it is not rigid, or does not have the stated handedness.
     pub fn place(&self) -> Result<Placement, ExtrinsicError> {
         let axes = [self.sensor_x, self.sensor_y, self.sensor_z];
         if !axes.iter().flatten().chain(&self.translation_mm).all(|v| v.is_finite()) {
@@ -134,7 +134,7 @@ impl Placement {
         self.forwards
     }
 
-    /// The inverse for a point of a plane x = const: (x, z) of the sensor, mm; `None` where profiles do not keep to such planes.
+    /// The inverse for a point of a plane x = const: (x, z) of the sensor, mm; `None` if profiles are not in such planes.
     #[must_use]
     pub fn to_sensor(&self, [y, z]: [f64; 2]) -> Option<[f64; 2]> {
         let ([_, x_y, x_z], [_, z_y, z_z], [_, t_y, t_z]) = (self.sensor_x, self.sensor_z, self.translation_mm);
@@ -224,7 +224,7 @@ mod tests {
         let (s, c) = 0.1_f64.sin_cos();
         let extrinsic = Extrinsic { sensor_x: [-s, c, 0.0], sensor_y: [c, s, 0.0], ..above() };
         let profile = placed(&extrinsic, 100.0);
-        // f32 holds 110 mm to 8 nm.
+        // f32 represents 110 mm to 8 nm.
         assert!((f64::from(profile.x[0]) - (110.0 - s)).abs() < 1e-5);
         assert!((f64::from(profile.y[0]) - (20.0 + c)).abs() < 1e-5);
     }

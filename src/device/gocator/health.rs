@@ -1,31 +1,34 @@
-//! The health channel: what the sensor says about itself, unasked, about every second.
+//! The health channel: about every second the sensor reports, unasked, what it lost and how warm it is. Its counters run on from
+//! scan to scan and begin at 0 again when the sensor restarts.
+
+use std::time::Duration;
+
+use tokio::time::timeout;
+
+use crate::device::error::{DeviceError, ScanFault};
 
 use super::channel::{Channel, Peer};
-use super::codec::{Message, decode};
-use super::drops::Wellness;
+use super::codec::{Health, Message, decode, indicator};
 use super::settings::{Settings, duration};
-use crate::device::error::DeviceError;
-use std::time::Duration;
-use tokio::time::timeout;
 
 const FRAME_BYTES_MAX: usize = 1024 * 1024;
 
-/// The health channel and what was heard on it.
+/// The health channel and its newest values.
 #[derive(Debug)]
 pub(super) struct HealthLink {
     channel: Channel,
-    pub(super) wellness: Wellness,
+    pub(super) status: HealthStatus,
     pub(super) within: Duration,
     heard: bool,
 }
 
 impl HealthLink {
-    /// Connects. `hears` says whether to wait for the first message, too.
+    /// Connects. With `hears` it also waits for the first message.
     pub(super) async fn open(peer: &Peer, settings: &Settings, hears: bool) -> Result<Self, DeviceError> {
         let connect_within = duration(settings.deadlines.connect_ms);
         let mut link = Self {
             channel: Channel::open(peer, settings.health_port, connect_within, FRAME_BYTES_MAX).await?,
-            wellness: Wellness::default(),
+            status: HealthStatus::default(),
             within: duration(settings.deadlines.health_ms),
             heard: false,
         };
@@ -47,10 +50,10 @@ impl HealthLink {
     }
 
     /// Waits for a message after which this is so, for as long as one may take.
-    pub(super) async fn hear_until(&mut self, is_so: impl Fn(&Wellness) -> bool) -> Result<(), DeviceError> {
+    pub(super) async fn hear_until(&mut self, is_so: impl Fn(&HealthStatus) -> bool) -> Result<(), DeviceError> {
         let within = self.within;
         let hearing = async {
-            while self.hear().await? == 0 || !is_so(&self.wellness) {}
+            while self.hear().await? == 0 || !is_so(&self.status) {}
             Ok(())
         };
         let heard = timeout(within, hearing).await;
@@ -66,15 +69,146 @@ impl HealthLink {
     }
 
     fn take_all(&mut self) -> Result<u32, DeviceError> {
-        let Self { channel, wellness, heard, .. } = self;
+        let Self { channel, status, heard, .. } = self;
         let peer = channel.peer.clone();
         let mut heard_count = 0;
-        while let Some(frame) = channel.frame().map_err(|error| peer.senseless(&error))? {
-            if let Message::Health(health) = decode(frame).map_err(|error| peer.senseless(&error))?.message {
-                wellness.take(&health);
+        while let Some(frame) = channel.frame().map_err(|error| peer.implausible(&error))? {
+            if let Message::Health(health) = decode(frame).map_err(|error| peer.implausible(&error))?.message {
+                status.take(&health);
                 (*heard, heard_count) = (true, heard_count + 1);
             }
         }
         Ok(heard_count)
+    }
+}
+
+/// What the state is where the sensor runs.
+const RUNNING: i64 = 1;
+
+/// One counter.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+struct Counter {
+    last: Option<i64>,
+    /// Since the scan began.
+    lost_count: u64,
+}
+
+impl Counter {
+    /// A counter without an earlier value was at 0; one that went back was restarted at 0.
+    fn take(&mut self, value: i64, scanning: bool) {
+        let value = value.max(0);
+        let before = self.last.unwrap_or(0);
+        let rise = if value >= before { value - before } else { value };
+        if scanning {
+            self.lost_count = self.lost_count.saturating_add(rise.unsigned_abs());
+        }
+        self.last = Some(value);
+    }
+}
+
+/// The health of the sensor, by its newest message.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct HealthStatus {
+    triggers: Counter,
+    network: Counter,
+    processing: Counter,
+    temperature_c: Option<f64>,
+    /// By the newest message; `None` if it does not contain it.
+    state: Option<i64>,
+    scanning: bool,
+}
+
+impl HealthStatus {
+    /// What is lost from now on counts.
+    pub(super) fn begin_scan(&mut self) {
+        for counter in [&mut self.triggers, &mut self.network, &mut self.processing] {
+            counter.lost_count = 0;
+        }
+        self.scanning = true;
+    }
+
+    /// What is lost from now on does not count.
+    pub(super) fn end_scan(&mut self) {
+        self.scanning = false;
+    }
+
+    pub(super) fn temperature_c(&self) -> Option<f64> {
+        self.temperature_c
+    }
+
+    /// By the newest message the sensor does not run.
+    pub(super) fn is_stopped(&self) -> bool {
+        self.state != Some(RUNNING)
+    }
+
+    /// Takes a message.
+    pub(super) fn take(&mut self, health: &Health<'_>) {
+        self.state = None;
+        for found in health.iter() {
+            match found.id {
+                indicator::TRIGGER_DROPS => self.triggers.take(found.value, self.scanning),
+                indicator::NETWORK_DROPS => self.network.take(found.value, self.scanning),
+                indicator::PROCESSING_DROPS => self.processing.take(found.value, self.scanning),
+                indicator::STATE => self.state = Some(found.value),
+                indicator::TEMPERATURE => self.temperature_c = Some(found.value as f64 / 100.0),
+                _ => {}
+            }
+        }
+    }
+
+    /// What was lost since the scan began, the first in the order of the way that a profile goes.
+    pub(super) fn fault(&self) -> Option<ScanFault> {
+        match (self.triggers.lost_count, self.processing.lost_count, self.network.lost_count) {
+            (0, 0, 0) => None,
+            (0, 0, count) => Some(ScanFault::NetworkDrops { count }),
+            (0, count, _) => Some(ScanFault::ProcessingDrops { count }),
+            (count, _, _) => Some(ScanFault::TriggerDrops { count }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::gocator::codec::{Indicator, Message, decode};
+
+    fn heard(status: &mut HealthStatus, id: u32, value: i64) {
+        let mut bytes = Vec::new();
+        Health::encode(0, &[Indicator { id, instance: 0, value }], &mut bytes);
+        match decode(&bytes).expect("whole").message {
+            Message::Health(health) => status.take(&health),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn only_what_is_lost_during_the_scan_counts() {
+        let mut status = HealthStatus::default();
+        heard(&mut status, indicator::NETWORK_DROPS, 7);
+        status.begin_scan();
+        heard(&mut status, indicator::NETWORK_DROPS, 7);
+        assert_eq!(status.fault(), None);
+        heard(&mut status, indicator::NETWORK_DROPS, 9);
+        assert_eq!(status.fault(), Some(ScanFault::NetworkDrops { count: 2 }));
+        status.end_scan();
+        heard(&mut status, indicator::NETWORK_DROPS, 20);
+        status.begin_scan();
+        assert_eq!(status.fault(), None);
+    }
+
+    #[test]
+    fn a_counter_that_begins_anew_at_the_start_hides_nothing() {
+        let mut status = HealthStatus::default();
+        heard(&mut status, indicator::TRIGGER_DROPS, 7);
+        status.begin_scan();
+        heard(&mut status, indicator::TRIGGER_DROPS, 3);
+        assert_eq!(status.fault(), Some(ScanFault::TriggerDrops { count: 3 }));
+    }
+
+    #[test]
+    fn the_temperature_is_in_hundredths() {
+        let mut status = HealthStatus::default();
+        heard(&mut status, indicator::TEMPERATURE, 4_125);
+        assert_eq!(status.temperature_c(), Some(41.25));
     }
 }

@@ -3,20 +3,20 @@
 //!
 //! ```text
 //! connect: control, version, identity, state, health     (the laser stays as it is; where it is on, health is not waited for)
-//! start:   data; stop where somebody left it running; start
+//! start:   data; stop if it still runs; start
 //! receive: data -> profiles, health -> drops; quiet for too long -> ask the state
-//! stop:    stop, whoever started it; where the scan was whole, one more health message
+//! stop:    stop, also a scan of another client; after a complete scan, one more health message
 //! ```
 
+use super::channel::Control;
 use super::channel::Peer;
 use super::codec::{Command, Identity, SensorState};
-use super::control::Control;
-use super::drops::Wellness;
 use super::health::HealthLink;
+use super::health::HealthStatus;
 use super::running::RunningScan;
 use super::settings::{Checked, Deadlines, Settings, SettingsError, duration};
-use crate::device::Pending;
 use crate::device::error::DeviceError;
+use crate::device::error::Pending;
 use crate::device::sensor::{Profile, ProfileSensor, SensorDeadlines, SensorReading};
 
 /// A Gocator; nothing is connected before it is asked to.
@@ -36,7 +36,7 @@ pub struct Gocator {
 /// A sensor of these settings; connects nothing.
 ///
 /// # Errors
-/// [`SettingsError`] where they cannot be used.
+/// [`SettingsError`] if they cannot be used.
 pub fn open(name: &str, settings: &Settings) -> Result<Box<dyn ProfileSensor>, SettingsError> {
     Gocator::new(name, settings).map(|sensor| Box::new(sensor) as Box<dyn ProfileSensor>)
 }
@@ -45,7 +45,7 @@ impl Gocator {
     /// A sensor of these settings; connects nothing.
     ///
     /// # Errors
-    /// [`SettingsError`] where they cannot be used.
+    /// [`SettingsError`] if they cannot be used.
     pub fn new(name: &str, settings: &Settings) -> Result<Self, SettingsError> {
         let checked = settings.checked()?;
         let peer = Peer { device: name.to_owned(), host: settings.host.clone() };
@@ -107,7 +107,7 @@ impl Gocator {
             serial: identity.serial.to_string(),
             firmware: identity.firmware.map(|part| part.to_string()).join("."),
             running: state == SensorState::Running,
-            temperature_c: self.health.as_ref().and_then(|health| health.wellness.temperature_c()),
+            temperature_c: self.health.as_ref().and_then(|health| health.status.temperature_c()),
         })
     }
 
@@ -118,7 +118,7 @@ impl Gocator {
         let identity = control.identity().await?;
         if let Some(wanted) = settings.serial.filter(|wanted| *wanted != identity.serial) {
             let found = identity.serial;
-            return Err(peer.senseless(&format!("its serial number is {found}, and {wanted} is configured")));
+            return Err(peer.implausible(&format!("its serial number is {found}, and {wanted} is configured")));
         }
         let state = control.state().await?;
         self.note_state(state);
@@ -137,7 +137,7 @@ impl Gocator {
         self.reading(state)
     }
 
-    /// A sensor that says that it runs has its laser on, whoever started it.
+    /// A sensor that runs has its laser on, whichever client started it.
     fn note_state(&mut self, state: SensorState) {
         self.may_run |= state == SensorState::Running;
     }
@@ -149,7 +149,7 @@ impl Gocator {
         self.reading(state)
     }
 
-    /// Hears what the health channel has to say; lost, it stays lost until the next connect.
+    /// Takes the messages of the health channel; if it is lost, it stays lost until the next connect.
     fn catch_up(&mut self) -> Result<(), DeviceError> {
         let health = self.health.as_mut().ok_or_else(|| self.peer.lost(&"the health channel is not connected"))?;
         let heard = health.catch_up();
@@ -165,13 +165,13 @@ impl Gocator {
         match self.state().await? {
             SensorState::Running => self.ask(Command::Stop).await?,
             SensorState::Ready => {}
-            state => return Err(self.peer.senseless(&format!("its state is {state:?}, it cannot be started"))),
+            state => return Err(self.peer.implausible(&format!("its state is {state:?}, it cannot be started"))),
         }
         let mut scan = RunningScan::open(&self.peer, &self.checked, profiles_count).await?;
         if let Some(health) = self.health.as_mut() {
-            // Drops before the scan are told from drops during it by the counters of an earlier message.
+            // The counters of an earlier message distinguish drops before the scan from drops during it.
             health.hear_first().await?;
-            health.wellness.begin_scan();
+            health.status.begin_scan();
         }
         self.may_run = true;
         let started = self.ask(Command::Start).await;
@@ -180,7 +180,7 @@ impl Gocator {
                 scan.begin();
                 self.scan = Some(scan);
             }
-            // It did nothing, and says so.
+            // It has refused, and did nothing.
             Err(DeviceError::Rejected { .. }) => self.may_run = false,
             Err(_) => {}
         }
@@ -241,12 +241,12 @@ impl Gocator {
         let Some(health) = self.health.as_mut() else {
             return Err(self.peer.lost(&"the health channel is not connected"));
         };
-        // What was lost at the end is said by the first message after it; a scan that was broken off has nothing to prove.
+        // The first message after the end reports losses at the end; after a cancelled scan they do not matter.
         if heard.is_ok() {
-            heard = if whole { health.hear_until(Wellness::is_stopped).await } else { health.catch_up() };
+            heard = if whole { health.hear_until(HealthStatus::is_stopped).await } else { health.catch_up() };
         }
-        health.wellness.end_scan();
-        let fault = health.wellness.fault().filter(|_| scanned);
+        health.status.end_scan();
+        let fault = health.status.fault().filter(|_| scanned);
         if let Err(error) = heard {
             self.health = None;
             return Err(error);

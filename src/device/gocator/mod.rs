@@ -1,18 +1,16 @@
-//! Gocator laser profile sensors, firmware 4 to 6, by their native protocol: what is spoken, without the maker's library.
+//! Gocator laser profile sensors, firmware 4 to 6, by their native protocol, without the maker's library.
 //!
 //! ```text
 //! codec (bytes, pure) <- channel <- control, health, running <- link: a ProfileSensor
 //!                     <- assembly (groups, gaps, travel, extrinsic; pure)
-//!                     <- server: a simulated sensor that speaks the same
+//!                     <- server: a simulated sensor with the same protocol
 //! ```
 //!
-//! Held to bytes that the maker's own library wrote, never to hardware: docs/gocator.md.
+//! Tested with bytes that the maker's own library wrote, never with hardware: docs/gocator.md.
 
 mod assembly;
 mod channel;
 pub mod codec;
-mod control;
-mod drops;
 mod extrinsic;
 mod health;
 mod link;

@@ -1,4 +1,4 @@
-//! A scan that runs: the data channel, read as fast as it comes, and the clock that says when it is too quiet.
+//! A scan that runs: the data channel, read as fast as data come, and its deadlines.
 
 use super::assembly::{Assembly, AssemblyError};
 use super::channel::{Channel, Peer};
@@ -32,17 +32,17 @@ pub(super) struct RunningScan {
     next_within: Duration,
     profiles: Patience,
     health: Patience,
-    /// What ended it; it stays ended.
+    /// The error that ended it.
     failed: Option<DeviceError>,
 }
 
 /// Nothing came for too long.
-pub(super) struct Quiet {
+pub(super) struct ProfileTimeout {
     pub(super) within: Duration,
 }
 
 impl RunningScan {
-    /// Connects before the sensor is started: frames that nobody hears are gone.
+    /// Connects before the sensor is started: frames that no client receives are lost.
     pub(super) async fn open(peer: &Peer, checked: &Checked, profiles_count: u64) -> Result<Self, DeviceError> {
         let Checked { settings, travel, placement } = checked;
         let deadlines = settings.deadlines;
@@ -82,7 +82,10 @@ impl RunningScan {
     }
 
     /// The next profiles. Nothing is lost where it is dropped on the way.
-    pub(super) async fn next(&mut self, health: &mut HealthLink) -> Result<Result<Vec<Profile>, Quiet>, DeviceError> {
+    pub(super) async fn next(
+        &mut self,
+        health: &mut HealthLink,
+    ) -> Result<Result<Vec<Profile>, ProfileTimeout>, DeviceError> {
         loop {
             let profiles = self.take_all()?;
             if !profiles.is_empty() {
@@ -94,18 +97,18 @@ impl RunningScan {
                 heard = health.hear() => {
                     heard?;
                     self.health = Patience::new(self.health.within);
-                    if let Some(fault) = health.wellness.fault() {
+                    if let Some(fault) = health.status.fault() {
                         return Err(DeviceError::ScanFault { device: self.channel.peer.device.clone(), fault });
                     }
                 }
                 filled = self.channel.fill() => filled?,
-                () = self.profiles.end.as_mut() => return Ok(Err(Quiet { within: self.profiles.within })),
+                () = self.profiles.end.as_mut() => return Ok(Err(ProfileTimeout { within: self.profiles.within })),
                 () = self.health.end.as_mut() => return Err(self.channel.peer.silent(self.health.within)),
             }
         }
     }
 
-    /// What the frames show that have come. Profiles that come with a fault serve nobody: the scan is not whole.
+    /// The profiles of the frames that were received. With a fault none is returned, because the scan is incomplete.
     fn take_all(&mut self) -> Result<Vec<Profile>, DeviceError> {
         let Self { channel, assembly, .. } = self;
         let peer = channel.peer.clone();
@@ -119,7 +122,7 @@ impl RunningScan {
                 Ok(true) => {}
                 Ok(false) => return Ok(assembly.take_ready()),
                 Err(AssemblyError::Fault(fault)) => return Err(DeviceError::ScanFault { device: peer.device, fault }),
-                Err(error) => return Err(peer.senseless(&error)),
+                Err(error) => return Err(peer.implausible(&error)),
             }
         }
     }

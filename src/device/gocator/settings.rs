@@ -5,7 +5,7 @@ use super::travel::{Travel, TravelError};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// Largest frame that may be allowed; what is read is held in memory.
+/// Largest frame size that can be configured; a frame is kept in memory.
 const FRAME_MB_MAX: u32 = 256;
 const DEADLINE_MS_MAX: u32 = 3_600_000;
 
@@ -24,7 +24,7 @@ pub struct Settings {
     /// Another sensor is refused; absent, any is taken.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub serial: Option<u32>,
-    /// What a profile's x is told by; has to be stated.
+    /// How the x of a profile is determined; has to be stated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub travel: Option<Travel>,
     /// How the sensor sits; has to be stated.
@@ -104,7 +104,7 @@ pub enum SettingsError {
         "travel must be stated, e.g. travel = {{ by = \"encoder\", mm_per_tick = 0.01 }} or travel = {{ by = \"time\", speed_mm_s = 50.0 }}"
     )]
     NoTravel,
-    /// One that cannot be.
+    /// It cannot be used.
     #[error(transparent)]
     Travel(#[from] TravelError),
     /// No extrinsic.
@@ -112,7 +112,7 @@ pub enum SettingsError {
         "extrinsic must be stated: sensor_x, sensor_y and sensor_z in the rail frame, mirrored, and translation_mm; no mounting is assumed"
     )]
     NoExtrinsic,
-    /// One that cannot be.
+    /// It cannot be used.
     #[error("extrinsic: {0}")]
     Extrinsic(#[from] ExtrinsicError),
     /// A number out of its range.

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 /// Ticks of the sensor's clock in a second: 1.024 a microsecond.
 const CLOCK_HZ: f64 = 1.024e6;
 
-/// What a frame's place on the rail is told by.
+/// How the place of a frame on the rail is determined.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "by", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Travel {

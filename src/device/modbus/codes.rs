@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 pub struct Codes {
     /// Of the device's state, and of each axis.
     pub states: States,
-    /// Of who commands.
+    /// The numbers of the modes.
     pub modes: ModeCodes,
     /// Of what became of a command.
     pub results: ResultCodes,

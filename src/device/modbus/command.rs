@@ -1,10 +1,10 @@
 //! A [`Command`] as the registers of the command block, and back for the simulated device. Radians inside, degrees on the
 //! wire; what the registers cannot carry is refused before anything is sent. Pure.
 
-use super::crc::crc16;
 use super::error::MapError;
 use super::layout::{CommandMap, Layout};
 use super::status::is_set;
+use super::words::crc16;
 use crate::device::manipulator::{Action, Command};
 use crate::motion::{Axes, Axis, Position};
 use std::time::Duration;
@@ -28,7 +28,7 @@ pub(super) fn encode(layout: &Layout, command: &Command, heartbeat: u16) -> Resu
     if let Some(at) = map.watchdog_ms {
         image.put(at, watchdog_ms(command.watchdog)?);
     }
-    // The heartbeat is written without the rest, too, so the CRC must hold whatever it is.
+    // The heartbeat is also written alone, so the CRC must not depend on it.
     if let Some(at) = map.crc {
         image.put(at, crc_of(map, &image.registers));
     }
@@ -40,7 +40,7 @@ pub(super) fn encode(layout: &Layout, command: &Command, heartbeat: u16) -> Resu
     Ok(image.registers)
 }
 
-/// The command in registers; the fence as far as they carry it.
+/// The command in registers, with as many bits of the fencing token as they have.
 ///
 /// The watchdog is `default_watchdog` where the map has none.
 pub(super) fn decode(layout: &Layout, registers: &[u16], default_watchdog: Duration) -> Result<Command, MapError> {
@@ -147,7 +147,7 @@ const fn axes_of(action: &Action) -> Axes<bool> {
     }
 }
 
-/// Whether somebody has to be armed for it: what may move, or lets it.
+/// Whether the action needs an armed device: those that move it, or enable it.
 const fn may_move(action: &Action) -> bool {
     match action {
         Action::Enable | Action::Home { .. } | Action::MoveTo { .. } => true,

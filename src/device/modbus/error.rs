@@ -131,7 +131,7 @@ pub enum MapError {
         /// As read.
         code: u16,
     },
-    /// No number, or one that cannot be.
+    /// Not a number, or one that is not possible.
     #[error("axis {} has {what} {value} {}; is the word order right?", axis.name(), axis.unit())]
     Value {
         /// Which.
@@ -161,7 +161,7 @@ pub enum MapError {
         /// In the units of the wire.
         value: f64,
     },
-    /// 0 says that there was no command.
+    /// 0 means that there was no command.
     #[error("a command needs a sequence number from 1 to 65535")]
     NoSequence,
     /// A device without a watchdog would move on without us.

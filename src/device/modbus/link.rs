@@ -1,20 +1,31 @@
 //! One Modbus TCP connection to a device: one request at a time, each by a deadline. After a deadline that has passed, a broken
-//! transport or an answer to something else the connection is gone: a late answer must never be taken for another request's.
-//! Nothing is ever sent again here.
+//! transport or an answer to another request the connection is closed: a late answer must never be taken for that of a later
+//! request. No request is sent again here.
+//!
+//! A [`Block`] is the registers of one device over such a link: its status read as a whole, our heartbeat, and commands written
+//! once. The heartbeat of the device must count: a communication processor may answer for a program that has stopped, and its
+//! registers then stay as they are.
 
-use super::layout::StatusFunction;
-use crate::device::Pending;
-use crate::device::error::DeviceError;
 use std::borrow::Cow;
 use std::fmt::Debug;
 use std::io;
 use std::time::Duration;
+
 use tokio::io::{AsyncRead, AsyncWrite};
-use tokio::time::{Instant, timeout_at};
+use tokio::time::{Instant, sleep, timeout_at};
 use tokio_modbus::client::{Client, Context, tcp};
 use tokio_modbus::{Error, ExceptionCode, Request, Response, Slave};
 
-/// What carries the bytes: a TCP stream, or a pipe in tests.
+use crate::device::clock::now;
+use crate::device::error::{DeviceError, Pending};
+use crate::device::manipulator::Command;
+
+use super::command::encode;
+use super::error::MapError;
+use super::layout::{Layout, StatusFunction};
+use super::status::StatusRegisters;
+
+/// The transport of the bytes: a TCP stream, or a pipe in tests.
 pub trait Transport: AsyncRead + AsyncWrite + Send + Unpin + Debug {}
 
 impl<T: AsyncRead + AsyncWrite + Send + Unpin + Debug> Transport for T {}
@@ -121,7 +132,7 @@ impl Link {
         }
     }
 
-    /// What cannot be true ends the connection, too: what else is on its way may belong to it.
+    /// An implausible answer ends the connection, too: further bytes may belong to it.
     pub(super) fn implausible(&mut self, what: String) -> DeviceError {
         self.drop_connection();
         DeviceError::Implausible { device: self.name.clone(), what }
@@ -171,10 +182,111 @@ const fn nothing_was_done(exception: ExceptionCode) -> bool {
     )
 }
 
-#[expect(
-    clippy::disallowed_methods,
-    reason = "links wait on tokio's clock, which tests pause; this is where they look at it"
-)]
-pub(super) fn now() -> Instant {
-    Instant::now()
+/// Before a torn status is read again: at once it would be as torn, because a PLC writes it in a cycle of some ms.
+const TORN_PAUSE: Duration = Duration::from_millis(5);
+
+/// A device's block of registers.
+pub(super) struct Block {
+    link: Link,
+    layout: Layout,
+    base: u16,
+    pulse: Pulse,
+    torn_reads_max: u8,
+    heartbeat: u16,
+}
+
+impl Block {
+    pub(super) const fn new(link: Link, layout: Layout, base: u16, pulse: Pulse, torn_reads_max: u8) -> Self {
+        Self { link, layout, base, pulse, torn_reads_max, heartbeat: 0 }
+    }
+
+    pub(super) fn name(&self) -> &str {
+        self.link.name()
+    }
+
+    /// Connects and reads. Writes nothing.
+    pub(super) async fn connect<T>(&mut self, decode: Decode<T>) -> Result<T, DeviceError> {
+        self.link.connect().await?;
+        let deadline = self.link.deadline();
+        self.status(decode, deadline).await
+    }
+
+    /// Beats, and reads.
+    pub(super) async fn read<T>(&mut self, decode: Decode<T>) -> Result<T, DeviceError> {
+        let deadline = self.link.deadline();
+        self.heartbeat = self.heartbeat.wrapping_add(1);
+        let at = self.layout.command.base + self.base + self.layout.command.heartbeat;
+        self.link.write_one(at, self.heartbeat, deadline).await?;
+        self.status(decode, deadline).await
+    }
+
+    /// Writes a command, once.
+    pub(super) async fn command(&mut self, command: &Command) -> Result<(), DeviceError> {
+        let heartbeat = self.heartbeat.wrapping_add(1);
+        let registers = encode(&self.layout, command, heartbeat).map_err(|error| DeviceError::Unsupported {
+            device: self.name().to_owned(),
+            what: format!("be told this: {error}"),
+        })?;
+        self.heartbeat = heartbeat;
+        let deadline = self.link.deadline();
+        self.link.write(self.layout.command.base + self.base, &registers, deadline).await
+    }
+
+    /// Reads the status until it is whole, a few times.
+    async fn status<T>(&mut self, decode: Decode<T>, deadline: Instant) -> Result<T, DeviceError> {
+        let map = self.layout.status;
+        let mut torn_count = 0;
+        loop {
+            let registers = self.link.read(map.function, map.base + self.base, map.count, deadline).await?;
+            let status = StatusRegisters { layout: &self.layout, registers: &registers };
+            match status.head().and_then(|head| Ok((head.heartbeat, decode(status)?))) {
+                Ok((heartbeat, state)) => {
+                    self.alive(heartbeat)?;
+                    return Ok(state);
+                }
+                Err(MapError::Torn { .. }) if torn_count < self.torn_reads_max => {
+                    torn_count += 1;
+                    sleep(TORN_PAUSE).await;
+                }
+                Err(error) => return Err(self.link.implausible(error.to_string())),
+            }
+        }
+    }
+
+    fn alive(&mut self, heartbeat: u16) -> Result<(), DeviceError> {
+        self.pulse.stands(heartbeat, now()).map_or(Ok(()), |age| {
+            let what = format!(
+                "its heartbeat has stood at {heartbeat} for {} ms; does the device's program run?",
+                age.as_millis()
+            );
+            Err(self.link.implausible(what))
+        })
+    }
+}
+
+/// Converts a status block.
+pub(super) type Decode<T> = fn(StatusRegisters<'_>) -> Result<T, MapError>;
+
+/// The last heartbeat, and since when it has this value. Kept across connections.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Pulse {
+    stale: Duration,
+    seen: Option<(u16, Instant)>,
+}
+
+impl Pulse {
+    pub(super) const fn new(stale: Duration) -> Self {
+        Self { stale, seen: None }
+    }
+
+    /// For how long it has stayed the same, if that is too long.
+    pub(super) fn stands(&mut self, heartbeat: u16, now: Instant) -> Option<Duration> {
+        match self.seen {
+            Some((last, since)) if last == heartbeat => Some(now - since).filter(|age| *age > self.stale),
+            _ => {
+                self.seen = Some((heartbeat, now));
+                None
+            }
+        }
+    }
 }

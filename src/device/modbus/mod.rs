@@ -1,5 +1,5 @@
-//! Manipulators and the linear stage behind a PLC that speaks Modbus TCP. A register map (`layout`, data) says where what is;
-//! `words`, `status`, `command` and `crc` turn registers into readings and commands, pure; `link` and `block` wait and talk;
+//! Manipulators and the linear stage behind a PLC that speaks Modbus TCP. The register map (`layout`, data) gives the place of each field;
+//! `words`, `status` and `command` convert registers into readings and commands, pure; `link` has the connection;
 //! `server` is the other side, for a simulated PLC.
 //!
 //! ```text
@@ -7,30 +7,25 @@
 //! Command -> command -> words -> registers -> block -> link -> transport
 //! ```
 
-mod block;
+mod adaptor;
 mod codes;
 mod command;
-mod crc;
 mod error;
-mod image;
 mod layout;
 mod link;
-mod manipulator;
-mod pulse;
 mod server;
 mod settings;
-mod stage;
 mod status;
 mod words;
 
+pub use adaptor::ModbusManipulator;
+pub use adaptor::ModbusStage;
 pub use codes::{Codes, CommandCodes, ModeCodes, ResultCodes};
 pub use error::{LayoutError, MapError};
 pub use layout::{AxisBits, CommandMap, Layout, SafetyBits, StatusFunction, StatusMap};
 pub use link::{Dial, Transport};
-pub use manipulator::ModbusManipulator;
 pub use server::{Plc, serve};
 pub use settings::{Settings, SettingsError, open, open_stage};
-pub use stage::ModbusStage;
 pub use words::{Numbers, Scales, WordOrder};
 
 #[cfg(test)]

@@ -1,14 +1,12 @@
-//! How a device behind Modbus TCP is found and spoken to, as the configuration says it. Milliseconds at this edge.
+//! The settings of a device behind Modbus TCP in the configuration: its address, its deadlines and its register map.
 
-use super::block::Block;
+use super::adaptor::{ModbusManipulator, ModbusStage};
 use super::error::LayoutError;
 use super::layout::Layout;
+use super::link::{Block, Pulse};
 use super::link::{Deadlines, Dial, Link, Transport};
-use super::manipulator::ModbusManipulator;
-use super::pulse::Pulse;
-use super::stage::ModbusStage;
 use crate::device::manipulator::Manipulator;
-use crate::device::stage::Stage;
+use crate::device::sensor::Stage;
 use serde::{Deserialize, Serialize};
 use std::io;
 use std::time::Duration;
@@ -28,11 +26,11 @@ pub struct Settings {
     pub connect_timeout_ms: u32,
     /// How long one reading or one command may take.
     pub reply_timeout_ms: u32,
-    /// How long the device's heartbeat may stand.
+    /// How long the device's heartbeat may stay the same.
     pub heartbeat_stale_ms: u32,
     /// How often a torn status is read again.
     pub torn_reads_max: u8,
-    /// How long a stage moves on without hearing from us. Manipulators are told with each command.
+    /// How long a stage goes on moving without our heartbeat. Manipulators get this time with each command.
     pub stage_watchdog_ms: u32,
     /// The register map.
     pub layout: Layout,
@@ -76,7 +74,7 @@ pub enum SettingsError {
         /// Most.
         most: u32,
     },
-    /// A register map that cannot be.
+    /// The register map cannot be used.
     #[error("modbus.layout: {0}")]
     Layout(#[from] LayoutError),
 }
@@ -91,11 +89,11 @@ impl Settings {
         }
         let ranges = [
             ("connect_timeout_ms", self.connect_timeout_ms, 10, 60_000),
-            // Longer, and a lost link is noticed too late to hold.
+            // With a longer time a lost link would be noticed too late to stop the device.
             ("reply_timeout_ms", self.reply_timeout_ms, 5, 300),
             ("heartbeat_stale_ms", self.heartbeat_stale_ms, 20, 5_000),
             ("torn_reads_max", self.torn_reads_max.into(), 0, 20),
-            // As that of the manipulators: what moves holds within half a second.
+            // Like that of the manipulators: a device that moves stops within half a second.
             ("stage_watchdog_ms", self.stage_watchdog_ms, 1, 400),
         ];
         if let Some((name, value, least, most)) =
@@ -133,7 +131,7 @@ impl Settings {
 /// A manipulator over TCP; not connected yet.
 ///
 /// # Errors
-/// [`SettingsError`] where the settings cannot be.
+/// [`SettingsError`] if the settings cannot be used.
 pub fn open(name: &str, settings: &Settings) -> Result<Box<dyn Manipulator>, SettingsError> {
     Ok(Box::new(settings.manipulator(name, dial_tcp(&settings.address))?))
 }
@@ -141,7 +139,7 @@ pub fn open(name: &str, settings: &Settings) -> Result<Box<dyn Manipulator>, Set
 /// A stage over TCP; not connected yet.
 ///
 /// # Errors
-/// [`SettingsError`] where the settings cannot be.
+/// [`SettingsError`] if the settings cannot be used.
 pub fn open_stage(name: &str, settings: &Settings) -> Result<Box<dyn Stage>, SettingsError> {
     Ok(Box::new(settings.stage(name, dial_tcp(&settings.address))?))
 }

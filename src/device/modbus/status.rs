@@ -12,7 +12,7 @@ const POSITION_MAX: f64 = 1e6;
 /// numbers become tiny or huge, which this notices.
 const LIMIT_RANGE: std::ops::RangeInclusive<f64> = 1e-3..=1e5;
 
-/// What holds for the whole device.
+/// The status of the whole device.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Head {
     pub(super) state: AxisState,
@@ -40,7 +40,7 @@ impl StatusRegisters<'_> {
         Ok(Reading { state, mode, safety, acknowledged, fault_code, heartbeat, axes })
     }
 
-    /// What holds for the whole device; looks first whether the block is whole and of this map.
+    /// The status of the whole device; checks first whether the block is complete and of this map.
     pub(super) fn head(self) -> Result<Head, MapError> {
         let map = &self.layout.status;
         self.whole(map)?;
@@ -151,7 +151,7 @@ pub(super) fn is_set(word: u16, bit: u8) -> bool {
 mod tests {
     use super::*;
     use crate::device::CommandResult;
-    use crate::device::modbus::image::{Extras, status_image};
+    use crate::device::modbus::server::{Extras, status_image};
     use crate::device::modbus::{Numbers, Scales, WordOrder};
     use proptest::prelude::*;
     use std::f64::consts::{FRAC_PI_2, PI};

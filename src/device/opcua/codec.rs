@@ -1,8 +1,8 @@
 //! What the values of the nodes mean: a [`Reading`] from those of the status, those of the command from a [`Command`].
-//! Millimetres and degrees on the wire, millimetres and radians inside. Pure; must not know sessions.
+//! Millimetres and degrees on the wire, millimetres and radians inside. Pure.
 
 use super::layout::Node;
-use super::nodes::{Answer, Odd};
+use super::nodes::{Answer, UnexpectedValue};
 use crate::device::manipulator::{
     Acknowledged, Action, AxisReading, AxisState, Command, CommandResult, Mode, Reading, Safety,
 };
@@ -16,18 +16,20 @@ use std::time::Duration;
 pub(super) struct Torn;
 
 /// Whether the answer is of one moment: its counter is even, and the same at both ends.
-pub(super) fn whole(values: &[(Node, DataValue)]) -> Result<Result<(), Torn>, Odd> {
-    let (Some(first), Some(last)) = (values.first(), values.last()) else { return Err(Odd::Missing(Node::Snapshot)) };
+pub(super) fn whole(values: &[(Node, DataValue)]) -> Result<Result<(), Torn>, UnexpectedValue> {
+    let (Some(first), Some(last)) = (values.first(), values.last()) else {
+        return Err(UnexpectedValue::Missing(Node::Snapshot));
+    };
     let first = Answer::new(std::slice::from_ref(first)).double_word(Node::Snapshot)?;
     let last = Answer::new(std::slice::from_ref(last)).double_word(Node::Snapshot)?;
     Ok(if first == last && first.is_multiple_of(2) { Ok(()) } else { Err(Torn) })
 }
 
 /// How long ago the device gave its heartbeat, by the server's own clock at `answered`.
-pub(super) fn age(values: &[(Node, DataValue)], answered: &DateTime) -> Result<Duration, Odd> {
+pub(super) fn age(values: &[(Node, DataValue)], answered: &DateTime) -> Result<Duration, UnexpectedValue> {
     let node = Node::Heartbeat;
     let given = Answer::new(values).raw(node)?.source_timestamp.filter(|stamp| !stamp.is_null());
-    let given = given.ok_or(Odd::Type { node, wanted: "stamped with the time of its source" })?;
+    let given = given.ok_or(UnexpectedValue::Type { node, wanted: "stamped with the time of its source" })?;
     // Ticks are 100 ns. A stamp of the future is a clock that was set, and no age.
     let ticks = answered.ticks().saturating_sub(given.ticks()).max(0).unsigned_abs();
     Ok(Duration::from_micros(ticks / 10))
@@ -36,8 +38,8 @@ pub(super) fn age(values: &[(Node, DataValue)], answered: &DateTime) -> Result<D
 /// The reading that the values make.
 ///
 /// # Errors
-/// [`Odd`] names the first value that cannot be.
-pub(super) fn reading(values: &[(Node, DataValue)], codes: StateCodes) -> Result<Reading, Odd> {
+/// [`UnexpectedValue`] names the first value that cannot be used.
+pub(super) fn reading(values: &[(Node, DataValue)], codes: StateCodes) -> Result<Reading, UnexpectedValue> {
     let answer = Answer::new(values);
     Ok(Reading {
         state: state(Node::State, answer.word(Node::State)?, codes)?,
@@ -53,7 +55,7 @@ pub(super) fn reading(values: &[(Node, DataValue)], codes: StateCodes) -> Result
     })
 }
 
-fn axes(answer: &Answer<'_>, codes: StateCodes) -> Result<Axes<AxisReading>, Odd> {
+fn axes(answer: &Answer<'_>, codes: StateCodes) -> Result<Axes<AxisReading>, UnexpectedValue> {
     let states = per_axis(answer.words(Node::AxisStates)?);
     let homed = per_axis(answer.truths(Node::Homed)?);
     let in_position = per_axis(answer.truths(Node::InPosition)?);
@@ -66,7 +68,7 @@ fn axes(answer: &Answer<'_>, codes: StateCodes) -> Result<Axes<AxisReading>, Odd
         let speed = *speeds.get(axis);
         if speed <= 0.0 {
             let (node, value) = (Node::MaxVelocities, speed.to_string());
-            return Err(Odd::Value { node, value, why: "is no speed" });
+            return Err(UnexpectedValue::Value { node, value, why: "is no speed" });
         }
         Ok(AxisReading {
             actual: axis.inside(answer.number(Node::Actual(axis))?),
@@ -92,17 +94,17 @@ pub(super) const fn listed<T: Copy>(axes: &Axes<T>) -> [T; 4] {
     [axes.x, axes.y, axes.z, axes.c]
 }
 
-fn state(node: Node, code: u16, codes: StateCodes) -> Result<AxisState, Odd> {
+fn state(node: Node, code: u16, codes: StateCodes) -> Result<AxisState, UnexpectedValue> {
     let why = "is no state of the table";
-    codes.state(code).ok_or_else(|| Odd::Value { node, value: code.to_string(), why })
+    codes.state(code).ok_or_else(|| UnexpectedValue::Value { node, value: code.to_string(), why })
 }
 
-fn mode(code: u16) -> Result<Mode, Odd> {
+fn mode(code: u16) -> Result<Mode, UnexpectedValue> {
     match code {
         0 => Ok(Mode::Off),
         1 => Ok(Mode::Manual),
         2 => Ok(Mode::Automatic),
-        _ => Err(Odd::Value { node: Node::Mode, value: code.to_string(), why: "is no mode" }),
+        _ => Err(UnexpectedValue::Value { node: Node::Mode, value: code.to_string(), why: "is no mode" }),
     }
 }
 
@@ -115,7 +117,7 @@ const fn safety(bits: u16) -> Safety {
     }
 }
 
-fn result(code: u16) -> Result<CommandResult, Odd> {
+fn result(code: u16) -> Result<CommandResult, UnexpectedValue> {
     match code {
         0 => Ok(CommandResult::None),
         1 => Ok(CommandResult::Accepted),
@@ -123,21 +125,21 @@ fn result(code: u16) -> Result<CommandResult, Odd> {
         3 => Ok(CommandResult::Done),
         4 => Ok(CommandResult::Rejected),
         5 => Ok(CommandResult::Aborted),
-        _ => Err(Odd::Value { node: Node::Result, value: code.to_string(), why: "is no result" }),
+        _ => Err(UnexpectedValue::Value { node: Node::Result, value: code.to_string(), why: "is no result" }),
     }
 }
 
 /// A command that no device may be given: in words, for "cannot …".
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Unspeakable(pub(super) &'static str);
+pub(super) struct NotEncodable(pub(super) &'static str);
 
-/// What the command writes, in the order of [`Node::COMMAND`]. Nothing of the command before is left standing.
+/// The values that the command writes, in the order of [`Node::COMMAND`]; nothing of the command before remains.
 ///
 /// # Errors
-/// [`Unspeakable`] where a number is none.
-pub(super) fn command(command: &Command) -> Result<[(Node, Variant); 7], Unspeakable> {
+/// [`NotEncodable`] where a number is none.
+pub(super) fn command(command: &Command) -> Result<[(Node, Variant); 7], NotEncodable> {
     if command.sequence == 0 {
-        return Err(Unspeakable("take a command without a number"));
+        return Err(NotEncodable("take a command without a number"));
     }
     let (code, axes, targets, speeds): (u16, _, _, _) = match command.action {
         Action::Enable => (1, NO_AXES, AT_REST, AT_REST),
@@ -149,7 +151,7 @@ pub(super) fn command(command: &Command) -> Result<[(Node, Variant); 7], Unspeak
     };
     let watchdog_ms = u32::try_from(command.watchdog.as_millis()).unwrap_or(0);
     if watchdog_ms == 0 {
-        return Err(Unspeakable("be watched for no time, or for weeks"));
+        return Err(NotEncodable("be watched for no time, or for weeks"));
     }
     let mask = listed(&axes).into_iter().zip([1_u16, 2, 4, 8]).filter(|(moves, _)| *moves).map(|(_, bit)| bit).sum();
     let [fence, watch, what, which, to, fast, number] = Node::COMMAND;
@@ -167,11 +169,11 @@ pub(super) fn command(command: &Command) -> Result<[(Node, Variant); 7], Unspeak
 const NO_AXES: Axes<bool> = Axes { x: false, y: false, z: false, c: false };
 const AT_REST: Position = Axes { x: 0.0, y: 0.0, z: 0.0, c: 0.0 };
 
-fn outside(values: &Position) -> Result<Variant, Unspeakable> {
+fn outside(values: &Position) -> Result<Variant, NotEncodable> {
     let values = listed(&values.map(|axis, value| axis.outside(*value)));
     if values.iter().all(|value| value.is_finite()) {
         Ok(Variant::from(values.to_vec()))
     } else {
-        Err(Unspeakable("go where no number is"))
+        Err(NotEncodable("go where no number is"))
     }
 }

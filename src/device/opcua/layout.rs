@@ -16,7 +16,7 @@ pub(super) enum Node {
     Heartbeat,
     /// State of the device, by the code table.
     State,
-    /// Who commands.
+    /// The mode.
     Mode,
     /// Bits of the safety functions.
     Safety,
@@ -36,7 +36,7 @@ pub(super) enum Node {
     AxisFaults,
     /// Axes at a limit.
     LimitsHit,
-    /// Where the axes are told to be.
+    /// The commanded positions of the axes.
     Commanded,
     /// Greatest speeds.
     MaxVelocities,
@@ -48,7 +48,7 @@ pub(super) enum Node {
     Unit(Axis),
     /// Our sign of life.
     Pulse,
-    /// Fence of the lease that commands.
+    /// Fencing token of the lease.
     Fence,
     /// How long the device moves on without our sign of life.
     WatchdogMs,
@@ -114,7 +114,7 @@ impl Node {
         }
     }
 
-    /// Where it lies below the manipulator's node, where the configuration says nothing else.
+    /// Its path below the manipulator's node, unless the configuration gives another.
     pub(super) fn path(self) -> String {
         let axis = |axis: Axis| {
             format!("robotics:Axes/own:{}/di:ParameterSet/robotics:ActualPosition", axis.name().to_uppercase())

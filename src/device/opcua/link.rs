@@ -1,18 +1,16 @@
 //! The manipulator at the other end of a session. Every call has a deadline; what fails or is given up half-way costs the
 //! session, and only [`Manipulator::connect`] makes a new one. Nothing is ever sent twice.
 
-use super::clock::now;
-use super::codec::{self, Unspeakable};
+use super::codec::{self, NotEncodable};
 use super::layout::Node;
-use super::nodes::Odd;
-use super::opening::{client, open};
-use super::plausible;
-use super::session::{Failure, Open, Values};
+use super::nodes;
+use super::nodes::UnexpectedValue;
+use super::session::{Failure, Open, Values, client, open};
 use super::settings::{SettingRefusal, Settings};
-use crate::device::Pending;
-use crate::device::error::DeviceError;
-use crate::device::fence::FenceGate;
+use crate::device::clock::now;
+use crate::device::error::{DeviceError, Pending};
 use crate::device::manipulator::{Command, Manipulator, Reading};
+use crate::device::sequence::FenceGate;
 use opcua::types::{AttributeId, StatusCode, Variant};
 use std::fmt::Display;
 use std::time::Duration;
@@ -41,7 +39,7 @@ impl OpcuaManipulator {
     /// Connects nothing yet.
     ///
     /// # Errors
-    /// [`SettingRefusal`] names what cannot be.
+    /// [`SettingRefusal`] names the setting that cannot be used.
     pub fn new(name: &str, settings: &Settings) -> Result<Self, SettingRefusal> {
         settings.check()?;
         Ok(Self {
@@ -77,7 +75,7 @@ impl OpcuaManipulator {
         }
     }
 
-    /// Takes the session, so that whoever gives up waiting has none any more.
+    /// Takes the session, so that it is dropped if the caller stops waiting.
     fn take(&mut self) -> Result<Open, DeviceError> {
         self.open.take().ok_or_else(|| self.lost(&"not connected"))
     }
@@ -94,14 +92,14 @@ impl OpcuaManipulator {
         let mut client = made.map_err(|error| self.lost(&error))?.map_err(|failure| self.error(&failure, within))?;
         let opened = timeout(within, async {
             let open = open(&mut client, &self.settings).await?;
-            let units = open.read(&plausible::asked_of_units()).await?;
-            let commands = open.read(&plausible::asked_of_commands()).await?;
+            let units = open.read(&nodes::asked_of_units()).await?;
+            let commands = open.read(&nodes::asked_of_commands()).await?;
             Ok::<_, Failure>((open, units, commands))
         });
         let (open, units, commands) =
             opened.await.map_err(|_| self.silent(within))?.map_err(|failure| self.error(&failure, within))?;
-        plausible::units(&units.values).map_err(|odd| self.implausible(&odd))?;
-        plausible::writable(&commands.values).map_err(|odd| self.implausible(&odd))?;
+        nodes::units(&units.values).map_err(|odd| self.implausible(&odd))?;
+        nodes::writable(&commands.values).map_err(|odd| self.implausible(&odd))?;
         self.open = Some(open);
         self.look().await
     }
@@ -121,7 +119,7 @@ impl OpcuaManipulator {
         Ok(reading)
     }
 
-    /// The device lives where its heartbeat is young and counts.
+    /// The device is alive if its heartbeat is recent and counts.
     fn hear(&mut self, age: Duration, heartbeat: u16) -> Result<(), DeviceError> {
         let stale = self.settings.stale_after();
         let now = now();
@@ -136,7 +134,7 @@ impl OpcuaManipulator {
     async fn hand_over(&mut self, command: &Command) -> Result<(), DeviceError> {
         self.gate.admit(&self.name, command.fence)?;
         let unspeakable =
-            |Unspeakable(what)| DeviceError::Unsupported { device: self.name.clone(), what: what.to_owned() };
+            |NotEncodable(what)| DeviceError::Unsupported { device: self.name.clone(), what: what.to_owned() };
         let values = codec::command(command).map_err(unspeakable)?;
         let open = self.take()?;
         let within = self.settings.send_within();
@@ -163,12 +161,12 @@ impl OpcuaManipulator {
     }
 }
 
-/// Says that we live, then reads everything in one call, again where the device changed it meanwhile.
-async fn exchange(open: &Open, pulse: u16) -> Result<Result<Values, Odd>, Failure> {
+/// Writes the heartbeat, then reads every value in one call, again if the device changed them meanwhile.
+async fn exchange(open: &Open, pulse: u16) -> Result<Result<Values, UnexpectedValue>, Failure> {
     let wanted: Vec<_> = Node::reading().map(|node| (node, AttributeId::Value)).collect();
     let heard = open.write(&[(Node::Pulse, Variant::UInt16(pulse))]).await?;
     if let Some(quality) = heard.into_iter().find(|status| *status != StatusCode::Good) {
-        return Ok(Err(Odd::Quality { node: Node::Pulse, quality }));
+        return Ok(Err(UnexpectedValue::Quality { node: Node::Pulse, quality }));
     }
     for _ in 0..READINGS_MAX {
         let values = open.read(&wanted).await?;
@@ -179,7 +177,7 @@ async fn exchange(open: &Open, pulse: u16) -> Result<Result<Values, Odd>, Failur
         }
     }
     let why = "changed during every reading";
-    Ok(Err(Odd::Value { node: Node::Snapshot, value: "a counter".to_owned(), why }))
+    Ok(Err(UnexpectedValue::Value { node: Node::Snapshot, value: "a counter".to_owned(), why }))
 }
 
 impl Manipulator for OpcuaManipulator {

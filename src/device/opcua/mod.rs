@@ -7,29 +7,27 @@
 //!                               Command, Reading <----- codec -----> values of nodes
 //! ```
 
-mod clock;
 mod codec;
 mod layout;
 mod link;
 mod nodes;
-mod opening;
-mod plausible;
 mod security;
 mod server;
 mod session;
 mod settings;
 
 pub use link::OpcuaManipulator;
-pub use security::Trouble;
+pub use security::SecurityError;
+pub use security::{Policy, Security};
 pub use server::{Plc, PlcServer, ServeError, device_path, serve};
-pub use settings::{Policy, Security, SettingRefusal, Settings};
+pub use settings::{SettingRefusal, Settings};
 
 use super::manipulator::Manipulator;
 
 /// A manipulator that is reached over OPC UA. Connects nothing yet.
 ///
 /// # Errors
-/// [`SettingRefusal`] names what cannot be.
+/// [`SettingRefusal`] names the setting that cannot be used.
 pub fn open(name: &str, settings: &Settings) -> Result<Box<dyn Manipulator>, SettingRefusal> {
     Ok(Box::new(OpcuaManipulator::new(name, settings)?))
 }

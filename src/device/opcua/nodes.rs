@@ -1,12 +1,17 @@
-//! Values of nodes, taken apart: a type, a length, a quality at a time. Everything that comes from a server passes here and is
-//! hostile until it has.
+//! Checks the values of nodes: type, length and quality. Everything that comes from a server is checked here before it is used.
+//!
+//! Once, on connecting, it is also checked whether the positions have the expected units, and whether commands can be written as
+//! this adaptor writes them: a command of which the server refuses one half and accepts the other would be worse than none. Pure.
+
+use opcua::types::{AttributeId, DataTypeId, DataValue, EUInformation, NodeId, Range, StatusCode, Variant};
+
+use crate::motion::Axis;
 
 use super::layout::Node;
-use opcua::types::{DataValue, Range, StatusCode, Variant};
 
 /// Why a value is none.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub(super) enum Odd {
+pub(super) enum UnexpectedValue {
     /// The answer is shorter than the question.
     #[error("{} is missing in the answer", .0.key())]
     Missing(Node),
@@ -49,29 +54,29 @@ impl<'a> Answer<'a> {
     }
 
     /// The first value of a node, whatever its quality.
-    pub(super) fn raw(&self, node: Node) -> Result<&'a DataValue, Odd> {
-        self.values.iter().find(|(of, _)| *of == node).map(|(_, value)| value).ok_or(Odd::Missing(node))
+    pub(super) fn raw(&self, node: Node) -> Result<&'a DataValue, UnexpectedValue> {
+        self.values.iter().find(|(of, _)| *of == node).map(|(_, value)| value).ok_or(UnexpectedValue::Missing(node))
     }
 
-    fn good(&self, node: Node) -> Result<&'a Variant, Odd> {
+    fn good(&self, node: Node) -> Result<&'a Variant, UnexpectedValue> {
         variant(node, self.raw(node)?)
     }
 
     /// A count that fits 16 bits, of whatever integer type.
-    pub(super) fn word(&self, node: Node) -> Result<u16, Odd> {
+    pub(super) fn word(&self, node: Node) -> Result<u16, UnexpectedValue> {
         let wanted = "a whole number of 16 bits";
-        whole(self.good(node)?).and_then(|value| value.try_into().ok()).ok_or(Odd::Type { node, wanted })
+        whole(self.good(node)?).and_then(|value| value.try_into().ok()).ok_or(UnexpectedValue::Type { node, wanted })
     }
 
     /// A count that fits 32 bits, of whatever integer type.
-    pub(super) fn double_word(&self, node: Node) -> Result<u32, Odd> {
+    pub(super) fn double_word(&self, node: Node) -> Result<u32, UnexpectedValue> {
         let wanted = "a whole number of 32 bits";
-        whole(self.good(node)?).and_then(|value| value.try_into().ok()).ok_or(Odd::Type { node, wanted })
+        whole(self.good(node)?).and_then(|value| value.try_into().ok()).ok_or(UnexpectedValue::Type { node, wanted })
     }
 
     /// A count that fits 64 bits and is not negative, of whatever integer type.
-    pub(super) fn long(&self, node: Node) -> Result<u64, Odd> {
-        let wanted = Odd::Type { node, wanted: "a whole number of 64 bits" };
+    pub(super) fn long(&self, node: Node) -> Result<u64, UnexpectedValue> {
+        let wanted = UnexpectedValue::Type { node, wanted: "a whole number of 64 bits" };
         match self.good(node)? {
             Variant::UInt64(value) => Ok(*value),
             other => whole(other).and_then(|value| value.try_into().ok()).ok_or(wanted),
@@ -79,24 +84,24 @@ impl<'a> Answer<'a> {
     }
 
     /// A finite number.
-    pub(super) fn number(&self, node: Node) -> Result<f64, Odd> {
-        let value = number(self.good(node)?).ok_or(Odd::Type { node, wanted: "a number" })?;
+    pub(super) fn number(&self, node: Node) -> Result<f64, UnexpectedValue> {
+        let value = number(self.good(node)?).ok_or(UnexpectedValue::Type { node, wanted: "a number" })?;
         finite(node, value)
     }
 
     /// Four finite numbers.
-    pub(super) fn numbers(&self, node: Node) -> Result<[f64; 4], Odd> {
+    pub(super) fn numbers(&self, node: Node) -> Result<[f64; 4], UnexpectedValue> {
         let [x, y, z, c] = self.four(node, "four numbers", number)?;
         Ok([finite(node, x)?, finite(node, y)?, finite(node, z)?, finite(node, c)?])
     }
 
     /// Four counts of 16 bits.
-    pub(super) fn words(&self, node: Node) -> Result<[u16; 4], Odd> {
+    pub(super) fn words(&self, node: Node) -> Result<[u16; 4], UnexpectedValue> {
         self.four(node, "four whole numbers of 16 bits", |value| whole(value)?.try_into().ok())
     }
 
     /// Four truths.
-    pub(super) fn truths(&self, node: Node) -> Result<[bool; 4], Odd> {
+    pub(super) fn truths(&self, node: Node) -> Result<[bool; 4], UnexpectedValue> {
         self.four(node, "four truth values", |value| match value {
             Variant::Boolean(truth) => Some(*truth),
             _ => None,
@@ -104,33 +109,38 @@ impl<'a> Answer<'a> {
     }
 
     /// A range, its ends finite and in order.
-    pub(super) fn range(&self, node: Node) -> Result<(f64, f64), Odd> {
-        let wrong = Odd::Type { node, wanted: "a range" };
+    pub(super) fn range(&self, node: Node) -> Result<(f64, f64), UnexpectedValue> {
+        let wrong = UnexpectedValue::Type { node, wanted: "a range" };
         let Variant::ExtensionObject(object) = self.good(node)? else { return Err(wrong) };
         let range = object.inner_as::<Range>().ok_or(wrong)?;
         let (low, high) = (finite(node, range.low)?, finite(node, range.high)?);
         if low < high {
             Ok((low, high))
         } else {
-            Err(Odd::Value { node, value: format!("{low} to {high}"), why: "is no range" })
+            Err(UnexpectedValue::Value { node, value: format!("{low} to {high}"), why: "is no range" })
         }
     }
 
-    fn four<T>(&self, node: Node, wanted: &'static str, take: impl Fn(&Variant) -> Option<T>) -> Result<[T; 4], Odd> {
-        let wrong = || Odd::Type { node, wanted };
+    fn four<T>(
+        &self,
+        node: Node,
+        wanted: &'static str,
+        take: impl Fn(&Variant) -> Option<T>,
+    ) -> Result<[T; 4], UnexpectedValue> {
+        let wrong = || UnexpectedValue::Type { node, wanted };
         let Variant::Array(array) = self.good(node)? else { return Err(wrong()) };
         let taken: Option<Vec<T>> = array.values.iter().take(5).map(take).collect();
         taken.and_then(|taken| taken.try_into().ok()).ok_or_else(wrong)
     }
 }
 
-/// A value that the server stands by. Good with a reservation, such as "overridden" or "clamped", is not good.
-pub(super) fn variant(node: Node, value: &DataValue) -> Result<&Variant, Odd> {
+/// A value of good quality. Good with a reservation, such as "overridden" or "clamped", is not accepted.
+pub(super) fn variant(node: Node, value: &DataValue) -> Result<&Variant, UnexpectedValue> {
     let quality = value.status.unwrap_or(StatusCode::Good);
     if quality != StatusCode::Good {
-        return Err(Odd::Quality { node, quality });
+        return Err(UnexpectedValue::Quality { node, quality });
     }
-    value.value.as_ref().ok_or(Odd::Type { node, wanted: "there" })
+    value.value.as_ref().ok_or(UnexpectedValue::Type { node, wanted: "there" })
 }
 
 fn whole(value: &Variant) -> Option<i64> {
@@ -155,6 +165,102 @@ fn number(value: &Variant) -> Option<f64> {
     }
 }
 
-fn finite(node: Node, value: f64) -> Result<f64, Odd> {
-    if value.is_finite() { Ok(value) } else { Err(Odd::Value { node, value: value.to_string(), why: "is not finite" }) }
+fn finite(node: Node, value: f64) -> Result<f64, UnexpectedValue> {
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err(UnexpectedValue::Value { node, value: value.to_string(), why: "is not finite" })
+    }
+}
+
+/// CEFACT's code of the millimetre, "MMT", as OPC UA counts it.
+pub(super) const MILLIMETRE: i32 = 0x4D_4D54;
+/// CEFACT's code of the degree, "DD", as OPC UA counts it.
+pub(super) const DEGREE: i32 = 0x4444;
+
+/// The unit that an axis must have.
+pub(super) const fn unit(axis: Axis) -> i32 {
+    match axis {
+        Axis::X | Axis::Y | Axis::Z => MILLIMETRE,
+        Axis::C => DEGREE,
+    }
+}
+
+/// What [`units`] wants to know.
+pub(super) fn asked_of_units() -> Vec<(Node, AttributeId)> {
+    Axis::ALL.map(|axis| (Node::Unit(axis), AttributeId::Value)).into()
+}
+
+/// Whether every axis has its unit.
+pub(super) fn units(values: &[(Node, DataValue)]) -> Result<(), UnexpectedValue> {
+    let answer = Answer::new(values);
+    for axis in Axis::ALL {
+        let node = Node::Unit(axis);
+        let wrong = UnexpectedValue::Type { node, wanted: "a unit" };
+        let Variant::ExtensionObject(object) = variant(node, answer.raw(node)?)? else { return Err(wrong) };
+        let found = object.inner_as::<EUInformation>().ok_or(wrong)?.unit_id;
+        if found != unit(axis) {
+            let why = if axis == Axis::C { "is not the degree (17476)" } else { "is not the millimetre (5066068)" };
+            return Err(UnexpectedValue::Value { node, value: format!("unit {found}"), why });
+        }
+    }
+    Ok(())
+}
+
+/// Everything that we write.
+fn written() -> impl Iterator<Item = Node> {
+    Node::COMMAND.into_iter().chain([Node::Pulse])
+}
+
+/// What [`writable`] wants to know.
+pub(super) fn asked_of_commands() -> Vec<(Node, AttributeId)> {
+    let attributes = [AttributeId::DataType, AttributeId::ValueRank, AttributeId::UserAccessLevel];
+    written().flat_map(|node| attributes.map(|attribute| (node, attribute))).collect()
+}
+
+/// The type that a node must have, and whether it has four values.
+pub(super) const fn kind(node: Node) -> (DataTypeId, bool) {
+    match node {
+        Node::Fence => (DataTypeId::UInt64, false),
+        Node::WatchdogMs => (DataTypeId::UInt32, false),
+        Node::Targets | Node::Velocities => (DataTypeId::Double, true),
+        _ => (DataTypeId::UInt16, false),
+    }
+}
+
+/// Bit of the access level that lets a value be written.
+const CURRENT_WRITE: u8 = 2;
+
+/// Whether every node of a command takes what we would write to it.
+pub(super) fn writable(values: &[(Node, DataValue)]) -> Result<(), UnexpectedValue> {
+    let mut answers = values.iter();
+    for node in written() {
+        let mut next = || match answers.next() {
+            Some((of, value)) if *of == node => variant(node, value),
+            _ => Err(UnexpectedValue::Missing(node)),
+        };
+        let (data_type, rank, access) = (next()?, next()?, next()?);
+        let (wanted, array) = kind(node);
+        let wanted = NodeId::from(wanted);
+        if !matches!(data_type, Variant::NodeId(found) if **found == wanted) {
+            return Err(UnexpectedValue::Value {
+                node,
+                value: format!("of type {data_type}"),
+                why: "docs/opcua.md has otherwise",
+            });
+        }
+        // -1 is one value, 1 a list; -3, -2 and 0 leave it open.
+        if !matches!((rank, array), (Variant::Int32(-3..=-1), false) | (Variant::Int32(-3 | -2 | 0 | 1), true)) {
+            let why = if array { "is no list" } else { "is a list" };
+            return Err(UnexpectedValue::Value { node, value: format!("of rank {rank}"), why });
+        }
+        if !matches!(access, Variant::Byte(bits) if bits & CURRENT_WRITE != 0) {
+            return Err(UnexpectedValue::Value {
+                node,
+                value: format!("of access {access}"),
+                why: "does not let us write",
+            });
+        }
+    }
+    Ok(())
 }

@@ -1,21 +1,22 @@
-//! Who the server is, who we are, and how messages between us are protected. Certificates are pinned: exactly one is accepted,
-//! and it comes from a file that somebody put there, never from the network.
+//! The identities of server and client, and how their messages are protected. The certificate of the server is pinned: exactly one
+//! is accepted, and it comes from a file that the operator has placed there, never from the network.
 
-use super::settings::{Policy, Security};
 use opcua::client::{IdentityToken, Password};
 use opcua::crypto::{CertificateStore, SecurityPolicy, X509};
 use opcua::types::MessageSecurityMode;
-use std::env;
-use std::fs;
+use serde::{Deserialize, Serialize};
+
 use std::path::{Path, PathBuf};
 
-/// Security that is none, or that cannot be had. Never holds a password.
+use std::{env, fs};
+
+/// Security settings that cannot be used. Never contains a password.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum Trouble {
-    /// Encryption with nobody known.
+pub enum SecurityError {
+    /// Encryption without a trusted certificate.
     #[error("security.policy needs security.server_certificate: the file of the one certificate that is accepted")]
     NobodyTrusted,
-    /// A certificate that nobody would look at.
+    /// A certificate that would not be used.
     #[error("security.server_certificate needs a security.policy other than none")]
     TrustWithoutPolicy,
     /// A password over an open line.
@@ -31,7 +32,7 @@ pub enum Trouble {
     PasswordUnreadable {
         /// File or variable.
         place: String,
-        /// What was said.
+        /// The cause.
         cause: String,
     },
     /// The certificate cannot be read.
@@ -39,14 +40,14 @@ pub enum Trouble {
     CertificateUnreadable {
         /// As configured.
         file: PathBuf,
-        /// What was said.
+        /// The cause.
         cause: String,
     },
 }
 
 /// Where our key lies in the service's data folder.
 const PKI_FOLDER: &str = "opcua";
-/// The most that a file of a password may hold.
+/// The greatest size of a password file.
 const PASSWORD_BYTES_MAX: usize = 1024;
 
 impl Policy {
@@ -69,17 +70,17 @@ impl Policy {
 }
 
 impl Security {
-    pub(super) fn check(&self) -> Result<(), Trouble> {
+    pub(super) fn check(&self) -> Result<(), SecurityError> {
         let open = self.policy == Policy::None;
         let passwords_count = u8::from(self.password_file.is_some()) + u8::from(self.password_variable.is_some());
         if !open && self.server_certificate.is_none() {
-            Err(Trouble::NobodyTrusted)
+            Err(SecurityError::NobodyTrusted)
         } else if open && self.server_certificate.is_some() {
-            Err(Trouble::TrustWithoutPolicy)
+            Err(SecurityError::TrustWithoutPolicy)
         } else if passwords_count != u8::from(self.user.is_some()) {
-            Err(Trouble::Password)
+            Err(SecurityError::Password)
         } else if open && self.user.is_some() {
-            Err(Trouble::OpenPassword)
+            Err(SecurityError::OpenPassword)
         } else {
             Ok(())
         }
@@ -95,21 +96,21 @@ impl Security {
         self.pki.clone().unwrap_or_else(|| Path::new("data").join(PKI_FOLDER))
     }
 
-    /// Who we say we are. Read anew at every connection, so that a new password needs no restart.
-    pub(super) fn identity(&self) -> Result<IdentityToken, Trouble> {
+    /// The identity of the client. Read again for every connection, so that a new password needs no restart.
+    pub(super) fn identity(&self) -> Result<IdentityToken, SecurityError> {
         let Some(user) = &self.user else { return Ok(IdentityToken::Anonymous) };
         Ok(IdentityToken::UserName(user.clone(), Password(self.password()?)))
     }
 
-    fn password(&self) -> Result<String, Trouble> {
+    fn password(&self) -> Result<String, SecurityError> {
         let (place, text) = match (&self.password_file, &self.password_variable) {
             (Some(file), _) => {
                 (file.display().to_string(), fs::read_to_string(file).map_err(|error| error.to_string()))
             }
             (None, Some(name)) => (name.clone(), env::var(name).map_err(|error| error.to_string())),
-            (None, None) => return Err(Trouble::Password),
+            (None, None) => return Err(SecurityError::Password),
         };
-        let unreadable = |cause: String| Trouble::PasswordUnreadable { place: place.clone(), cause };
+        let unreadable = |cause: String| SecurityError::PasswordUnreadable { place: place.clone(), cause };
         let text = text.map_err(unreadable)?;
         let line = text.trim_end_matches(['\r', '\n']);
         if line.is_empty() || line.len() > PASSWORD_BYTES_MAX || line.contains('\n') {
@@ -119,14 +120,47 @@ impl Security {
     }
 
     /// The one certificate that is accepted; none where messages are open.
-    pub(super) fn trusted(&self) -> Result<Option<X509>, Trouble> {
+    pub(super) fn trusted(&self) -> Result<Option<X509>, SecurityError> {
         self.server_certificate.as_deref().map(read_certificate).transpose()
     }
 }
 
-fn read_certificate(file: &Path) -> Result<X509, Trouble> {
+fn read_certificate(file: &Path) -> Result<X509, SecurityError> {
     CertificateStore::read_cert(file)
-        .map_err(|cause| Trouble::CertificateUnreadable { file: file.to_path_buf(), cause })
+        .map_err(|cause| SecurityError::CertificateUnreadable { file: file.to_path_buf(), cause })
+}
+
+/// How messages are protected, and the identity of the client.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Security {
+    /// How messages are signed and encrypted.
+    pub policy: Policy,
+    /// The server's certificate, .der or .pem. No other is accepted. Needed where there is a policy.
+    pub server_certificate: Option<PathBuf>,
+    /// Name by which we log in; anonymous where there is none.
+    pub user: Option<String>,
+    /// File with the password, one line.
+    pub password_file: Option<PathBuf>,
+    /// Variable of the environment with the password.
+    pub password_variable: Option<String>,
+    /// Folder of our own key and certificate (own/cert.der, which the server must trust); made where it is missing. The
+    /// service's data folder has one unless configured otherwise.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pki: Option<PathBuf>,
+}
+
+/// How messages are signed and encrypted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Policy {
+    /// Not at all.
+    #[default]
+    None,
+    /// Signed and encrypted.
+    Basic256Sha256,
+    /// Signed and encrypted.
+    Aes256Sha256RsaPss,
 }
 
 #[cfg(test)]
@@ -147,12 +181,12 @@ mod tests {
     fn half_a_security_is_none() {
         assert_eq!((Security::default().check(), secured().check()), (Ok(()), Ok(())));
         let cases = [
-            (Security { server_certificate: None, ..secured() }, Trouble::NobodyTrusted),
-            (Security { policy: Policy::None, ..secured() }, Trouble::TrustWithoutPolicy),
-            (Security { policy: Policy::None, server_certificate: None, ..secured() }, Trouble::OpenPassword),
-            (Security { password_variable: None, ..secured() }, Trouble::Password),
-            (Security { password_file: Some("p".into()), ..secured() }, Trouble::Password),
-            (Security { user: None, ..secured() }, Trouble::Password),
+            (Security { server_certificate: None, ..secured() }, SecurityError::NobodyTrusted),
+            (Security { policy: Policy::None, ..secured() }, SecurityError::TrustWithoutPolicy),
+            (Security { policy: Policy::None, server_certificate: None, ..secured() }, SecurityError::OpenPassword),
+            (Security { password_variable: None, ..secured() }, SecurityError::Password),
+            (Security { password_file: Some("p".into()), ..secured() }, SecurityError::Password),
+            (Security { user: None, ..secured() }, SecurityError::Password),
         ];
         for (security, trouble) in cases {
             assert_eq!(security.check(), Err(trouble));

@@ -1,24 +1,32 @@
-//! One open session: finds the nodes by their browse paths, reads and writes lists of them in one service call each. Used until
-//! it fails once, then thrown away.
+//! One session with the server: opened in one attempt (our key, the server's certificate, the endpoint), finds the nodes by their
+//! browse paths, and reads and writes lists of them in one service call each. After its first failure it is not used again.
+//!
+//! The client library would reconnect, and repeat its requests. Both are switched off: no retries, no reconnects, and the event
+//! loop of the library is aborted with the session, so that no waiting request is sent later.
 
-use super::layout::{Node, Step, steps};
-use super::security::Trouble;
-use super::settings::Settings;
+use std::collections::HashMap;
+use std::fs::DirBuilder;
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
 use opcua::client::services::Read;
-use opcua::client::{Session, UARequest};
+use opcua::client::{Client, ClientBuilder, Session, UARequest};
 use opcua::types::{
     AttributeId, BrowsePath, BrowsePathResult, DataValue, DateTime, Error, NamespaceMap, NodeId, ObjectId,
     QualifiedName, ReadValueId, ReferenceTypeId, RelativePath, RelativePathElement, StatusCode, TimestampsToReturn,
     VariableId, Variant, WriteValue,
 };
-use std::collections::HashMap;
-use std::sync::Arc;
 use tokio::task::AbortHandle;
+
+use super::layout::{Node, Step, steps};
+use super::security::{Policy, SecurityError};
+use super::settings::Settings;
 
 /// Why there is no session, or no answer in it.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub(super) enum Failure {
-    /// What the library, or the server, says.
+    /// An error of the library or of the server.
     #[error("{cause}")]
     Said {
         /// OPC UA's code.
@@ -28,13 +36,13 @@ pub(super) enum Failure {
     },
     /// The password or the certificate cannot be read.
     #[error(transparent)]
-    Security(#[from] Trouble),
-    /// The folder of keys cannot be made, or no key in it.
+    Security(#[from] SecurityError),
+    /// The folder of keys, or a key in it, cannot be created.
     #[error("no key and certificate of our own in {folder}: {cause}")]
     Keys {
         /// Folder.
         folder: String,
-        /// What was said.
+        /// The cause.
         cause: String,
     },
     /// The server shows a certificate that is not the one that is trusted.
@@ -50,7 +58,7 @@ pub(super) enum Failure {
         path: String,
         /// Name.
         key: String,
-        /// As the server says.
+        /// The status code of the server.
         status: StatusCode,
     },
     /// The answer is not of the length of the question.
@@ -132,7 +140,7 @@ impl Open {
         Ok(Values { values, answered: answer.response_header.timestamp })
     }
 
-    /// Writes values, in one call and in this order. Says what became of each.
+    /// Writes values, in one call and in this order. Returns the result of each.
     pub(super) async fn write(&self, values: &[(Node, Variant)]) -> Result<Vec<StatusCode>, Failure> {
         let list: Vec<_> = values
             .iter()
@@ -150,7 +158,7 @@ impl Open {
 
     /// Ends the session as it should be ended, so that the server need not keep it until its time is over.
     pub(super) async fn close(self) {
-        // Whether the server heard it makes no difference: the connection ends in any case.
+        // Whether the server received it makes no difference: the connection ends in any case.
         let _ = self.session.disconnect().await;
     }
 }
@@ -190,7 +198,7 @@ fn browse_path(path: &str, settings: &Settings, namespaces: &NamespaceMap) -> Re
     })
 }
 
-/// The one node at the end of a path. Two are none: nobody could say which one moves.
+/// The node at the end of a path. Two nodes are an error: it would be unknown which one moves.
 fn only_target(result: &BrowsePathResult) -> Result<NodeId, StatusCode> {
     if result.status_code.is_bad() {
         return Err(result.status_code);
@@ -202,4 +210,80 @@ fn only_target(result: &BrowsePathResult) -> Result<NodeId, StatusCode> {
         [] => Err(StatusCode::BadNoMatch),
         _ => Err(StatusCode::BadTooManyMatches),
     }
+}
+
+/// A secure channel is renewed after three quarters of this: work for a key, inside some reading's deadline.
+const CHANNEL_MS: u32 = 3_600_000;
+
+/// Two manipulators share a folder: one makes the key, the other finds it.
+static MAKING: Mutex<()> = Mutex::new(());
+
+/// Makes the client: reads our key, and makes one where there is none, which takes seconds and blocks.
+pub(super) fn client(settings: &Settings) -> Result<Client, Failure> {
+    let folder = settings.security.pki();
+    let keys = |cause: String| Failure::Keys { folder: folder.display().to_string(), cause };
+    make_private(&folder).map_err(|error| keys(error.to_string()))?;
+    let secured = settings.security.policy != Policy::None;
+    let _alone = MAKING.lock().unwrap_or_else(PoisonError::into_inner);
+    let client = ClientBuilder::new()
+        .application_name("coaxis")
+        .application_uri("urn:coaxis:client")
+        .product_uri("urn:coaxis")
+        .session_name("coaxis")
+        .pki_dir(&folder)
+        .create_sample_keypair(secured)
+        // `open` has compared the certificate with the one from the file before anything is sent; the library copies it.
+        .trust_server_certs(true)
+        .verify_server_certs(false)
+        .session_retry_limit(0)
+        .recreate_subscriptions(false)
+        .session_timeout(u32::try_from(settings.session_ms).unwrap_or(u32::MAX))
+        .keep_alive_interval(Duration::from_millis(settings.session_ms / 3))
+        .request_timeout(settings.connect_within())
+        .channel_lifetime(CHANNEL_MS)
+        .max_message_size(1 << 20)
+        .max_array_length(10_000)
+        .max_string_length(1 << 16)
+        .max_byte_string_length(1 << 16)
+        .client()
+        .map_err(|errors| keys(errors.join("; ")))?;
+    let made = folder.join("own/cert.der").is_file() && folder.join("private/private.pem").is_file();
+    if secured && !made { Err(keys("it could not be made".to_owned())) } else { Ok(client) }
+}
+
+/// Creates a folder that only this user can read, for the key.
+pub(super) fn make_private(folder: &Path) -> std::io::Result<()> {
+    let mut maker = DirBuilder::new();
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut maker, 0o700);
+    maker.recursive(true).create(folder)
+}
+
+/// Opens a session and finds every node.
+pub(super) async fn open(client: &mut Client, settings: &Settings) -> Result<Open, Failure> {
+    let identity = settings.security.identity()?;
+    let trusted = settings.security.trusted()?;
+    let policy = settings.security.policy;
+    let offered = client.get_server_endpoints_from_url(settings.endpoint.as_str()).await?;
+    let wanted = Client::find_matching_endpoint(&offered, &settings.endpoint, policy.library(), policy.mode());
+    let endpoint = wanted.ok_or_else(|| Failure::Said {
+        status: StatusCode::BadSecurityPolicyRejected,
+        cause: format!("the server offers no endpoint with the policy {}", policy.library()),
+    })?;
+    if trusted.is_some_and(|trusted| trusted.as_byte_string() != endpoint.server_certificate) {
+        return Err(Failure::Stranger);
+    }
+    let (session, events) = client.connect_to_endpoint_directly(endpoint, identity)?;
+    session.disable_reconnects();
+    let mut running = events.spawn();
+    let pump = Pump::new(running.abort_handle());
+    tokio::select! {
+        biased;
+        ended = &mut running => {
+            let status = ended.unwrap_or(StatusCode::BadUnexpectedError);
+            return Err(Failure::Said { status, cause: "the server opened no session".to_owned() });
+        }
+        _ = session.wait_for_connection() => {}
+    }
+    Open::find(session, pump, settings).await
 }

@@ -2,11 +2,11 @@
 //! Takes the configuration's text, gives checked values.
 
 use super::layout::{Node, steps};
-use super::security::Trouble;
+use super::security::{Security, SecurityError};
 use crate::device::states::{SameCode, States};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+
 use std::time::Duration;
 
 /// A manipulator behind an OPC UA server.
@@ -21,9 +21,9 @@ pub struct Settings {
     pub namespaces: BTreeMap<String, String>,
     /// Nodes that lie elsewhere than docs/opcua.md says: name of the node, path below the manipulator's node.
     pub nodes: BTreeMap<String, String>,
-    /// Which number says which state: a maker's table by name, or one's own.
+    /// The numbers of the states: the table of a maker by name, or another one.
     pub states: States,
-    /// Encryption, and who we are.
+    /// Encryption, and the identity of the client.
     pub security: Security,
     /// Longest time until connected, checked and read.
     pub connect_ms: u64,
@@ -31,46 +31,13 @@ pub struct Settings {
     pub read_ms: u64,
     /// Longest time until a command has arrived.
     pub send_ms: u64,
-    /// Age from which a value is none: of the device's heartbeat, by its time stamp and by whether it counts.
+    /// Age from which the device's heartbeat is stale, by its time stamp and by whether it counts.
     pub stale_ms: u64,
-    /// How long the server keeps a session of which it hears nothing.
+    /// How long the server keeps a session without requests.
     pub session_ms: u64,
 }
 
-/// How messages are protected, and who we are.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Security {
-    /// How messages are signed and encrypted.
-    pub policy: Policy,
-    /// The server's certificate, .der or .pem. No other is accepted. Needed where there is a policy.
-    pub server_certificate: Option<PathBuf>,
-    /// Name by which we log in; anonymous where there is none.
-    pub user: Option<String>,
-    /// File with the password, one line.
-    pub password_file: Option<PathBuf>,
-    /// Variable of the environment with the password.
-    pub password_variable: Option<String>,
-    /// Folder of our own key and certificate (own/cert.der, which the server must trust); made where it is missing. The
-    /// service's data folder has one where nothing is said.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub pki: Option<PathBuf>,
-}
-
-/// How messages are signed and encrypted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Policy {
-    /// Not at all.
-    #[default]
-    None,
-    /// Signed and encrypted.
-    Basic256Sha256,
-    /// Signed and encrypted.
-    Aes256Sha256RsaPss,
-}
-
-/// A setting that cannot be.
+/// A setting that cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SettingRefusal {
     /// No address of an OPC UA server.
@@ -112,7 +79,7 @@ pub enum SettingRefusal {
     },
     /// Security that is none.
     #[error(transparent)]
-    Security(#[from] Trouble),
+    Security(#[from] SecurityError),
 }
 
 impl Settings {
@@ -150,7 +117,7 @@ impl Settings {
     /// Checks every value.
     ///
     /// # Errors
-    /// [`SettingRefusal`] names the first that cannot be.
+    /// [`SettingRefusal`] names the first setting that cannot be used.
     pub fn check(&self) -> Result<(), SettingRefusal> {
         let host = self.endpoint.strip_prefix("opc.tcp://").unwrap_or_default();
         if host.is_empty() || host.starts_with(['/', ':']) || self.endpoint.len() > 1024 {

@@ -1,6 +1,6 @@
-//! The controller of one made manipulator, as a PLC would be one: takes commands by sequence number, keeps its own limits and
-//! watchdog, moves its axes, and says how it is. In: commands, heartbeats and the caller's clock. Out: a [`Reading`], and a
-//! record of what it was told. Pure: must not know who talks to it, nor over which wire.
+//! The controller of one simulated manipulator, like that of a PLC: takes commands by sequence number, keeps its own limits and
+//! watchdog, moves its axes, and reports its state. In: commands, heartbeats and the caller's clock. Out: a [`Reading`], and a
+//! record of the commands for tests. Pure. `execution` decides which commands are permitted and executes them over time.
 //!
 //! ```text
 //! Disabled --Enable--> Standstill --MoveTo--> DiscreteMotion --arrived--> Standstill
@@ -11,26 +11,49 @@
 //!                           +----Reset---- ErrorStop
 //! ```
 
-pub mod code;
-mod course;
-mod permission;
-mod settings;
-mod telling;
+mod execution;
 
-pub use settings::ControllerSettings;
-
-use super::mechanics::Mechanics;
-use super::record::Record;
-use super::servo::Servo;
-use crate::device::manipulator::{Acknowledged, Command, CommandResult, Mode, Safety};
-use crate::device::sequence::is_newer;
-use crate::motion::{Axes, Axis, Position};
-use course::Task;
+use std::collections::VecDeque;
 use std::time::Duration;
 
-/// What became of a command on arrival.
+use crate::device::manipulator::{
+    Acknowledged, Action, AxisReading, AxisState, Command, CommandResult, Mode, Reading, Safety,
+};
+use crate::device::sequence::is_newer;
+use crate::motion::{Axes, Axis, AxisLimits, Position};
+
+use super::drives::{Mechanics, Servo};
+
+/// The codes of a simulated controller, in [`crate::device::Reading::fault_code`]: below 100 faults, which a reset acknowledges;
+/// from 100 on why the newest command was refused, until there is a newer one.
+pub mod code {
+    /// No heartbeat came for the time of the watchdog while it moved.
+    pub const WATCHDOG: u32 = 1;
+    /// An axis ran onto its limit switch.
+    pub const LIMIT_SWITCH: u32 = 2;
+    /// The safety functions took the motion away.
+    pub const SAFETY: u32 = 3;
+    /// A target is outside of the limits, or not finite.
+    pub const OUT_OF_LIMITS: u32 = 101;
+    /// A speed is zero, too great or not finite.
+    pub const SPEED: u32 = 102;
+    /// The drives are not enabled.
+    pub const NOT_ENABLED: u32 = 103;
+    /// An axis has no reference.
+    pub const NOT_HOMED: u32 = 104;
+    /// A fault is latched.
+    pub const FAULTED: u32 = 105;
+    /// It is not in automatic mode.
+    pub const NOT_REMOTE: u32 = 106;
+    /// The safety functions do not allow motion.
+    pub const SAFETY_OPEN: u32 = 107;
+    /// No axis was named.
+    pub const NO_AXIS: u32 = 108;
+}
+
+/// The result of a command on arrival.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Taken {
+pub enum CommandReceipt {
     /// It is executed.
     Executed,
     /// It is refused, with a [`code`].
@@ -53,7 +76,7 @@ pub struct Controller {
     refusal: Option<u32>,
     refuse_next: Option<u32>,
     acknowledged: Acknowledged,
-    task: Task,
+    motion: Motion,
     servos: Axes<Servo>,
     homed: Axes<bool>,
     limit_hit: Axes<bool>,
@@ -78,7 +101,7 @@ impl Controller {
             refusal: None,
             refuse_next: None,
             acknowledged: Acknowledged { sequence: 0, result: CommandResult::None },
-            task: Task::Rest,
+            motion: Motion::Rest,
             servos,
             homed: Axes::from_fn(|_| settings.homed),
             limit_hit: Axes::default(),
@@ -90,29 +113,29 @@ impl Controller {
     }
 
     /// A command has arrived. It counts as a heartbeat.
-    pub fn take(&mut self, command: &Command, now: Duration) -> Taken {
+    pub fn take(&mut self, command: &Command, now: Duration) -> CommandReceipt {
         self.beat(now);
         if !is_newer(command.sequence, self.acknowledged.sequence) {
             self.record.ignored(command.sequence);
-            return Taken::Ignored;
+            return CommandReceipt::Ignored;
         }
         self.refusal = self.refusal_of(&command.action).err();
         if let Some(code) = self.refusal {
-            // What is under way goes on; but nobody can read any more how it ends.
+            // The motion under way goes on, but its result cannot be read any more.
             self.acknowledged = Acknowledged { sequence: command.sequence, result: CommandResult::Rejected };
             if matches!(code, code::OUT_OF_LIMITS | code::SPEED) {
                 self.record.out_of_limits(command);
             }
-            return Taken::Refused(code);
+            return CommandReceipt::Refused(code);
         }
         self.acknowledged = Acknowledged { sequence: command.sequence, result: CommandResult::Accepted };
         self.watchdog = command.watchdog.min(self.settings.watchdog_max);
         self.record.executed(command, now);
         self.execute(&command.action);
-        Taken::Executed
+        CommandReceipt::Executed
     }
 
-    /// Somebody who commands it lives.
+    /// Takes a heartbeat.
     pub fn beat(&mut self, now: Duration) {
         self.advance(now);
         self.heard = self.heard.max(now);
@@ -125,7 +148,7 @@ impl Controller {
         self.mechanics.clamp()
     }
 
-    /// What it was told so far.
+    /// The commands that it has received.
     #[must_use]
     pub const fn record(&self) -> &Record {
         &self.record
@@ -143,13 +166,13 @@ impl Controller {
         self.fail(code::LIMIT_SWITCH);
     }
 
-    /// Holds an axis where it is, or lets it go. The drive notices nothing: it reports a motion and no fault.
+    /// Blocks an axis, or frees it. The drive does not notice: it reports a motion and no fault.
     pub fn set_stuck(&mut self, axis: Axis, stuck: bool, now: Duration) {
         self.advance(now);
         *self.stuck.get_mut(axis) = stuck;
     }
 
-    /// Sets what the safety functions say. What they no longer allow stops.
+    /// Sets the states of the safety functions. A motion that they no longer allow stops.
     pub fn set_safety(&mut self, safety: Safety, now: Duration) {
         self.advance(now);
         self.safety = safety;
@@ -158,14 +181,173 @@ impl Controller {
         }
     }
 
-    /// Turns the switch for the mode. What moves stops when it leaves automatic.
+    /// Sets the mode. A motion stops when the mode is no longer automatic.
     pub fn set_mode(&mut self, mode: Mode, now: Duration) {
         self.advance(now);
         self.mode = mode;
-        if mode != Mode::Automatic && self.task != Task::Rest {
+        if mode != Mode::Automatic && self.motion != Motion::Rest {
             self.abort();
         }
     }
+}
+
+/// Entries kept of each kind; the oldest go first.
+const KEPT_MAX: usize = 4096;
+
+/// A command that was executed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Executed {
+    /// Its sequence number.
+    pub sequence: u16,
+    /// What was done.
+    pub action: Action,
+    /// When, by the caller's clock.
+    pub at: Duration,
+}
+
+/// The commands that a controller has received.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Record {
+    executed: VecDeque<Executed>,
+    ignored: VecDeque<u16>,
+    out_of_limits: VecDeque<Command>,
+}
+
+impl Record {
+    /// Commands that were executed, in order.
+    pub fn all_executed(&self) -> impl ExactSizeIterator<Item = &Executed> {
+        self.executed.iter()
+    }
+
+    /// Sequence numbers that came again or too late, and were ignored, in order.
+    pub fn all_ignored(&self) -> impl ExactSizeIterator<Item = u16> {
+        self.ignored.iter().copied()
+    }
+
+    /// Commands with a target or a speed outside of the limits, which were refused. Whoever checks before sending leaves
+    /// this empty.
+    pub fn all_out_of_limits(&self) -> impl ExactSizeIterator<Item = &Command> {
+        self.out_of_limits.iter()
+    }
+
+    pub(super) fn executed(&mut self, command: &Command, at: Duration) {
+        let entry = Executed { sequence: command.sequence, action: command.action.clone(), at };
+        keep(&mut self.executed, entry);
+    }
+
+    pub(super) fn ignored(&mut self, sequence: u16) {
+        keep(&mut self.ignored, sequence);
+    }
+
+    pub(super) fn out_of_limits(&mut self, command: &Command) {
+        keep(&mut self.out_of_limits, command.clone());
+    }
+}
+
+fn keep<T>(kept: &mut VecDeque<T>, entry: T) {
+    if kept.len() == KEPT_MAX {
+        kept.pop_front();
+    }
+    kept.push_back(entry);
+}
+
+/// The settings of a controller. Lengths in mm, angles in rad.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ControllerSettings {
+    /// Its own limits.
+    pub limits: Axes<AxisLimits>,
+    /// Where the axes stand at first.
+    pub start: Position,
+    /// Whether the references are known at first.
+    pub homed: bool,
+    /// Simulated seconds of motion in a second of the caller's clock. Watchdog and heartbeat are not accelerated.
+    pub time_factor: f64,
+    /// Greatest watchdog that it grants; a command may ask for less.
+    pub watchdog_max: Duration,
+    /// How long the finding of a reference takes, simulated s. The axes stay: distance-coded marks.
+    pub homing_s: f64,
+    /// Backlash between an axis' encoder and its clamp.
+    pub backlash: Axes<f64>,
+    /// Share of each linear axis' motion that the clamp shows along each of the other two.
+    pub coupling_ratio: f64,
+}
+
+impl ControllerSettings {
+    /// A stiff manipulator with these limits that stands at zero, or where its limits are nearest to it.
+    #[must_use]
+    pub fn exact(limits: Axes<AxisLimits>) -> Self {
+        Self {
+            limits,
+            start: limits.map(|_, own| 0.0_f64.max(own.lower).min(own.upper)),
+            homed: true,
+            time_factor: 1.0,
+            watchdog_max: Duration::from_millis(500),
+            homing_s: 0.5,
+            backlash: Axes::default(),
+            coupling_ratio: 0.0,
+        }
+    }
+}
+
+/// The heartbeat counts once in this time.
+const BEAT: Duration = Duration::from_millis(10);
+
+impl Controller {
+    /// The reading. Does not count as a heartbeat.
+    #[must_use]
+    pub fn reading(&mut self, now: Duration) -> Reading {
+        self.advance(now);
+        Reading {
+            state: self.state(),
+            mode: self.mode,
+            safety: self.safety,
+            acknowledged: self.acknowledged,
+            fault_code: self.fault.or(self.refusal).unwrap_or(0),
+            heartbeat: (now.as_millis() / BEAT.as_millis() % 0x1_0000) as u16,
+            axes: self.settings.limits.map(|axis, limits| self.axis_reading(axis, limits)),
+        }
+    }
+
+    fn state(&self) -> AxisState {
+        match self.motion {
+            Motion::Stop { .. } => AxisState::Stopping,
+            _ if self.fault.is_some() => AxisState::ErrorStop,
+            _ if !self.powered => AxisState::Disabled,
+            Motion::Home { .. } => AxisState::Homing,
+            Motion::Move => AxisState::DiscreteMotion,
+            Motion::Rest => AxisState::Standstill,
+        }
+    }
+
+    fn axis_reading(&self, axis: Axis, limits: &AxisLimits) -> AxisReading {
+        let servo = self.servos.get(axis);
+        let device = self.state();
+        let concerned = match self.motion {
+            Motion::Home { axes, .. } => *axes.get(axis),
+            Motion::Rest | Motion::Move | Motion::Stop { .. } => !servo.rests(),
+        };
+        AxisReading {
+            actual: servo.position(),
+            commanded: servo.position(),
+            lower: limits.lower,
+            upper: limits.upper,
+            speed: limits.speed,
+            state: if device.moves() && !concerned { AxisState::Standstill } else { device },
+            homed: *self.homed.get(axis),
+            in_position: servo.rests(),
+            fault: *self.limit_hit.get(axis),
+            limit_hit: *self.limit_hit.get(axis),
+        }
+    }
+}
+
+/// What is under way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Motion {
+    Rest,
+    Move,
+    Home { axes: Axes<bool>, until_step: u64 },
+    Stop { then_off: bool },
 }
 
 #[cfg(test)]
@@ -198,7 +380,7 @@ mod tests {
 
     fn enabled() -> Controller {
         let mut controller = Controller::new(ControllerSettings::exact(limits()));
-        assert_eq!(controller.take(&command(1, Action::Enable), ms(0)), Taken::Executed);
+        assert_eq!(controller.take(&command(1, Action::Enable), ms(0)), CommandReceipt::Executed);
         controller
     }
 
@@ -231,8 +413,8 @@ mod tests {
         let mut controller = enabled();
         controller.take(&command(2, y_to(1.0)), ms(10));
         run(&mut controller, 100, 500);
-        assert_eq!(controller.take(&command(2, y_to(9.0)), ms(510)), Taken::Ignored);
-        assert_eq!(controller.take(&command(1, y_to(9.0)), ms(520)), Taken::Ignored);
+        assert_eq!(controller.take(&command(2, y_to(9.0)), ms(510)), CommandReceipt::Ignored);
+        assert_eq!(controller.take(&command(1, y_to(9.0)), ms(520)), CommandReceipt::Ignored);
         run(&mut controller, 600, 2_000);
         assert_eq!(controller.reading(ms(2_000)).axes.y.actual, 1.0);
         assert_eq!(controller.record().all_ignored().collect::<Vec<_>>(), [2, 1]);
@@ -249,8 +431,8 @@ mod tests {
         assert_eq!(stopped.acknowledged, Acknowledged { sequence: 2, result: CommandResult::Aborted });
         // v·t − v²/2a on the way up, v²/2a down: 3 mm + 1 mm.
         assert!((stopped.axes.y.actual - 4.0).abs() < 0.05, "{}", stopped.axes.y.actual);
-        assert_eq!(controller.take(&command(3, y_to(40.0)), ms(700)), Taken::Refused(code::FAULTED));
-        assert_eq!(controller.take(&command(4, Action::Reset), ms(710)), Taken::Executed);
+        assert_eq!(controller.take(&command(3, y_to(40.0)), ms(700)), CommandReceipt::Refused(code::FAULTED));
+        assert_eq!(controller.take(&command(4, Action::Reset), ms(710)), CommandReceipt::Executed);
         let reset = controller.reading(ms(2_000));
         assert_eq!((reset.state, reset.fault_code), (AxisState::Standstill, 0));
         assert_eq!(reset.axes.y.actual, stopped.axes.y.actual);
@@ -259,20 +441,23 @@ mod tests {
     #[test]
     fn what_it_must_not_do_is_refused_and_recorded() {
         let mut controller = Controller::new(ControllerSettings::exact(limits()));
-        assert_eq!(controller.take(&command(1, y_to(1.0)), ms(0)), Taken::Refused(code::NOT_ENABLED));
+        assert_eq!(controller.take(&command(1, y_to(1.0)), ms(0)), CommandReceipt::Refused(code::NOT_ENABLED));
         controller.take(&command(2, Action::Enable), ms(0));
         for (sequence, target) in [(3, 50.01), (4, f64::NAN), (5, f64::INFINITY)] {
-            assert_eq!(controller.take(&command(sequence, y_to(target)), ms(1)), Taken::Refused(code::OUT_OF_LIMITS));
+            assert_eq!(
+                controller.take(&command(sequence, y_to(target)), ms(1)),
+                CommandReceipt::Refused(code::OUT_OF_LIMITS)
+            );
         }
         let axes = Axes { y: true, ..Axes::default() };
         let too_fast = Action::MoveTo { axes, targets: Axes::default(), speeds: Axes::from_fn(|_| 10.1) };
-        assert_eq!(controller.take(&command(6, too_fast), ms(1)), Taken::Refused(code::SPEED));
+        assert_eq!(controller.take(&command(6, too_fast), ms(1)), CommandReceipt::Refused(code::SPEED));
         let reading = controller.reading(ms(1_000));
         assert_eq!(reading.acknowledged, Acknowledged { sequence: 6, result: CommandResult::Rejected });
         assert_eq!((reading.fault_code, reading.position()), (code::SPEED, Position::default()));
         assert_eq!(controller.record().all_out_of_limits().len(), 4);
         // Single precision on the wire is no violation.
-        assert_eq!(controller.take(&command(7, y_to(f64::from(50.000_001_f32))), ms(1_001)), Taken::Executed);
+        assert_eq!(controller.take(&command(7, y_to(f64::from(50.000_001_f32))), ms(1_001)), CommandReceipt::Executed);
     }
 
     #[test]
@@ -319,7 +504,7 @@ mod tests {
         controller.take(&command(2, y_to(40.0)), ms(0));
         controller.set_mode(Mode::Manual, ms(200));
         assert_eq!(controller.reading(ms(600)).acknowledged.result, CommandResult::Aborted);
-        assert_eq!(controller.take(&command(3, y_to(0.0)), ms(700)), Taken::Refused(code::NOT_REMOTE));
-        assert_eq!(controller.take(&command(4, Action::Halt), ms(700)), Taken::Executed);
+        assert_eq!(controller.take(&command(3, y_to(0.0)), ms(700)), CommandReceipt::Refused(code::NOT_REMOTE));
+        assert_eq!(controller.take(&command(4, Action::Halt), ms(700)), CommandReceipt::Executed);
     }
 }

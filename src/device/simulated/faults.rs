@@ -1,5 +1,5 @@
-//! Faults on demand: at which exchange with which device something goes wrong, and what. Planned, held, or by chance from a
-//! seed. In: exchanges, one after the other. Out: the fault that strikes each.
+//! Faults that are injected: in which exchange with which device, and which fault. Planned, permanent, or random from a seed. In:
+//! exchanges, one after the other. Out: the fault of each.
 
 use crate::device::error::ScanFault;
 use crate::motion::{Axis, Carrier, Pair};
@@ -23,17 +23,17 @@ pub enum Device {
     Stage,
 }
 
-/// What can go wrong in an exchange with a device. An exchange is a request and its answer; connecting takes two.
+/// A fault in an exchange with a device. An exchange is a request and its answer; connecting takes two.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Fault {
     /// The link goes down, before the device has the request or after.
     LinkLost {
-        /// The device has got it.
+        /// The device has received the request.
         arrives: bool,
     },
     /// There is no answer.
     Silence {
-        /// The device has got it.
+        /// The device has received the request.
         arrives: bool,
     },
     /// The answer comes so much later.
@@ -41,14 +41,14 @@ pub enum Fault {
         /// By how much.
         by: Duration,
     },
-    /// The answer makes no sense; the device has got the request.
+    /// The answer is malformed; the device has received the request.
     Corrupt,
     /// The device refuses; it did nothing.
     Rejected {
-        /// As it says why.
+        /// The code of the device.
         code: u32,
     },
-    /// The other end is dead and nobody has told us: connecting works, and nothing is answered.
+    /// The connection is half open: connecting works, and nothing is answered.
     HalfOpen,
     /// An axis of the manipulator runs onto its limit switch. The exchange itself goes well.
     LimitHit {
@@ -87,7 +87,7 @@ struct Plan {
     held: Option<Fault>,
 }
 
-/// Everything that is to go wrong.
+/// All faults that are to be injected.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Faults {
     manipulators: Pair<Plan>,
@@ -136,12 +136,12 @@ impl Faults {
         &self.struck
     }
 
-    /// Counts an exchange, and says what goes wrong in it.
+    /// Counts an exchange, and returns its fault.
     pub(super) fn strike(&mut self, device: Device, kind: Step) -> Option<Fault> {
         let plan = self.plan(device);
         plan.steps += 1;
         let step = plan.steps;
-        // A dead peer is not noticed while connecting.
+        // A half-open connection is not noticed while connecting.
         let waits = kind == Step::Open && plan.next == Some(Fault::HalfOpen);
         let due = if waits { None } else { plan.next.take() };
         let due = due.or_else(|| plan.planned.remove(&step)).or_else(|| plan.held.clone());

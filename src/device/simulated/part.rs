@@ -1,4 +1,4 @@
-//! The part on its two clamps: where it really lies. In: where the clamps were and are. Out: its axis, ends and roll.
+//! The true place of the part on its two clamps. In: where the clamps were and are. Out: its axis, ends and roll.
 
 use super::settings::PartSettings;
 use crate::geometry::AxisLine;
@@ -40,8 +40,8 @@ impl HeldPart {
         Self { ends: [near, far], mounts, start }
     }
 
-    /// Where it lies when the clamps are at `now`: as a rigid body with the middle of the clamps and the line through them,
-    /// about which their mean turn turns it. Held off its axis, the axis goes round that line.
+    /// Its place when the clamps are at `now`: a rigid body that moves with the middle of the clamps and the line through them, and
+    /// is turned about that line by their mean turn. If the clamps do not hold it on its axis, the axis moves around that line.
     pub(super) fn at(&self, now: &Pair<Position>) -> Place {
         let ([from_1, from_2], [to_1, to_2]) = (self.clamps(&self.start), self.clamps(now));
         let rotation = attitude(to_2 - to_1, turn(now)) * attitude(from_2 - from_1, turn(&self.start)).inverse();

@@ -1,4 +1,4 @@
-//! How straight the rail is: what the stage carries the sensor off, smooth along it, seeded.
+//! The straightness error of the simulated rail: smooth along the rail, from a seed.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -17,7 +17,7 @@ pub(super) struct Rail {
     phases: [[f64; 3]; 2],
 }
 
-/// How straight a rail is, as its calibration says.
+/// The straightness of a rail, as a calibration states it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Straightness {
     /// Standard uncertainty of the deviation from a straight line, in y and in z, at any place, mm.
@@ -35,7 +35,7 @@ impl Rail {
         Self { bound_mm, length_mm, start_mm, phases }
     }
 
-    /// What calibration could say of such a rail: a wave of unknown phase has the variance amplitude²/2 and the correlation
+    /// What a calibration could state of such a rail: a wave of unknown phase has the variance amplitude²/2 and the correlation
     /// cos(2πk·distance/length), and all of them together begin as exp(−distance²/(2L²)) does, with L² =
     /// Σ variance / Σ variance·(2πk/length)².
     pub(super) fn calibration(bound_mm: f64, length_mm: f64) -> Straightness {

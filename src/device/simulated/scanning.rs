@@ -1,18 +1,21 @@
 //! The profile sensor of the simulated cell: armed, it takes a profile each time that the stage has come one pitch further. In:
 //! where the stage is and where the part lies. Out: profiles in the rail frame.
 
-use super::part::Place;
 use super::rail::Rail;
-use super::settings::{SensorSettings, Settings};
-use crate::device::sensor::Profile;
-use crate::scan::synthetic::{Edge, Edges, Interference, Part, make_profile};
+use std::collections::VecDeque;
+
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use std::collections::VecDeque;
+
+use crate::device::sensor::Profile;
+use crate::scan::synthetic::{Edge, Edges, Interference, Part, make_profile};
+
+use super::part::Place;
+use super::settings::{SensorSettings, Settings};
 
 /// Profiles at most in one scan, and so in memory.
 pub(super) const PROFILES_MAX: u64 = 100_000;
-/// Streams of chance below this belong to other things than profiles.
+/// Streams of random numbers below this one are not used for profiles.
 const FIRST_STREAM: u64 = 16;
 
 /// A profile that was triggered and is still to be fetched.
@@ -41,7 +44,7 @@ struct Armed {
 }
 
 impl Scanning {
-    /// Makes ready for `profiles_count` profiles from where the stage is. What was left of an earlier scan is gone.
+    /// Prepares for `profiles_count` profiles from the position of the stage, and drops those of an earlier scan.
     pub(super) fn arm(&mut self, from_mm: f64, pitch_mm: f64, profiles_count: u64) {
         self.scans_count += 1;
         self.waiting.clear();
@@ -72,23 +75,23 @@ impl Scanning {
         }
     }
 
-    /// Profiles to be fetched, the oldest first, at most so many.
+    /// Fetches profiles, the oldest first, at most `count_max`.
     pub(super) fn fetch(&mut self, count_max: usize) -> Vec<Trigger> {
         let count = count_max.min(self.waiting.len());
         self.waiting.drain(..count).collect()
     }
 }
 
-/// What the sensor sees, apart from when.
+/// Makes the profiles of the sensor.
 #[derive(Debug, Clone)]
-pub(super) struct Eye {
+pub(super) struct ProfileMaker {
     seed: u64,
     sensor: SensorSettings,
     rail: Rail,
     part: Part,
 }
 
-impl Eye {
+impl ProfileMaker {
     pub(super) fn new(settings: &Settings) -> Self {
         let Settings { seed, sensor, stage, part, .. } = settings;
         let made = if part.interference { Part::with_interference(*seed) } else { Part::smooth(*seed) };
@@ -110,14 +113,14 @@ impl Eye {
         }
     }
 
-    /// The profile of a trigger. Its chance depends on the seed, the scan and the index alone.
-    pub(super) fn see(&self, trigger: &Trigger) -> Profile {
+    /// The profile of a trigger. Its random numbers depend on the seed, the scan and the index alone.
+    pub(super) fn profile(&self, trigger: &Trigger) -> Profile {
         let Trigger { scan, index, x, place } = *trigger;
         let mut chance = ChaCha8Rng::seed_from_u64(self.seed);
         chance.set_stream(FIRST_STREAM + scan * PROFILES_MAX + index);
         let seen = make_profile(&self.part_at(&place), x, place.along(x), &mut chance);
         let [off_y, off_z] = self.rail.off(x);
-        // A sensor that is off to one side sees the part off to the other.
+        // A sensor that is displaced to one side sees the part displaced to the other side.
         let inside = seen.into_iter().map(|[y, z]| [y - off_y, z - off_z]).filter(|point| self.in_field(*point));
         let (y, z): (Vec<f32>, Vec<f32>) = inside.map(|[y, z]| (y as f32, z as f32)).unzip();
         let ticks = (x / self.sensor.encoder_mm).round();
@@ -130,7 +133,7 @@ impl Eye {
         y.abs() <= field_half_width_mm && (field_z_lower_mm..=field_z_upper_mm).contains(&z)
     }
 
-    /// The part where it lies. What sits on it turns with it: along the arc from +Z towards +Y, against the roll.
+    /// The part at its place. Objects on it turn with it: along the arc from +Z towards +Y, against the roll.
     fn part_at(&self, place: &Place) -> Part {
         let interference = self.part.interference;
         let shift = interference.shift - place.roll / self.part.arc_deg.to_radians();

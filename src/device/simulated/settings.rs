@@ -1,4 +1,4 @@
-//! What the simulated cell is like, as the configuration says it: lengths in mm, angles in degrees. Defaults are the published
+//! The settings of the simulated cell in the configuration: lengths in mm, angles in degrees. The defaults are the published
 //! situation: a part of 200 mm radius with holes and clamps on it, tilted by about a degree.
 
 use super::rail::{Rail, Straightness};
@@ -6,25 +6,25 @@ use crate::motion::{Axes, Axis, AxisLimits, Pair};
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 
-/// The simulated cell. The same settings and the same course of events give the same bytes.
+/// The simulated cell. The same settings and the same sequence of events give the same bytes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
     /// Decides every random number.
     pub seed: u64,
-    /// Simulated seconds of motion in a second. Links and watchdogs are not made faster.
+    /// Simulated seconds of motion in a second. Links and watchdogs are not accelerated.
     pub time_factor: f64,
     /// From a request to its answer.
     pub latency_ms: f64,
     /// How long an adaptor waits for an answer.
     pub reply_within_ms: f64,
-    /// What lies on the manipulators.
+    /// The part on the manipulators.
     pub part: PartSettings,
-    /// What looks at it.
+    /// The sensor.
     pub sensor: SensorSettings,
-    /// What carries the sensor.
+    /// The stage that carries the sensor.
     pub stage: StageSettings,
-    /// What carries the part, but for its limits.
+    /// The manipulators, without their limits.
     pub manipulators: ManipulatorSettings,
 }
 
@@ -60,9 +60,9 @@ pub struct SensorSettings {
     pub arc_deg: f64,
     /// It sees nothing farther than this from the middle of the rail, to either side.
     pub field_half_width_mm: f64,
-    /// It sees nothing below,
+    /// The sensor sees nothing below this,
     pub field_z_lower_mm: f64,
-    /// and nothing above.
+    /// and nothing above this.
     pub field_z_upper_mm: f64,
     /// Standard deviation of the noise, in y and in z.
     pub noise_sigma_mm: f64,
@@ -94,7 +94,7 @@ pub struct StageSettings {
     pub acceleration_mm_s2: f64,
     /// Farthest that it carries the sensor off a straight line, in y and in z.
     pub straightness_mm: f64,
-    /// It stops when nobody was heard for this long.
+    /// It stops when no heartbeat came for this long.
     pub watchdog_ms: f64,
 }
 
@@ -110,7 +110,7 @@ pub struct ManipulatorSettings {
     pub coupling_ratio: f64,
     /// Greatest watchdog that they grant.
     pub watchdog_ms: f64,
-    /// How long the finding of a reference takes.
+    /// How long homing takes.
     pub homing_s: f64,
     /// Whether the references are known at first.
     pub homed: bool,
@@ -191,7 +191,7 @@ impl Default for ManipulatorSettings {
     }
 }
 
-/// Where a manipulator stands and what it can do, which the configuration says for every kind of adaptor alike.
+/// Where a manipulator stands, and its limits, which the configuration gives for every kind of adaptor alike.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mounting {
     /// The clamp's place where its axes are at zero, rail frame.
@@ -223,7 +223,7 @@ pub enum SettingError {
         /// Where it ends.
         upper: f64,
     },
-    /// What a manipulator's axis can do makes no sense.
+    /// The limits of an axis of a manipulator cannot be used.
     #[error("axis {} needs finite limits, the lower one below the upper one, and a speed and an acceleration above 0", axis.name())]
     Limits {
         /// Which.
@@ -251,8 +251,8 @@ fn rule(name: &'static str, value: f64, (range, allowed): (RangeInclusive<f64>, 
 }
 
 impl Settings {
-    /// What the calibration of the simulated stage would say. Nothing else is off in the cell that a scan does not show: the
-    /// sensor stands where the rail frame has it, and measures distances without a systematic error.
+    /// The straightness that a calibration of the simulated stage would give. The cell has no other error that a scan does not show:
+    /// the sensor stands at its place in the rail frame, and measures distances without a systematic error.
     #[must_use]
     pub fn straightness(&self) -> Straightness {
         let StageSettings { lower_mm, upper_mm, straightness_mm, .. } = self.stage;
@@ -322,7 +322,7 @@ fn below(name: &'static str, lower: f64, upper: f64) -> Result<(), SettingError>
     if lower < upper { Ok(()) } else { Err(SettingError::Inverted { name, lower, upper }) }
 }
 
-/// Checks what stands around the simulated cell.
+/// Checks the places and limits of the manipulators.
 pub(super) fn check_mountings(mountings: &Pair<Mounting>) -> Result<(), SettingError> {
     for (_, mounting) in mountings.iter() {
         for (axis, own) in mounting.limits.iter() {

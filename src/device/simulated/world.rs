@@ -1,17 +1,13 @@
 //! The simulated cell itself: a part on two manipulators, a stage with a sensor above it, one simulated time for all. In: requests
 //! of the adaptors, each at its moment. Out: what the devices answer, and the truth.
 
-use super::carriage::Carriage;
-use super::controller::{Controller, ControllerSettings};
+use super::controller::{Controller, ControllerSettings, Record};
+use super::drives::Carriage;
 use super::faults::{Device, Fault, Faults, Struck};
-use super::link::Link;
-use super::manipulator::SimulatedManipulator;
 use super::part::{HeldPart, Place};
-use super::profiler::SimulatedSensor;
-use super::record::Record;
-use super::scanning::{Eye, Scanning};
+use super::scanning::{ProfileMaker, Scanning};
 use super::settings::{Mounting, SettingError, Settings, check_mountings};
-use super::stage::SimulatedStage;
+use crate::device::clock::now;
 use crate::device::manipulator::{Mode, Safety};
 use crate::geometry::AxisLine;
 use crate::motion::{Axes, Axis, Carrier, Pair, Position};
@@ -24,13 +20,13 @@ use tokio::time::Instant;
 pub struct World {
     began: Instant,
     settings: Arc<Settings>,
-    eye: Arc<Eye>,
-    cell: Arc<Mutex<MadeCell>>,
+    profile_maker: Arc<ProfileMaker>,
+    cell: Arc<Mutex<SimulatedCell>>,
 }
 
-/// What changes in the cell.
+/// The state of the cell.
 #[derive(Debug)]
-pub(super) struct MadeCell {
+pub(super) struct SimulatedCell {
     pub(super) controllers: Pair<Controller>,
     pub(super) carriage: Carriage,
     pub(super) scanning: Scanning,
@@ -38,17 +34,8 @@ pub(super) struct MadeCell {
     part: HeldPart,
 }
 
-/// The machine's clock, or the one that a test has stopped.
-#[expect(
-    clippy::disallowed_methods,
-    reason = "the made devices live on tokio's clock; this is the one place they read it"
-)]
-fn clock() -> Instant {
-    Instant::now()
-}
-
 impl World {
-    /// A cell at rest: nothing enabled, the part where the settings say.
+    /// A cell at rest: nothing enabled, the part at the place of the settings.
     ///
     /// # Errors
     /// [`SettingError`] names the first setting that is out of range.
@@ -57,7 +44,7 @@ impl World {
         check_mountings(mountings)?;
         let mut controllers = mountings.map(|_, mounting| Controller::new(controller_settings(settings, mounting)));
         let start = Pair::from_fn(|carrier| controllers.get_mut(carrier).clamp(Duration::ZERO));
-        let cell = MadeCell {
+        let cell = SimulatedCell {
             part: HeldPart::put(&settings.part, mountings.map(|_, mounting| mounting.mount_mm), start),
             carriage: Carriage::new(settings.stage.clone(), settings.time_factor),
             scanning: Scanning::default(),
@@ -65,29 +52,11 @@ impl World {
             controllers,
         };
         Ok(Self {
-            began: clock(),
-            eye: Arc::new(Eye::new(settings)),
+            began: now(),
+            profile_maker: Arc::new(ProfileMaker::new(settings)),
             settings: Arc::new(settings.clone()),
             cell: Arc::new(Mutex::new(cell)),
         })
-    }
-
-    /// A new link to a manipulator, not connected.
-    #[must_use]
-    pub fn manipulator(&self, carrier: Carrier) -> SimulatedManipulator {
-        SimulatedManipulator::new(carrier, Link::new(self.clone(), Device::Manipulator(carrier)))
-    }
-
-    /// A new link to the sensor, not connected.
-    #[must_use]
-    pub fn sensor(&self) -> SimulatedSensor {
-        SimulatedSensor::new(Link::new(self.clone(), Device::Sensor))
-    }
-
-    /// A new link to the stage, not connected.
-    #[must_use]
-    pub fn stage(&self) -> SimulatedStage {
-        SimulatedStage::new(Link::new(self.clone(), Device::Stage))
     }
 
     /// The switch for faults.
@@ -108,7 +77,7 @@ impl World {
         self.at_now(|cell, now| cell.place(now).roll)
     }
 
-    /// What a manipulator was told so far.
+    /// The commands that a manipulator has received.
     #[must_use]
     pub fn record(&self, carrier: Carrier) -> Record {
         self.at_now(|cell, _| cell.controllers.get(carrier).record().clone())
@@ -125,7 +94,7 @@ impl World {
         self.at_now(|cell, now| cell.controllers.get_mut(carrier).set_safety(safety, now));
     }
 
-    /// Holds an axis where it is, or lets it go; the device reports no fault.
+    /// Blocks an axis, or frees it; the device reports no fault.
     pub fn set_stuck(&self, carrier: Carrier, axis: Axis, stuck: bool) {
         self.at_now(|cell, now| cell.controllers.get_mut(carrier).set_stuck(axis, stuck, now));
     }
@@ -147,26 +116,26 @@ impl World {
         self.at_now(|cell, now| cell.controllers.get_mut(carrier).set_mode(mode, now));
     }
 
-    /// What the cell is like.
+    /// The settings of the cell.
     #[must_use]
     pub fn settings(&self) -> &Settings {
         &self.settings
     }
 
-    pub(super) fn eye(&self) -> &Arc<Eye> {
-        &self.eye
+    pub(super) fn profile_maker(&self) -> &Arc<ProfileMaker> {
+        &self.profile_maker
     }
 
     /// Does something at this moment, after everything that has happened until now.
-    pub(super) fn at_now<T>(&self, act: impl FnOnce(&mut MadeCell, Duration) -> T) -> T {
-        let now = clock().saturating_duration_since(self.began);
+    pub(super) fn at_now<T>(&self, act: impl FnOnce(&mut SimulatedCell, Duration) -> T) -> T {
+        let now = now().saturating_duration_since(self.began);
         let mut cell = self.lock();
         cell.advance(now);
         act(&mut cell, now)
     }
 
-    /// A panic elsewhere leaves numbers that are old, not wrong.
-    fn lock(&self) -> MutexGuard<'_, MadeCell> {
+    /// A panic elsewhere leaves values that are old, but not wrong.
+    fn lock(&self) -> MutexGuard<'_, SimulatedCell> {
         self.cell.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -185,7 +154,7 @@ fn controller_settings(settings: &Settings, mounting: &Mounting) -> ControllerSe
     }
 }
 
-impl MadeCell {
+impl SimulatedCell {
     /// Lets everything happen until `now`, in order: a profile sees the part where it was when the profile was taken.
     fn advance(&mut self, now: Duration) {
         while let Some(at) = self.carriage.step_towards(now) {
@@ -209,8 +178,8 @@ impl MadeCell {
         self.part.at(&clamps)
     }
 
-    /// Lets a fault of a device itself come about; those of links are the links'.
-    pub(super) fn suffer(&mut self, device: Device, fault: &Fault, now: Duration) {
+    /// Applies a fault of a device itself; faults of links are applied by the links.
+    pub(super) fn apply_fault(&mut self, device: Device, fault: &Fault, now: Duration) {
         match (device, fault) {
             (Device::Manipulator(carrier), Fault::LimitHit { axis }) => {
                 self.controllers.get_mut(carrier).hit_limit(*axis, now);
@@ -221,34 +190,34 @@ impl MadeCell {
     }
 }
 
-/// Makes things go wrong in the cell that it belongs to.
+/// Injects faults into the cell.
 #[derive(Debug, Clone)]
 pub struct FaultSwitch {
     world: World,
 }
 
 impl FaultSwitch {
-    /// In the next exchange with the device, once.
+    /// Injects a fault into the next exchange with the device, once.
     pub fn next(&self, device: Device, fault: Fault) {
         self.world.lock().faults.next(device, fault);
     }
 
-    /// In the exchange of this number (from 1; see [`Self::steps`]), once.
+    /// Injects a fault into the exchange of this number (from 1; see [`Self::steps`]), once.
     pub fn at(&self, device: Device, step: u64, fault: Fault) {
         self.world.lock().faults.at(device, step, fault);
     }
 
-    /// In every exchange from now on.
+    /// Injects a fault into every exchange from now on.
     pub fn hold(&self, device: Device, fault: Fault) {
         self.world.lock().faults.hold(device, fault);
     }
 
-    /// Nothing more goes wrong with the device, but by chance.
+    /// Ends all faults of the device, except random ones.
     pub fn clear(&self, device: Device) {
         self.world.lock().faults.clear(device);
     }
 
-    /// In this share of all exchanges something goes wrong, by chance from `seed`; 0 ends it.
+    /// Injects random faults from `seed` into this share of all exchanges; 0 ends it.
     pub fn by_chance(&self, seed: u64, ratio: f64) {
         self.world.lock().faults.by_chance(seed, ratio);
     }

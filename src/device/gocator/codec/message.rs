@@ -1,65 +1,10 @@
-//! Messages of the data and health channels by their types. Sixteen bits after the size hold the type and, topmost, whether the
-//! message is the last of its group; a group is a frame.
+//! Messages of the data and health channels by their types; the last message of a group is marked. Here stand the stamps (type 1:
+//! when and where a frame was taken) and the health values (type 0: numbered values about the sensor itself).
 
-use super::error::CodecError;
-use super::fields::Fields;
-use super::health::Health;
-use super::profile::{Intensity, Profiles};
-use super::stamp::Stamps;
-use super::surface::Surface;
+use super::frame::{CodecError, Fields, LAST, flagged, frame, kind, rows};
+use super::profile::{Intensity, Profiles, Surface};
 
-/// Types of messages on the wire. The vendor's program interface numbers them otherwise.
-pub mod kind {
-    /// Values about the sensor.
-    pub const HEALTH: u16 = 0;
-    /// When and where.
-    pub const STAMP: u16 = 1;
-    /// x and z of every point.
-    pub const PROFILE_POINT_CLOUD: u16 = 5;
-    /// z at even steps of x.
-    pub const UNIFORM_PROFILE: u16 = 6;
-    /// Brightness.
-    pub const PROFILE_INTENSITY: u16 = 7;
-    /// z at even steps of x and y.
-    pub const UNIFORM_SURFACE: u16 = 8;
-}
-
-const LAST: u16 = 0x8000;
-
-pub(super) const fn flagged(kind: u16, last: bool) -> u16 {
-    if last { kind | LAST } else { kind }
-}
-
-/// How new the form is in which messages are written: attributes have grown at their end. Reading takes every form.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Generation {
-    /// Firmware 4.
-    #[default]
-    Base,
-    /// With the step of the stream: firmware 5.
-    StreamStep,
-    /// And with the place in an array of sensors: firmware 5.3 and newer.
-    Arrayed,
-}
-
-impl Generation {
-    pub(super) const fn more_bytes(self) -> u16 {
-        match self {
-            Self::Base => 0,
-            Self::StreamStep => 8,
-            Self::Arrayed => 16,
-        }
-    }
-
-    pub(super) fn encode(self, stream_step: i32, out: &mut Vec<u8>) {
-        let attributes = [stream_step, 0, 1, 0];
-        for attribute in attributes.iter().take(usize::from(self.more_bytes() / 4)) {
-            out.extend_from_slice(&attribute.to_le_bytes());
-        }
-    }
-}
-
-/// What a message says.
+/// The content of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Message<'a> {
     /// Values about the sensor.
@@ -86,14 +31,14 @@ pub enum Message<'a> {
 pub struct Framed<'a> {
     /// The group ends with it.
     pub last: bool,
-    /// What it says.
+    /// Its content.
     pub message: Message<'a>,
 }
 
 /// Reads one whole message, its size included.
 ///
 /// # Errors
-/// [`CodecError`] where it is not what it says.
+/// [`CodecError`] if its size or content is invalid.
 pub fn decode(frame: &[u8]) -> Result<Framed<'_>, CodecError> {
     let head = Fields { kind: 0, bytes: frame };
     let (size, control) = (head.u32(0)?, head.u16(4)?);
@@ -111,4 +56,157 @@ pub fn decode(frame: &[u8]) -> Result<Framed<'_>, CodecError> {
         kind => Message::Other { kind },
     };
     Ok(Framed { last: control & LAST != 0, message })
+}
+
+/// Bytes before the first stamp.
+const START: usize = 14;
+/// Of the oldest stamps; newer ones have more behind.
+const STAMP_BYTES: u16 = 56;
+
+/// When and where a frame was taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Stamp {
+    /// Counts frames without a gap.
+    pub frame_index: u64,
+    /// The sensor's clock; 1.024 of these ticks are a microsecond.
+    pub timestamp: u64,
+    /// Ticks of the encoder.
+    pub encoder: i64,
+    /// Ticks of the encoder at its last index pulse.
+    pub encoder_at_z: i64,
+    /// Inputs, as bits.
+    pub status: u64,
+    /// Of the sensor.
+    pub serial: u32,
+}
+
+/// Stamps of a group, one a profile.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stamps<'a> {
+    /// 0 main, 1 buddy.
+    pub source: u8,
+    count: u32,
+    stamp_bytes: usize,
+    values: &'a [u8],
+}
+
+impl<'a> Stamps<'a> {
+    pub(super) fn decode(fields: Fields<'a>) -> Result<Self, CodecError> {
+        let stamp_bytes = fields.struct_size(10, STAMP_BYTES)?;
+        let count = fields.u32(6)?;
+        let values = fields.values(START, count, 1, stamp_bytes)?;
+        Ok(Self { source: fields.u8(12)?, count, stamp_bytes, values })
+    }
+
+    /// How many there are.
+    #[must_use]
+    pub fn count(&self) -> u32 {
+        self.count
+    }
+
+    /// Each.
+    pub fn iter(&self) -> impl Iterator<Item = Stamp> + '_ {
+        rows(self.values, self.count, self.stamp_bytes)
+            .filter_map(|bytes| Stamp::decode(Fields { kind: kind::STAMP, bytes }).ok())
+    }
+
+    /// Appends the message.
+    pub fn encode(source: u8, stamps: &[Stamp], last: bool, out: &mut Vec<u8>) {
+        frame(flagged(kind::STAMP, last), out, |out| {
+            out.extend_from_slice(&u32::try_from(stamps.len()).unwrap_or(u32::MAX).to_le_bytes());
+            out.extend_from_slice(&STAMP_BYTES.to_le_bytes());
+            out.extend_from_slice(&[source, 0]);
+            stamps.iter().for_each(|stamp| stamp.encode(out));
+        });
+    }
+}
+
+impl Stamp {
+    fn decode(fields: Fields<'_>) -> Result<Self, CodecError> {
+        Ok(Self {
+            frame_index: fields.u64(0)?,
+            timestamp: fields.u64(8)?,
+            encoder: fields.i64(16)?,
+            encoder_at_z: fields.i64(24)?,
+            status: fields.u64(32)?,
+            serial: fields.u32(40)?,
+        })
+    }
+
+    fn encode(&self, out: &mut Vec<u8>) {
+        out.extend_from_slice(&self.frame_index.to_le_bytes());
+        out.extend_from_slice(&self.timestamp.to_le_bytes());
+        out.extend_from_slice(&self.encoder.to_le_bytes());
+        out.extend_from_slice(&self.encoder_at_z.to_le_bytes());
+        out.extend_from_slice(&self.status.to_le_bytes());
+        out.extend_from_slice(&self.serial.to_le_bytes());
+        out.extend_from_slice(&[0; 12]);
+    }
+}
+
+const INDICATOR_BYTES: usize = 16;
+
+/// Ids of the indicators that we know.
+pub mod indicator {
+    /// Ticks of the encoder.
+    pub const ENCODER: u32 = 1003;
+    /// Hundredths of °C.
+    pub const TEMPERATURE: u32 = 2002;
+    /// 1 where it runs.
+    pub const STATE: u32 = 20000;
+    /// Profiles that it could not compute.
+    pub const PROCESSING_DROPS: u32 = 21000;
+    /// Profiles that it could not send.
+    pub const NETWORK_DROPS: u32 = 21005;
+    /// Triggers that it could not take.
+    pub const TRIGGER_DROPS: u32 = 21010;
+}
+
+/// One value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Indicator {
+    /// Which.
+    pub id: u32,
+    /// Of which of several.
+    pub instance: u32,
+    /// In the unit of its id.
+    pub value: i64,
+}
+
+/// Values about the sensor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Health<'a> {
+    /// 0 main, 1 buddy.
+    pub source: u8,
+    count: u32,
+    values: &'a [u8],
+}
+
+impl<'a> Health<'a> {
+    pub(super) fn decode(fields: Fields<'a>) -> Result<Self, CodecError> {
+        let count = fields.u32(6)?;
+        Ok(Self { source: fields.u8(10)?, count, values: fields.values(START, count, 1, INDICATOR_BYTES)? })
+    }
+
+    /// Each value.
+    pub fn iter(&self) -> impl Iterator<Item = Indicator> + '_ {
+        rows(self.values, self.count, INDICATOR_BYTES).filter_map(|bytes| {
+            let fields = Fields { kind: kind::HEALTH, bytes };
+            let (id, instance) = (fields.u32(0).ok()?, fields.u32(4).ok()?);
+            Some(Indicator { id, instance, value: fields.i64(8).ok()? })
+        })
+    }
+
+    /// Appends the message.
+    pub fn encode(source: u8, indicators: &[Indicator], out: &mut Vec<u8>) {
+        frame(flagged(kind::HEALTH, true), out, |out| {
+            out.extend_from_slice(&u32::try_from(indicators.len()).unwrap_or(u32::MAX).to_le_bytes());
+            out.extend_from_slice(&[source, 0, 0, 0]);
+            for Indicator { id, instance, value } in indicators {
+                out.extend_from_slice(&id.to_le_bytes());
+                out.extend_from_slice(&instance.to_le_bytes());
+                out.extend_from_slice(&value.to_le_bytes());
+            }
+        });
+    }
 }

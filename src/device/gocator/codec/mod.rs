@@ -1,4 +1,4 @@
-//! The bytes of the Gocator protocol (firmware 4 to 6): from frames to what they say, and back. Pure: no socket, no clock.
+//! The bytes of the Gocator protocol (firmware 4 to 6): frames and their contents. Pure: no socket, no clock.
 //! Total on any bytes: every length is checked against the bytes that are there before it is believed, and nothing is reserved
 //! on its word.
 //!
@@ -11,24 +11,11 @@
 //! All numbers are little-endian. Every frame begins with its own size, that field included.
 
 mod control;
-mod error;
-mod fields;
-mod health;
-mod info;
+mod frame;
 mod message;
 mod profile;
-mod scale;
-mod splitter;
-mod stamp;
-mod surface;
 
-pub use control::{Command, Reply, Request, Status, VERSION_MAJOR, VERSION_MINOR};
-pub use error::CodecError;
-pub use health::{Health, Indicator, indicator};
-pub use info::{Identity, SensorState, Version};
-pub use message::{Framed, Generation, Message, decode, kind};
-pub use profile::{Intensity, Profiles};
-pub use scale::{INVALID, Scale};
-pub use splitter::Splitter;
-pub use stamp::{Stamp, Stamps};
-pub use surface::Surface;
+pub use control::{Command, Identity, Reply, Request, SensorState, Status, VERSION_MAJOR, VERSION_MINOR, Version};
+pub use frame::{CodecError, Generation, Splitter, kind};
+pub use message::{Framed, Health, Indicator, Message, Stamp, Stamps, decode, indicator};
+pub use profile::{INVALID, Intensity, Profiles, Scale, Surface};

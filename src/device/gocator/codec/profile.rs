@@ -1,9 +1,11 @@
-//! Profiles (message types 5 and 6) and their intensities (7): attributes, then the numbers of every profile.
+//! What the sensor measures: profiles (message types 5 and 6), their intensities (7) and uniform surfaces (8, rows of z at even
+//! steps of x and y). Each message has attributes, then the numbers of every profile or row.
+//!
+//! The sensor's 16-bit numbers become millimetres as mm = offset_um / 1000 + raw · scale_nm / 10⁶.
 
-use super::error::CodecError;
-use super::fields::{Fields, frame, rows};
-use super::message::{Generation, flagged, kind};
-use super::scale::Scale;
+use serde::{Deserialize, Serialize};
+
+use super::frame::{CodecError, Fields, Generation, flagged, frame, kind, rows};
 
 /// Where the attributes begin; their own size stands before them.
 const START: usize = 8;
@@ -57,7 +59,7 @@ impl<'a> Profiles<'a> {
         rows(self.values, self.count, 2 * self.width as usize).map(numbers)
     }
 
-    /// Appends the message; `kind` says of which of the two forms.
+    /// Appends the message; `kind` is the type of one of the two forms.
     pub fn encode(&self, kind: u16, generation: Generation, last: bool, out: &mut Vec<u8>) {
         frame(flagged(kind, last), out, |out| {
             out.extend_from_slice(&(ATTRIBUTE_BYTES + generation.more_bytes()).to_le_bytes());
@@ -126,4 +128,151 @@ impl<'a> Intensity<'a> {
 pub(super) fn numbers(row: &[u8]) -> impl Iterator<Item = i16> + use<'_> {
     let (pairs, _) = row.as_chunks::<2>();
     pairs.iter().map(|&pair| i16::from_le_bytes(pair))
+}
+
+/// What stands where the sensor saw nothing.
+pub const INVALID: i16 = i16::MIN;
+
+/// How numbers of the sensor become millimetres.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scale {
+    /// One step, nm.
+    pub scale_nm: u32,
+    /// Where zero lies, µm.
+    pub offset_um: i32,
+}
+
+impl Scale {
+    /// From its two numbers at these places of a message.
+    pub(super) fn decode(fields: Fields<'_>, scale_at: usize, offset_at: usize) -> Result<Self, CodecError> {
+        let (scale_nm, offset_um) = (fields.u32(scale_at)?, fields.i32(offset_at)?);
+        if scale_nm == 0 { Err(CodecError::ScaleZero { kind: fields.kind }) } else { Ok(Self { scale_nm, offset_um }) }
+    }
+
+    /// One step, mm.
+    #[must_use]
+    pub fn step_mm(self) -> f64 {
+        f64::from(self.scale_nm) / 1e6
+    }
+
+    /// Where zero lies, mm.
+    #[must_use]
+    pub fn offset_mm(self) -> f64 {
+        f64::from(self.offset_um) / 1e3
+    }
+
+    /// The coordinate of a place, mm; [`INVALID`] is for the caller to see.
+    #[must_use]
+    pub fn mm(self, raw: f64) -> f64 {
+        self.offset_mm() + raw * self.step_mm()
+    }
+
+    /// The nearest number of a coordinate; [`INVALID`] where there is none, half a step off at most.
+    #[must_use]
+    pub fn raw(self, mm: f64) -> i16 {
+        let steps = ((mm - self.offset_mm()) / self.step_mm()).round();
+        let inside = steps.abs() <= f64::from(i16::MAX);
+        if inside { steps as i16 } else { INVALID }
+    }
+
+    /// The finest scale, no finer than `finest_nm`, about the middle of `least` to `most` (mm) that reaches both.
+    #[must_use]
+    pub fn covering(least: f64, most: f64, finest_nm: u32) -> Self {
+        let middle_um = (0.5 * (least + most) * 1e3).round();
+        let reach_mm = 0.5 * (most - least) + 1e-3;
+        let needed_nm = (reach_mm * 1e6 / f64::from(i16::MAX)).ceil();
+        Self { scale_nm: (needed_nm as u32).max(finest_nm), offset_um: middle_um as i32 }
+    }
+}
+
+/// Of the oldest form, without a rotation.
+const SURFACE_ATTRIBUTE_BYTES: u16 = 40;
+/// With a rotation; what we write.
+const SURFACE_ATTRIBUTE_BYTES_WRITTEN: u16 = 44;
+/// What the sensor calls the step of the stream that surfaces come from.
+const SURFACE_STREAM_STEP: i32 = 3;
+
+/// Rows of z.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Surface<'a> {
+    /// How many rows.
+    pub rows_count: u32,
+    /// Points of each.
+    pub width: u32,
+    /// Along the laser line, by the index in the row.
+    pub x: Scale,
+    /// Along the travel, by the index of the row.
+    pub y: Scale,
+    /// Towards the sensor.
+    pub z: Scale,
+    /// 0 top, 1 bottom, 2 top left, 3 top right.
+    pub source: u8,
+    /// Of the camera.
+    pub exposure_ns: u32,
+    /// The numbers, little-endian.
+    pub values: &'a [u8],
+}
+
+impl<'a> Surface<'a> {
+    pub(super) fn decode(fields: Fields<'a>) -> Result<Self, CodecError> {
+        let values_start = START + fields.struct_size(6, SURFACE_ATTRIBUTE_BYTES)?;
+        let (rows_count, width) = (fields.u32(8)?, fields.u32(12)?);
+        let scale = |scale_at, offset_at| Scale::decode(fields, scale_at, offset_at);
+        let (x, y, z) = (scale(16, 28)?, scale(20, 32)?, scale(24, 36)?);
+        let values = fields.values(values_start, rows_count, width, 2)?;
+        Ok(Self { rows_count, width, x, y, z, source: fields.u8(40)?, exposure_ns: fields.u32(41)?, values })
+    }
+
+    /// Each row as z.
+    pub fn rows(&self) -> impl Iterator<Item = impl Iterator<Item = i16> + use<'a>> + use<'a> {
+        rows(self.values, self.rows_count, 2 * self.width as usize).map(numbers)
+    }
+
+    /// Appends the message.
+    pub fn encode(&self, generation: Generation, last: bool, out: &mut Vec<u8>) {
+        frame(flagged(kind::UNIFORM_SURFACE, last), out, |out| {
+            out.extend_from_slice(&(SURFACE_ATTRIBUTE_BYTES_WRITTEN + generation.more_bytes()).to_le_bytes());
+            for number in [self.rows_count, self.width, self.x.scale_nm, self.y.scale_nm, self.z.scale_nm] {
+                out.extend_from_slice(&number.to_le_bytes());
+            }
+            for number in [self.x.offset_um, self.y.offset_um, self.z.offset_um] {
+                out.extend_from_slice(&number.to_le_bytes());
+            }
+            out.push(self.source);
+            out.extend_from_slice(&self.exposure_ns.to_le_bytes());
+            out.extend_from_slice(&[0; 7]);
+            generation.encode(SURFACE_STREAM_STEP, out);
+            out.extend_from_slice(self.values);
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_coordinate_comes_back_within_half_a_step_and_what_is_out_of_reach_is_invalid() {
+        let scale = Scale { scale_nm: 9_000, offset_um: -150 };
+        for step in -1000..1000 {
+            let mm = f64::from(step) * 0.29;
+            let back = scale.mm(scale.raw(mm).into());
+            assert!((back - mm).abs() <= 0.0045 + 1e-12, "{mm} became {back}");
+        }
+        for mm in [300.0, -300.0, f64::NAN, f64::INFINITY, f64::MIN] {
+            assert_eq!(scale.raw(mm), INVALID, "{mm}");
+        }
+    }
+
+    #[test]
+    fn a_covering_scale_reaches_both_ends_and_is_no_finer_than_asked() {
+        for (least, most) in [(-188.0, 188.0), (68.3, 206.0), (5.0, 5.0), (-1e3, 400.0)] {
+            let scale = Scale::covering(least, most, 8_000);
+            assert!(scale.scale_nm >= 8_000);
+            for mm in [least, most] {
+                assert_ne!(scale.raw(mm), INVALID, "{mm} of {least} to {most}");
+            }
+        }
+    }
 }

@@ -1,11 +1,18 @@
-//! What a simulated sensor sees: profiles in its own coordinates, as they fall due.
+//! The profiles of a simulated sensor: in the coordinates of the sensor when they are due, and as messages of one of three forms:
+//! point clouds, uniform profiles, or one uniform surface at the end.
 
-use super::super::extrinsic::Placement;
-use crate::device::Pending;
-use crate::scan::Scan;
 use std::sync::Arc;
 use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
 use tokio::time::{Instant, sleep_until};
+
+use crate::device::clock::now;
+use crate::device::error::Pending;
+use crate::device::gocator::codec::{Generation, INVALID, Profiles, Scale, Stamp, Stamps, Surface, kind};
+use crate::scan::Scan;
+
+use super::super::extrinsic::Placement;
 
 /// Ticks of the sensor's clock in a second.
 const CLOCK_HZ: f64 = 1.024e6;
@@ -40,7 +47,7 @@ pub struct ScanSource {
 }
 
 impl ScanSource {
-    /// At so many profiles a second; as fast as they are taken where nothing is said.
+    /// At this number of profiles a second; without one, as fast as they are taken.
     #[must_use]
     pub fn new(profiles: Vec<Taken>, rate_hz: Option<f64>) -> Self {
         let rate_hz = rate_hz.filter(|rate| rate.is_finite() && *rate > 0.0);
@@ -53,11 +60,6 @@ impl ScanSource {
         let began_at = *self.began_at.get_or_insert_with(now);
         began_at.checked_add(Duration::try_from_secs_f64(self.next as f64 / rate_hz).ok()?)
     }
-}
-
-#[expect(clippy::disallowed_methods, reason = "a sensor has a clock; tests can pause it")]
-fn now() -> Instant {
-    Instant::now()
 }
 
 impl Source for ScanSource {
@@ -93,4 +95,165 @@ pub fn taken_from(scan: &Scan, placement: &Placement, mm_per_tick: f64, rate_hz:
         })
     });
     taken.collect()
+}
+
+/// Camera exposure in the messages; nothing depends on it.
+const EXPOSURE_NS: u32 = 120_000;
+/// Steps of the uniform form that may lie between two neighbours that are joined.
+const GAP_STEPS_MAX: f64 = 4.0;
+/// How near a point lies to a step of the uniform form to be it.
+const STEP_TOLERANCE: f64 = 1e-3;
+
+/// The outputs of the sensor that are simulated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Form {
+    /// Profiles with x and z of every point.
+    #[default]
+    PointCloud,
+    /// Profiles with z at even steps of x.
+    Uniform,
+    /// One surface, z at even steps of x and y, when all of it was seen.
+    Surface,
+}
+
+/// How the sensor sends what it sees.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct View {
+    /// Which output.
+    pub form: Form,
+    /// How new its messages are.
+    pub generation: Generation,
+    /// Numbers along the laser line.
+    pub x: Scale,
+    /// Rows of a surface.
+    pub y: Scale,
+    /// Numbers towards the sensor.
+    pub z: Scale,
+    /// Points of a uniform profile or row.
+    pub width: u32,
+    /// In stamps.
+    pub serial: u32,
+}
+
+impl View {
+    /// Scales that reach every point of these profiles, no finer than 9 µm across and 8 µm towards the sensor; of the uniform
+    /// forms as many steps as the widest profile has points. `step_mm` lies between rows of a surface.
+    #[must_use]
+    pub fn reaching(profiles: &[Taken], form: Form, step_mm: f64) -> Self {
+        let mut bounds = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
+        for point in profiles.iter().flat_map(|taken| &taken.points).flatten() {
+            for ([least, most], value) in bounds.iter_mut().zip(point) {
+                (*least, *most) = (least.min(*value), most.max(*value));
+            }
+        }
+        let [[x_least, x_most], [z_least, z_most]] =
+            bounds.map(|bound| if bound[0] <= bound[1] { bound } else { [0.0; 2] });
+        let width = profiles.iter().map(|taken| taken.points.len()).max().unwrap_or(0).clamp(1, 65_535) as u32;
+        let x = match form {
+            Form::PointCloud => Scale::covering(x_least, x_most, 9_000),
+            Form::Uniform | Form::Surface => {
+                let step_nm = (x_most - x_least) * 1e6 / f64::from(width.max(2) - 1);
+                Scale { scale_nm: (step_nm.ceil() as u32).max(1), offset_um: (x_least * 1e3).floor() as i32 }
+            }
+        };
+        let y = Scale { scale_nm: ((step_mm.abs() * 1e6).round() as u32).max(1), offset_um: 0 };
+        let z = Scale::covering(z_least, z_most, 8_000);
+        Self { form, generation: Generation::default(), x, y, z, width, serial: 0 }
+    }
+
+    pub(super) fn stamp(&self, taken: &Taken, frame_index: u64, out: &mut Vec<u8>) {
+        let stamp = Stamp {
+            frame_index,
+            timestamp: taken.timestamp,
+            encoder: taken.encoder,
+            serial: self.serial,
+            ..Stamp::default()
+        };
+        Stamps::encode(0, &[stamp], false, out);
+    }
+
+    /// Appends the group of one profile.
+    pub(super) fn profile(&self, taken: &Taken, frame_index: u64, out: &mut Vec<u8>) {
+        self.stamp(taken, frame_index, out);
+        let (kind, width, values) = match self.form {
+            Form::PointCloud => (kind::PROFILE_POINT_CLOUD, taken.points.len() as u32, self.point_cloud(taken)),
+            Form::Uniform | Form::Surface => (kind::UNIFORM_PROFILE, self.width, bytes(&self.row(taken))),
+        };
+        let (x, z) = (self.x, self.z);
+        let profiles =
+            Profiles { count: 1, width, x, z, source: 0, exposure_ns: EXPOSURE_NS, camera: 0, values: &values };
+        profiles.encode(kind, self.generation, true, out);
+    }
+
+    /// Appends the group of a surface of these rows.
+    pub(super) fn surface(&self, first: &Taken, rows: &[Vec<i16>], out: &mut Vec<u8>) {
+        self.stamp(first, 1, out);
+        let values = bytes(&rows.concat());
+        let surface = Surface {
+            rows_count: rows.len() as u32,
+            width: self.width,
+            x: self.x,
+            y: self.y,
+            z: self.z,
+            source: 0,
+            exposure_ns: EXPOSURE_NS,
+            values: &values,
+        };
+        surface.encode(self.generation, true, out);
+    }
+
+    fn point_cloud(&self, taken: &Taken) -> Vec<u8> {
+        let numbers = |point: &Option<[f64; 2]>| {
+            let numbers = point.map(|[x, z]| [self.x.raw(x), self.z.raw(z)]);
+            // One that is out of range in either is not there.
+            numbers.filter(|numbers| !numbers.contains(&INVALID)).unwrap_or([INVALID; 2])
+        };
+        let mut values = Vec::with_capacity(4 * taken.points.len());
+        for [x, z] in taken.points.iter().map(numbers) {
+            values.extend_from_slice(&x.to_le_bytes());
+            values.extend_from_slice(&z.to_le_bytes());
+        }
+        values
+    }
+
+    /// z at the even steps of x: of the point that lies there, or between two neighbours that lie near.
+    pub(super) fn row(&self, taken: &Taken) -> Vec<i16> {
+        let mut row = vec![INVALID; self.width as usize];
+        let mut set = |at: f64, z: f64| {
+            if let Some(place) = (at >= 0.0).then_some(at as usize).and_then(|at| row.get_mut(at)) {
+                *place = self.z.raw(z);
+            }
+        };
+        let mut before = None;
+        for point in &taken.points {
+            let here = point.map(|[x, z]| ((x - self.x.offset_mm()) / self.x.step_mm(), z));
+            if let (Some((from, from_z)), Some((to, to_z))) = (before, here) {
+                join([from, from_z], [to, to_z], &mut set);
+            }
+            if let Some((at, z)) = here.filter(|(at, _)| (at - at.round()).abs() <= STEP_TOLERANCE) {
+                set(at.round(), z);
+            }
+            before = here;
+        }
+        row
+    }
+}
+
+/// Sets every step between two neighbours.
+fn join(from: [f64; 2], to: [f64; 2], set: &mut impl FnMut(f64, f64)) {
+    let [[low, low_z], [high, high_z]] = if from[0] <= to[0] { [from, to] } else { [to, from] };
+    let width = high - low;
+    if !(0.0..=GAP_STEPS_MAX).contains(&width) {
+        return;
+    }
+    let mut at = low.ceil();
+    while at <= high {
+        set(at, if width > 0.0 { low_z + (high_z - low_z) * (at - low) / width } else { low_z });
+        at += 1.0;
+    }
+}
+
+fn bytes(numbers: &[i16]) -> Vec<u8> {
+    numbers.iter().flat_map(|number| number.to_le_bytes()).collect()
 }

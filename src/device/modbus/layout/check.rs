@@ -1,4 +1,4 @@
-//! Refuses a register map that cannot be: fields outside of their block or on each other, more registers than a request
+//! Refuses a register map that cannot be used: fields outside of their block or on each other, more registers than a request
 //! carries, codes and bits that mean two things.
 
 use super::super::error::LayoutError;

@@ -2,22 +2,23 @@
 //! is a matter of configuration.
 
 mod check;
-mod place;
+
+use serde::{Deserialize, Serialize};
+
+use crate::motion::Axes;
 
 use super::codes::Codes;
 use super::words::{Numbers, WordOrder};
-use crate::motion::Axes;
-use serde::{Deserialize, Serialize};
 
 /// Where everything is. All offsets count from the base of their block.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Layout {
-    /// What the device says.
+    /// The status block, which the device writes.
     pub status: StatusMap,
-    /// What the device is told.
+    /// The command block, which coaxis writes.
     pub command: CommandMap,
-    /// What the bits of positions, limits and speeds say.
+    /// The number format of positions, limits and speeds.
     pub numbers: Numbers,
     /// Where the bytes of 32-bit numbers are.
     pub word_order: WordOrder,
@@ -46,7 +47,7 @@ pub struct StatusMap {
     pub base: u16,
     /// How many registers are read.
     pub count: u16,
-    /// Where a number stands that tells the map from others; or none.
+    /// The register of a number that identifies the map; or none.
     #[serde(with = "place")]
     pub magic: Option<u16>,
     /// That number.
@@ -56,7 +57,7 @@ pub struct StatusMap {
     /// Our heartbeat as the device has seen it; or none. Not used, only served.
     #[serde(with = "place")]
     pub heartbeat_echo: Option<u16>,
-    /// Who commands.
+    /// The mode.
     pub mode: u16,
     /// The safety functions, see [`SafetyBits`].
     pub safety: u16,
@@ -74,7 +75,7 @@ pub struct StatusMap {
     pub axis_states: Axes<u16>,
     /// Where each axis is, two registers.
     pub actual: Axes<u16>,
-    /// Where each axis is told to be, two registers.
+    /// The commanded position of each axis, two registers.
     pub commanded: Axes<u16>,
     /// Lower limits, two registers.
     pub lower: Axes<u16>,
@@ -129,7 +130,7 @@ impl Default for StatusMap {
     }
 }
 
-/// Which bit says what about safety; set is good.
+/// The bits of the safety functions; a set bit is good.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[expect(missing_docs, reason = "named as the safety functions are")]
@@ -146,7 +147,7 @@ impl Default for SafetyBits {
     }
 }
 
-/// Which bit says what about an axis.
+/// The bits of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[expect(missing_docs, reason = "named as in the reading")]
@@ -185,20 +186,20 @@ pub struct CommandMap {
     pub targets: Axes<u16>,
     /// Speeds, two registers.
     pub speeds: Axes<u16>,
-    /// Milliseconds that the device moves on without our heartbeat; or none, where its watchdog is set there.
+    /// Milliseconds that the device goes on moving without our heartbeat; or none if its watchdog is set in the device.
     #[serde(with = "place")]
     pub watchdog_ms: Option<u16>,
     /// CRC-16 of the registers before it, the heartbeat taken as 0; or none.
     #[serde(with = "place")]
     pub crc: Option<u16>,
-    /// The low 16 bits of the fence; or none.
+    /// The low 16 bits of the fencing token; or none.
     #[serde(with = "place")]
     pub fence: Option<u16>,
     /// The sequence number: the last register in use, so that all of the command is there when it changes.
     pub sequence: u16,
     /// The bits of `axis_mask`.
     pub axis_bits: Axes<u8>,
-    /// The bit of `flags` that says that an operator has armed this motion.
+    /// The bit of `flags` that arms a motion.
     pub armed_bit: u8,
 }
 
@@ -226,4 +227,34 @@ impl Default for CommandMap {
 /// Four numbers of two registers, one behind the other.
 const fn pairs_from(first: u16) -> Axes<u16> {
     Axes { x: first, y: first + 2, z: first + 4, c: first + 6 }
+}
+
+/// A register that a device may not have: a number, or `"none"`, because TOML has no null.
+mod place {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    #[derive(Serialize, Deserialize)]
+    #[serde(untagged)]
+    enum Place {
+        At(u16),
+        Nowhere(Nowhere),
+    }
+
+    #[derive(Serialize, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    enum Nowhere {
+        None,
+    }
+
+    #[expect(clippy::ref_option, reason = "serde calls it so")]
+    pub(super) fn serialize<S: Serializer>(place: &Option<u16>, serializer: S) -> Result<S::Ok, S::Error> {
+        place.map_or(Place::Nowhere(Nowhere::None), Place::At).serialize(serializer)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<u16>, D::Error> {
+        Ok(match Place::deserialize(deserializer)? {
+            Place::At(at) => Some(at),
+            Place::Nowhere(Nowhere::None) => None,
+        })
+    }
 }
