@@ -11,7 +11,7 @@ use nalgebra::{Matrix5, Vector5};
 /// Expanded uncertainties are this many standard uncertainties (k); about 95 % of errors stay below.
 pub const COVERAGE_FACTOR: f64 = 2.0;
 
-/// What one source does to (deflection, pitch, y_ref, z_ref, radius), rad and mm.
+/// The covariance of (deflection, pitch, y_ref, z_ref, radius) by one source, rad and mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Line {
     source: &'static str,

@@ -1,10 +1,20 @@
 //! Puts an estimate together from what a method found: conditioning, residuals, warnings.
 
-use super::Found;
-use super::estimate::{Conditioning, Estimate, Outcome, Profile, Reason, Residuals, Section};
+use super::estimate::{Conditioning, Estimate, Outcome, Profile, Residuals, Section};
+use super::refusal::Reason;
 use super::settings::{Method, Settings};
+use super::statistics::median;
 use super::warning::Warning;
 use crate::geometry::Angle;
+
+/// The result of a method.
+pub(super) struct Found {
+    pub(super) outcome: Outcome,
+    /// One entry a profile, in station order.
+    pub(super) profiles: Vec<Profile>,
+    /// Warnings that only the method can give.
+    pub(super) warnings: Vec<Warning>,
+}
 
 /// Below this arc a free ellipse is biased by more than its scatter, whatever the radius.
 const ARC_OF_BIAS_DEG: f64 = 120.0;
@@ -68,13 +78,6 @@ fn general_warnings(
     .into_iter()
     .flatten()
     .collect()
-}
-
-/// The upper of two middle values where there are two.
-pub(super) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let mut values: Vec<f64> = values.collect();
-    let middle = values.len() / 2;
-    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// From the first valid profile to the last, mm.

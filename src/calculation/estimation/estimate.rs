@@ -1,11 +1,12 @@
-//! What an estimation returns: the pose or the reason why there is none, and what became of every profile.
-//! Stored as it is; must not know how it is shown.
+//! The result of an estimation: the pose or the reason why there is none, and the verdict on every profile. It is stored as it is.
+//! A pose that was found in the frame of its sections is converted into the coordinates of the scan.
 
-use super::refusal::Refusal;
+use super::refusal::{Reason, Refusal};
 use super::section_cut::SectionCut;
 use super::settings::{EndFaceRule, Method};
 use super::warning::Warning;
-use crate::geometry::{Angle, AxisLine, SectionEllipse};
+use crate::geometry::{Angle, Axis, AxisLine, SectionEllipse};
+use nalgebra::{Matrix2, Matrix3, Matrix5, Vector3, Vector5};
 use serde::{Deserialize, Serialize};
 
 /// The result of one estimation; a refusal is a result too.
@@ -41,7 +42,7 @@ pub struct Pose {
     pub axis: AxisLine,
     /// Mean x of the profiles used, mm: where the position is known best and nearly independent of the angles.
     pub x_ref: f64,
-    /// How the points were cut into sections square to the axis, where the scan gave none along it; axis, position and
+    /// How the points were cut into sections perpendicular to the axis, where the scan gave none along it; axis, position and
     /// uncertainty are in the frame of the cut then, and else in the rail frame.
     #[serde(default)]
     pub cut: Option<SectionCut>,
@@ -51,7 +52,7 @@ pub struct Pose {
     pub radius_source: RadiusSource,
     /// How well the pose is known.
     pub uncertainty: Uncertainty,
-    /// Where the axis meets the part's end planes, as far as that was asked for and seen.
+    /// Where the axis meets the part's end planes, as far as that was requested and seen.
     #[serde(default)]
     pub end_faces: EndFaces,
 }
@@ -59,16 +60,16 @@ pub struct Pose {
 /// The end faces of a part.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct EndFaces {
-    /// What was asked for.
+    /// The requested value.
     pub asked: EndFaceRule,
-    /// At the smaller x; `None` where it was not asked for or not seen.
+    /// At the smaller x; `None` where it was not requested or not seen.
     pub near: Option<EndFace>,
-    /// At the larger x; `None` where it was not asked for or not seen.
+    /// At the larger x; `None` where it was not requested or not seen.
     pub far: Option<EndFace>,
 }
 
 impl EndFaces {
-    /// The one that was asked for; the near one where both were.
+    /// The one that was requested; the near one where both were.
     #[must_use]
     pub fn asked_one(&self) -> Option<EndFace> {
         match self.asked {
@@ -78,21 +79,21 @@ impl EndFaces {
         }
     }
 
-    /// The far one where both were asked for.
+    /// The far one where both were requested.
     #[must_use]
     pub fn other_one(&self) -> Option<EndFace> {
         self.far.filter(|_| self.asked == EndFaceRule::Both)
     }
 }
 
-/// Where the axis meets an end plane, which is square to it.
+/// Where the axis meets an end plane, which is assumed perpendicular to it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct EndFace {
     /// The point, mm.
     pub centre: [f64; 3],
-    /// Uncertainty of its x, mm: of the plane's offset along the axis and of the pose together. Two of them hold 95.45 %,
-    /// as two standard uncertainties do of a normal distribution; what the spacing leaves open is an even one, whose
-    /// standard deviation is a fifth more than that.
+    /// Uncertainty of its x, mm: of the plane's offset along the axis and of the pose together. Twice this contains 95.45 %
+    /// of the distribution, as two standard uncertainties do of a normal one. The part that comes from the spacing is uniform, and its
+    /// standard deviation is a fifth larger than this.
     pub x_standard: f64,
 }
 
@@ -113,7 +114,7 @@ pub enum RadiusSource {
 pub struct Uncertainty {
     /// The combined covariance matrix, rows and columns in the order above.
     pub covariance: [[f64; 5]; 5],
-    /// What it is made of.
+    /// Its components.
     pub budget: Vec<Component>,
     /// Degrees of freedom of the standard uncertainties in the order above, combined over the budget by Welch-Satterthwaite
     /// (JCGM 100, G.4); `None` where infinite, and in results that were stored without them. The covariance is already widened
@@ -128,7 +129,7 @@ pub struct Uncertainty {
 /// One line of the uncertainty budget.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Component {
-    /// What makes the result uncertain, e.g. `repeatability`.
+    /// The source of the uncertainty, e.g. `repeatability`.
     pub source: String,
     /// Its covariance of (deflection, pitch, y_ref, z_ref, radius); `None` in records from before it was stored.
     #[serde(default)]
@@ -140,7 +141,7 @@ pub struct Component {
     pub standard_at_origin: Option<[f64; 2]>,
 }
 
-/// What became of one profile.
+/// The verdict on one profile.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Profile {
     /// Its plane, mm.
@@ -172,75 +173,6 @@ pub struct Section {
     pub iterations_count: u32,
 }
 
-/// Why a profile is not valid by itself. Exactly one each, the first that applies in this order. The methods by sections leave
-/// such a profile out; `cylinder` takes what lies on the part from it all the same.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Reason {
-    /// It lies outside every part of the scan that was asked for or found.
-    OutsideParts,
-    /// Fewer points than `points_min`, or all in fewer than six places.
-    TooFewPoints,
-    /// No ellipse could be fitted.
-    NotConverged,
-    /// Too small a share of inliers.
-    LowInlierRatio,
-    /// The inliers span too small an arc; a straight line does, too.
-    ArcTooShort,
-    /// Its centre lies too far from the axis that the other profiles agree on.
-    OffAxis,
-}
-
-impl Reason {
-    /// All reasons, in the order in which they are looked for.
-    pub const ALL: [Self; 6] = [
-        Self::OutsideParts,
-        Self::TooFewPoints,
-        Self::NotConverged,
-        Self::LowInlierRatio,
-        Self::ArcTooShort,
-        Self::OffAxis,
-    ];
-
-    /// The name used in results.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::OutsideParts => "outside_parts",
-            Self::TooFewPoints => "too_few_points",
-            Self::NotConverged => "not_converged",
-            Self::LowInlierRatio => "low_inlier_ratio",
-            Self::ArcTooShort => "arc_too_short",
-            Self::OffAxis => "off_axis",
-        }
-    }
-
-    /// What to do where most profiles are rejected for this.
-    pub(super) fn advice(self, sigma_mm: Option<f64>, epsilon_mm: f64) -> String {
-        match (self, sigma_mm) {
-            (Self::OutsideParts, _) => "widen the windows of the parts".to_owned(),
-            (Self::TooFewPoints, _) => {
-                "lower points_min, or declare which points make a profile (profile_by)".to_owned()
-            }
-            (Self::NotConverged, _) => {
-                "no section of a cylinder fits them; check unit, frame, region and which column is the height"
-                    .to_owned()
-            }
-            (Self::LowInlierRatio, Some(sigma_mm)) => format!(
-                "their points scatter by {sigma_mm:.3} mm about their sections where epsilon_mm is {epsilon_mm}; if that is the \
-                 sensor's noise raise epsilon_mm, if it is interference use the method cylinder"
-            ),
-            (Self::LowInlierRatio, None) => "see the profiles".to_owned(),
-            (Self::ArcTooShort, _) => {
-                "show more of the section to the sensor, lower arc_min_deg, or use the method cylinder".to_owned()
-            }
-            (Self::OffAxis, _) => {
-                "their centres lie on no common line; check the order of the profiles and x".to_owned()
-            }
-        }
-    }
-}
-
 /// How well the geometry of the scan determines a pose, over the valid profiles (over all where none is valid).
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Conditioning {
@@ -248,7 +180,7 @@ pub struct Conditioning {
     pub arc: Option<Angle>,
     /// Span along x, mm.
     pub axial_length: f64,
-    /// What makes the pose less certain than its numbers say.
+    /// Causes by which the pose is less certain than its stated uncertainty.
     pub warnings: Vec<Warning>,
 }
 
@@ -259,6 +191,106 @@ pub struct Residuals {
     pub sigma: f64,
     /// Share of inliers among all points of the valid profiles.
     pub inlier_ratio: f64,
+}
+
+/// The pose in the coordinates of the scan, by slopes and by where the axis meets planes x = const.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OnRail {
+    /// The axis.
+    pub axis: AxisLine,
+    /// The x of the point of the axis that is known best, mm.
+    pub x_ref: f64,
+    /// How well deflection, pitch, y_ref, z_ref and radius are known.
+    pub uncertainty: Uncertainty,
+}
+
+impl Pose {
+    /// The axis in the coordinates of the scan, with the point that is known best.
+    #[must_use]
+    pub fn axis_in_scan(&self) -> Axis {
+        let [y, z] = self.axis.at(self.x_ref);
+        let (rotation, origin) = self.placement();
+        let point = origin + rotation * Vector3::new(self.x_ref, y, z);
+        let direction = rotation * Vector3::from(self.axis.direction());
+        Axis { point_mm: point.into(), direction: direction.normalize().into() }
+    }
+
+    /// The pose by slopes and by where the axis meets planes x = const of the scan; `None` where it lies too far from X.
+    #[must_use]
+    pub fn on_rail(&self) -> Option<OnRail> {
+        if self.cut.is_none() {
+            return Some(OnRail { axis: self.axis, x_ref: self.x_ref, uncertainty: self.uncertainty.clone() });
+        }
+        let placed = self.axis_in_scan();
+        let axis = placed.line()?;
+        let [x_ref, ..] = placed.point_mm;
+        let uncertainty = self.uncertainty.transformed(&self.jacobian(&axis), &axis, x_ref);
+        Some(OnRail { axis, x_ref, uncertainty })
+    }
+
+    /// Standard uncertainties of the axis perpendicular to itself, in the direction in which each is largest: of its direction, rad,
+    /// and of its point that is known best, mm.
+    #[must_use]
+    pub fn axis_standard(&self) -> [f64; 2] {
+        self.axis_standard_of(&self.uncertainty.covariance)
+    }
+
+    /// The same of one line of the budget.
+    #[must_use]
+    pub fn axis_standard_of(&self, covariance: &[[f64; 5]; 5]) -> [f64; 2] {
+        let [by_p, by_q] = [self.axis.p, self.axis.q];
+        // Square to the axis a change in y counts by the sine of the angle between Y and the axis; so does one in z, and the two
+        // together. Slopes beside the axis are small in its own frame, and within tilt_max_deg on the rail.
+        let n2 = 1.0 + by_p * by_p + by_q * by_q;
+        let square = Matrix2::new(1.0 + by_q * by_q, -by_p * by_q, -by_p * by_q, 1.0 + by_p * by_p) / n2;
+        let covariance = Matrix5::from(*covariance);
+        let to_slopes = Matrix2::new(1.0 + by_p * by_p, 0.0, 0.0, 1.0 + by_q * by_q);
+        let turn = to_slopes * covariance.fixed_view::<2, 2>(0, 0) * to_slopes / n2;
+        let shift = covariance.fixed_view::<2, 2>(2, 2).into_owned();
+        [turn, shift].map(|own| {
+            // The largest eigenvalue of M·C, where the length of (u, w) perpendicular to the axis is (u, w) M (u, w)ᵀ.
+            let product = square * own;
+            let (half, determinant) = (0.5 * product.trace(), product.determinant());
+            (half + (half * half - determinant).max(0.0).sqrt()).max(0.0).sqrt()
+        })
+    }
+
+    /// How (deflection, pitch, y_ref, z_ref, radius) of `axis`, the same in the coordinates of the scan, follow from those of
+    /// the pose.
+    ///
+    /// A change moves the point of the axis by δP and turns the direction T = (1, p, q) by δT. Seen along the new X, whose
+    /// component of T is T_x, the slopes change by (δT_y − p′ δT_x)/T_x, and the point of the axis in the plane x = x_ref by
+    /// δP_y − p′ δP_x; likewise z with q′.
+    fn jacobian(&self, axis: &AxisLine) -> Matrix5<f64> {
+        let (rotation, _) = self.placement();
+        let [by_p, by_q] = [self.axis.p, self.axis.q].map(|slope| 1.0 + slope * slope);
+        let tangent = rotation * Vector3::new(1.0, self.axis.p, self.axis.q);
+        let [to_deflection, to_pitch] = [axis.p, axis.q].map(|slope| 1.0 / (1.0 + slope * slope));
+        let column = |point: Vector3<f64>, turn: Vector3<f64>, radius: f64| {
+            Vector5::new(
+                to_deflection * (turn.y - axis.p * turn.x) / tangent.x,
+                to_pitch * (turn.z - axis.q * turn.x) / tangent.x,
+                point.y - axis.p * point.x,
+                point.z - axis.q * point.x,
+                radius,
+            )
+        };
+        let (zero, y, z) = (Vector3::zeros(), rotation * Vector3::y(), rotation * Vector3::z());
+        Matrix5::from_columns(&[
+            column(zero, y * by_p, 0.0),
+            column(zero, z * by_q, 0.0),
+            column(y, zero, 0.0),
+            column(z, zero, 0.0),
+            column(zero, zero, 1.0),
+        ])
+    }
+
+    /// The rotation from the frame of the pose into the coordinates of the scan, and the origin of that frame there.
+    fn placement(&self) -> (Matrix3<f64>, Vector3<f64>) {
+        let frame = self.cut.as_ref().map(|cut| cut.frame);
+        let rotation = frame.and_then(|frame| frame.rotation().ok()).map_or_else(Matrix3::identity, |r| r.transpose());
+        (rotation, frame.map_or_else(Vector3::zeros, |frame| Vector3::from(frame.origin_mm)))
+    }
 }
 
 #[cfg(test)]
@@ -275,5 +307,50 @@ mod tests {
         assert_eq!(pose.end_faces, EndFaces::default());
         assert_eq!(pose.uncertainty.effective_freedom, [None; 5]);
         assert_eq!(pose.uncertainty.budget[0].standard_at_origin, None);
+    }
+}
+
+#[cfg(test)]
+mod placed_tests {
+    use super::*;
+    use crate::estimation::section_cut::SectionCut;
+    use crate::estimation::{EndFaces, RadiusSource};
+
+    fn pose(axis: AxisLine, cut: Option<SectionCut>) -> Pose {
+        let uncertainty = Uncertainty::of(&[], &axis, 30.0);
+        let (radius_source, end_faces) = (RadiusSource::Fitted, EndFaces::default());
+        Pose { axis, x_ref: 30.0, cut, radius: 20.0, radius_source, uncertainty, end_faces }
+    }
+
+    #[test]
+    fn the_jacobian_is_what_changes_of_the_pose_do_in_the_coordinates_of_the_scan() {
+        let tilted = Axis { point_mm: [100.0, -20.0, 7.0], direction: [0.8, 0.36, -0.48] };
+        let cut = SectionCut::about(&tilted, 20.0, [0.0, 60.0]);
+        let line = AxisLine::through([30.0, 1.0, -2.0], 0.05, -0.03);
+        let here = pose(line, cut);
+        let found = here.on_rail().expect("36 degrees from X");
+        let values = |pose: &Pose| {
+            let axis = pose.axis_in_scan().line().expect("near X");
+            let [y, z] = axis.at(found.x_ref);
+            Vector5::new(axis.deflection().radians(), axis.pitch().radians(), y, z, pose.radius)
+        };
+        for index in 0..5 {
+            let moved = |by: f64| {
+                let step = Vector5::ith(index, by);
+                let angles = [line.p.atan() + step[0], line.q.atan() + step[1]];
+                let [y, z] = line.at(30.0);
+                let axis = AxisLine::through([30.0, y + step[2], z + step[3]], angles[0].tan(), angles[1].tan());
+                values(&Pose { radius: 20.0 + step[4], ..pose(axis, cut) })
+            };
+            let slope = (moved(1e-6) - moved(-1e-6)) / 2e-6;
+            assert!((slope - here.jacobian(&found.axis).column(index)).norm() < 1e-6, "{index}");
+        }
+    }
+
+    #[test]
+    fn a_pose_of_the_rail_is_what_it_is() {
+        let line = AxisLine { p: 0.1, q: 0.2, y0: 1.0, z0: 2.0 };
+        let found = pose(line, None).on_rail().expect("on the rail");
+        assert_eq!((found.axis, found.x_ref), (line, 30.0));
     }
 }

@@ -3,21 +3,21 @@
 //! ```text
 //! profiles along X --method--> accepted near X, or refused because there is no axis along X
 //!                                                        |
-//! points --detect--> cylinders in any direction --choose--> one --cut--> sections square to it --method--> Estimate
+//! points --detect--> cylinders in any direction --choose--> one --cut--> sections perpendicular to it --method--> Estimate
 //! ```
 //!
 //! The methods work in a frame whose X lies near the axis. The profiles of a scanner on its rail are in such a frame already;
 //! for a cloud, or an axis that lies elsewhere, the frame is made from the axis that was detected.
 
+use super::conclude::conclude;
 use super::detect::{Detected, Detection};
-use super::estimate::{Estimate, Outcome, Pose};
+use super::estimate::{Conditioning, Estimate, Outcome, Pose, Profile};
 use super::progress::Progress;
-use super::refusal::{FoundCylinder, Refusal};
+use super::refusal::{FoundCylinder, Reason, Refusal};
 use super::section_cut::SectionCut;
-use super::settings::NOMINAL_REACH;
-use super::settings::{Method, Orientation, Settings};
+use super::settings::{Method, NOMINAL_REACH, Orientation, Settings};
 use super::warning::Warning;
-use super::{concave, in_frame, least_squares, robust};
+use super::{checks, cylinder, end_face, least_squares, section_line, statistics};
 use crate::geometry::Axis;
 use crate::scan::{Grouping, Scan};
 use std::ops::Range;
@@ -35,13 +35,13 @@ const CUT_AGAIN: f64 = 0.017;
 /// The whole measurement in the orientation that the settings ask for.
 pub(super) fn measure(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
     if settings.method == Method::LeastSquares {
-        return with_tilt(least_squares::method::measure(scan, settings, progress), settings);
+        return with_tilt(least_squares::measure(scan, settings, progress), settings);
     }
     let mut estimate = in_orientation(scan, settings, progress);
-    let reach = estimate.residuals.map_or(0.0, |residuals| robust::TUKEY_C * residuals.sigma);
+    let reach = estimate.residuals.map_or(0.0, |residuals| statistics::TUKEY_C * residuals.sigma);
     if let Outcome::Accepted(pose) = &estimate.outcome
         && pose.cut.is_none()
-        && concave::is_concave(scan, pose, reach)
+        && checks::is_concave(scan, pose, reach)
     {
         estimate.conditioning.warnings.push(Warning::ConcaveTowardsSensor);
     }
@@ -125,7 +125,7 @@ fn anywhere(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
     let mut detection = detection(scan, settings);
     let mut detected = |along, most| detection.as_mut().map_or_else(Vec::new, |it| it.cylinders(along, most));
     let mut found = detected(along, 1);
-    // What the first leaves may hold a rival.
+    // The remaining points may contain a rival.
     if found.first().is_some_and(|first| 1.0 - first.share >= RIVAL * first.share) {
         found = detected(along, SURFACES);
         if rivals(&found).len() > 1 {
@@ -149,14 +149,14 @@ fn anywhere(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
     }
 }
 
-/// What became of the profiles of a cloud that shows no part.
+/// The verdicts on the profiles of a cloud that shows no part.
 fn in_frame_refused(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
     let profiles = scan.stations().iter().map(|station| {
         progress.advance();
-        super::estimate::Profile {
+        Profile {
             x: station.x,
             points_count: station.end - station.start,
-            rejected: Some(super::estimate::Reason::NotConverged),
+            rejected: Some(Reason::NotConverged),
             section: None,
             offset: None,
         }
@@ -165,7 +165,7 @@ fn in_frame_refused(scan: &Scan, settings: &Settings, progress: &Progress) -> Es
         method: settings.method,
         outcome: Outcome::Refused(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm }),
         profiles: profiles.collect(),
-        conditioning: super::estimate::Conditioning::default(),
+        conditioning: Conditioning::default(),
         residuals: None,
     }
 }
@@ -244,4 +244,17 @@ impl From<&Detected> for FoundCylinder {
             share: found.share,
         }
     }
+}
+
+/// A measurement in a frame whose X lies near the axis. `expected_radius` is what was detected before, mm.
+fn in_frame(scan: &Scan, settings: &Settings, expected_radius: Option<f64>, progress: &Progress) -> Estimate {
+    let found = match settings.method {
+        Method::Cylinder | Method::LeastSquares => cylinder::find(scan, settings, expected_radius, progress),
+        Method::SectionLine | Method::SectionLinePlain => section_line::find(scan, settings, progress),
+    };
+    let mut estimate = conclude(settings, found);
+    if !progress.is_stopped() {
+        end_face::complete(scan, settings, &mut estimate);
+    }
+    estimate
 }

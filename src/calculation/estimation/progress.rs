@@ -1,19 +1,19 @@
-//! How far an estimation has come, and whether it is still wanted; shared by the threads that calculate and those that wait.
+//! The progress of an estimation and its cancellation; shared by the threads that calculate and those that wait.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-/// Tells a calculation that its result is not wanted any more. It ends soon, with a result that means nothing.
+/// Cancels a calculation whose result is not needed any more. It ends soon, with a result that must not be used.
 #[derive(Debug, Clone, Default)]
 pub struct Stop(Arc<AtomicBool>);
 
 impl Stop {
-    /// The result is not wanted any more.
+    /// Cancels the calculation.
     pub fn stop(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Whether that was said.
+    /// Whether it was cancelled.
     #[must_use]
     pub fn is_stopped(&self) -> bool {
         self.0.load(Ordering::Relaxed)
@@ -28,7 +28,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Of an estimation that ends when it is told to.
+    /// Of an estimation that ends when `stop` is called.
     #[must_use]
     pub fn until(stop: &Stop) -> Self {
         Self { stop: stop.clone(), ..Self::default() }
@@ -62,7 +62,8 @@ impl Progress {
 mod tests {
     use super::*;
     use crate::estimation::{Method, Outcome, Settings, estimate};
-    use crate::scan::synthetic::{Part, make};
+    use crate::scan::synthetic::Part;
+    use crate::scan::synthetic::make;
 
     #[test]
     fn an_estimation_that_is_told_to_stop_looks_no_further_whatever_the_method() {

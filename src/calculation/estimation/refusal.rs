@@ -1,7 +1,5 @@
-//! Why a scan has no pose: each reason a sentence that an operator could say aloud, with the numbers that decided and what to
-//! do.
+//! Why a scan has no pose, or a profile is not valid: each reason a sentence with the numbers that decided and what to do.
 
-use super::estimate::Reason;
 use serde::{Deserialize, Serialize};
 
 /// Why a scan has no pose, with the numbers that decided it.
@@ -55,11 +53,11 @@ pub enum Refusal {
         profiles_count: usize,
         /// Least number.
         profiles_min: u32,
-        /// What most of the others failed on.
+        /// The reason for which most of the others were rejected.
         most_common: Reason,
         /// Median spread of the points about their sections, mm; `None` without a section.
         sigma_mm: Option<f64>,
-        /// What counts as an inlier, mm.
+        /// Largest distance of an inlier, mm.
         epsilon_mm: f64,
     },
     /// The valid profiles lie too close together to give a direction.
@@ -98,7 +96,7 @@ pub enum Refusal {
     /// The points of the profiles cannot be brought into planes.
     #[error(
         "the points of a profile lie up to {thickness_mm:.3} mm from its plane, and moving them there along the axis does not \
-         converge: the profiles are too thick for sections; tell profiles apart otherwise (profile_by), or use the method cylinder"
+         converge: the profiles are too thick for sections; separate the profiles by another rule (profile_by), or use the method cylinder"
     )]
     ProfilesNotPlanar {
         /// Distance of nine in ten points from the plane of their profile, in the median profile.
@@ -134,7 +132,7 @@ pub enum Refusal {
     PointsUndetermined {
         /// Points of the scan.
         points_count: usize,
-        /// What they lack, and what to do.
+        /// The deficiency, and what to do.
         detail: String,
     },
     /// Several cylinders of a cloud could be the part.
@@ -154,13 +152,13 @@ pub enum Refusal {
     AxisNotAlongRail {
         /// Between the axis and X.
         angle_deg: f64,
-        /// What is allowed.
+        /// The limit.
         tilt_max_deg: f64,
     },
     /// Layers close to the surface hide which of them it is.
     #[error(
-        "{:.0} % of what lies within {reach_mm:.3} mm of the surface belongs to layers on it, so that nobody can tell the part \
-         from them; take tape, clamp or dirt off, choose a region without it, or give nominal_radius_mm", 100.0 * .layer_ratio
+        "{:.0} % of what lies within {reach_mm:.3} mm of the surface belongs to layers on it, so that the part cannot be \
+         distinguished from them; remove tape, clamp or dirt, choose a region without it, or give nominal_radius_mm", 100.0 * .layer_ratio
     )]
     LayersUndecided {
         /// Share of the surface seen that lies in layers.
@@ -176,11 +174,11 @@ pub enum Refusal {
     PoseUndetermined {
         /// The larger standard uncertainty of the two angles.
         angle_deg: f64,
-        /// What is allowed.
+        /// The limit.
         angle_max_deg: f64,
         /// The larger standard uncertainty of y_ref and z_ref.
         position_mm: f64,
-        /// What is allowed.
+        /// The limit.
         position_max_mm: f64,
     },
     /// Another number of parts than there must be.
@@ -196,10 +194,10 @@ pub enum Refusal {
         parts_min_count: usize,
         /// Largest number.
         parts_max_count: usize,
-        /// What divides two parts.
+        /// The gap that divides two parts.
         gap_min_mm: f64,
     },
-    /// A part's window holds nothing.
+    /// The window of a part contains no profile.
     #[error(
         "no profile lies between x = {x_min_mm} mm and {x_max_mm} mm; check the window of the part, the unit and the frame, and \
          that the scan reaches there"
@@ -266,6 +264,75 @@ impl Refusal {
             Self::PoseUndetermined { .. } => "pose_undetermined",
             Self::PartsCountDiffers { .. } => "parts_count_differs",
             Self::WindowEmpty { .. } => "window_empty",
+        }
+    }
+}
+
+/// Why a profile is not valid by itself. Exactly one each, the first that applies in this order. The methods by sections leave
+/// such a profile out; `cylinder` takes what lies on the part from it all the same.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reason {
+    /// It lies outside every part of the scan that was requested or found.
+    OutsideParts,
+    /// Fewer points than `points_min`, or all in fewer than six places.
+    TooFewPoints,
+    /// No ellipse could be fitted.
+    NotConverged,
+    /// Too small a share of inliers.
+    LowInlierRatio,
+    /// The inliers span too small an arc; a straight line does, too.
+    ArcTooShort,
+    /// Its centre lies too far from the axis that the other profiles agree on.
+    OffAxis,
+}
+
+impl Reason {
+    /// All reasons, in the order in which they are looked for.
+    pub const ALL: [Self; 6] = [
+        Self::OutsideParts,
+        Self::TooFewPoints,
+        Self::NotConverged,
+        Self::LowInlierRatio,
+        Self::ArcTooShort,
+        Self::OffAxis,
+    ];
+
+    /// The name used in results.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::OutsideParts => "outside_parts",
+            Self::TooFewPoints => "too_few_points",
+            Self::NotConverged => "not_converged",
+            Self::LowInlierRatio => "low_inlier_ratio",
+            Self::ArcTooShort => "arc_too_short",
+            Self::OffAxis => "off_axis",
+        }
+    }
+
+    /// The advice where most profiles are rejected for this.
+    pub(super) fn advice(self, sigma_mm: Option<f64>, epsilon_mm: f64) -> String {
+        match (self, sigma_mm) {
+            (Self::OutsideParts, _) => "widen the windows of the parts".to_owned(),
+            (Self::TooFewPoints, _) => {
+                "lower points_min, or declare which points make a profile (profile_by)".to_owned()
+            }
+            (Self::NotConverged, _) => {
+                "no section of a cylinder fits them; check unit, frame, region and which column is the height"
+                    .to_owned()
+            }
+            (Self::LowInlierRatio, Some(sigma_mm)) => format!(
+                "their points scatter by {sigma_mm:.3} mm about their sections where epsilon_mm is {epsilon_mm}; if that is the \
+                 sensor's noise raise epsilon_mm, if it is interference use the method cylinder"
+            ),
+            (Self::LowInlierRatio, None) => "see the profiles".to_owned(),
+            (Self::ArcTooShort, _) => {
+                "show more of the section to the sensor, lower arc_min_deg, or use the method cylinder".to_owned()
+            }
+            (Self::OffAxis, _) => {
+                "their centres lie on no common line; check the order of the profiles and x".to_owned()
+            }
         }
     }
 }

@@ -1,8 +1,8 @@
-//! Sections square to an axis that was found in a cloud: a frame whose X lies along the axis, the points near the surface in
+//! Sections perpendicular to an axis that was found in a cloud: a frame whose X lies along the axis, the points near the surface in
 //! that frame, and groups of neighbours along it. Enough to make the same sections again from the same scan.
 
 use crate::geometry::{Axis, Frame};
-use crate::scan::{Columns, Grouping, Scan, Station, Stretch, huge_pages};
+use crate::scan::{Columns, Grouping, Scan, Station, Stretch, columns};
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -61,7 +61,7 @@ impl SectionCut {
         };
         let stations: Vec<Station> = (0..sections_count).filter_map(station).collect();
         let ends: Vec<usize> = stations.iter().map(|station| station.end).collect();
-        let [mut own_x, mut ys, mut zs] = [0, 1, 2].map(|_| huge_pages::zeroed::<f64>(count));
+        let [mut own_x, mut ys, mut zs] = [0, 1, 2].map(|_| columns::zeroed::<f64>(count));
         let columns: Vec<_> = split(&mut own_x, &ends).zip(split(&mut ys, &ends)).zip(split(&mut zs, &ends)).collect();
         stations.par_iter().zip(columns).for_each(|(station, ((own_x, ys), zs))| {
             let section = points.get(station.start..station.end).unwrap_or_default();
@@ -174,7 +174,7 @@ impl Kept {
     /// The points, with those of these ranks where they are in order of x, and none before them that comes after. Takes the
     /// chunks, so that the points are not in memory three times.
     fn arranged(self, ends: &[usize], ranks: &[usize]) -> Vec<[f64; 3]> {
-        let mut points = huge_pages::zeroed::<[f64; 3]>(ends.last().copied().unwrap_or(0));
+        let mut points = columns::zeroed::<[f64; 3]>(ends.last().copied().unwrap_or(0));
         let stretches: Vec<_> = split(&mut points, ends).zip(ends).enumerate().collect();
         stretches.into_par_iter().with_min_len(STRETCHES_AT_ONCE).for_each(|(index, (stretch, end))| {
             let mut rest = &mut *stretch;

@@ -1,6 +1,5 @@
-//! What an estimation is told besides the scan.
+//! The settings of an estimation, and their ranges.
 
-use super::type_b::TypeB;
 use serde::{Deserialize, Serialize};
 
 /// How far a radius that is looked for may be from the nominal one, relative to it.
@@ -126,7 +125,7 @@ impl EndFaceRule {
         Self::ALL.into_iter().find(|rule| rule.name() == name)
     }
 
-    /// Whether this end is asked for.
+    /// Whether this end is requested.
     #[must_use]
     pub fn asks_for(self, end: End) -> bool {
         matches!((self, end), (Self::Both, _) | (Self::Near, End::Near) | (Self::Far, End::Far))
@@ -176,7 +175,7 @@ pub struct Settings {
     pub profiles_min: u32,
     /// Valid profiles closer together than this along x refuse the scan.
     ///
-    /// Where nobody says, the uncertainty of the direction decides alone.
+    /// By default only the uncertainty of the direction decides.
     pub axial_length_min_mm: Option<f64>,
     /// The radius that the drawing gives. `cylinder` looks for nothing else; the other methods warn of a radius far from it.
     pub nominal_radius_mm: Option<f64>,
@@ -188,7 +187,7 @@ pub struct Settings {
     pub angle_uncertainty_max_deg: f64,
     /// Positions of `cylinder` at x_ref that are known worse than this refuse the scan; standard uncertainty.
     ///
-    /// A hundredth of the radius where nobody says.
+    /// A hundredth of the radius by default.
     pub position_uncertainty_max_mm: Option<f64>,
     /// In which directions the axis is looked for.
     pub orientation: Orientation,
@@ -196,7 +195,7 @@ pub struct Settings {
     pub tilt_max_deg: f64,
     /// Which end faces are measured.
     pub end_face: EndFaceRule,
-    /// What is known of stage, sensor and temperature, for the uncertainty budget.
+    /// Calibration of stage, sensor and temperature, for the uncertainty budget.
     pub type_b: TypeB,
 }
 
@@ -230,9 +229,9 @@ impl Default for Settings {
 pub struct SettingError {
     /// Name of the setting.
     pub name: &'static str,
-    /// What would be accepted, in words.
+    /// The accepted values, in words.
     pub allowed: &'static str,
-    /// What was given.
+    /// The given value.
     pub value: f64,
 }
 
@@ -240,7 +239,7 @@ pub struct SettingError {
 const RESOLVED: f64 = 4.0;
 
 impl Settings {
-    /// The least radius that ε lets anybody tell from a point, mm.
+    /// The least radius that ε can distinguish from a point, mm.
     pub(super) fn radius_resolved_mm(&self) -> f64 {
         RESOLVED * self.epsilon_mm
     }
@@ -316,5 +315,83 @@ impl Settings {
             Some((name, allowed, value, _)) => Err(SettingError { name, allowed, value }),
             None => self.type_b.check(),
         }
+    }
+}
+
+/// Standard uncertainties from calibration; zero where nothing is known or nothing matters.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TypeB {
+    /// How far the stage carries the sensor off a straight line, in y and in z, at any place of the rail, mm.
+    pub stage_straightness_mm: f64,
+    /// Places of the rail this far apart are off with the correlation exp(−1/2), as exp(−distance²/(2·this²)), since a guide
+    /// bends smoothly, mm.
+    pub stage_straightness_length_mm: f64,
+    /// Deviation of the sensor's distance from the true one at any place of the laser line, equal in every profile, mm.
+    pub sensor_linearity_mm: f64,
+    /// Places of the laser line this far apart have deviations with the correlation exp(−1/2), as exp(−distance²/2·this²), mm.
+    /// `None` takes a fifth of the width that is seen of the part, for which the effect on its position is about the largest.
+    pub sensor_linearity_length_mm: Option<f64>,
+    /// Rotation of the coordinates of the scan against the rail frame, about each axis, degrees.
+    pub extrinsics_rotation_deg: f64,
+    /// Place of the coordinates of the scan in the rail frame, along each axis, mm.
+    pub extrinsics_position_mm: f64,
+    /// Temperature of the part against the one that lengths are stated for, K.
+    pub temperature_sigma_k: f64,
+    /// How much of its length the part grows by in one kelvin; 11.5e-6 is steel.
+    pub expansion_per_k: f64,
+}
+
+impl Default for TypeB {
+    fn default() -> Self {
+        Self {
+            stage_straightness_mm: 0.0,
+            stage_straightness_length_mm: 100.0,
+            sensor_linearity_mm: 0.0,
+            sensor_linearity_length_mm: None,
+            extrinsics_rotation_deg: 0.0,
+            extrinsics_position_mm: 0.0,
+            temperature_sigma_k: 0.0,
+            expansion_per_k: 11.5e-6,
+        }
+    }
+}
+
+impl TypeB {
+    /// Checks every value against its range.
+    ///
+    /// # Errors
+    /// [`SettingError`] names the first value that is out of range.
+    pub(super) fn check(&self) -> Result<(), SettingError> {
+        let length = ("between 0 and 1000 mm", 0.0..=1000.0);
+        let correlation = ("between 1 and 100000 mm", 1.0..=1e5);
+        let checks = [
+            ("type_b.stage_straightness_mm", length.clone(), self.stage_straightness_mm),
+            ("type_b.stage_straightness_length_mm", correlation.clone(), self.stage_straightness_length_mm),
+            ("type_b.sensor_linearity_mm", length.clone(), self.sensor_linearity_mm),
+            ("type_b.sensor_linearity_length_mm", correlation, self.sensor_linearity_length_mm.unwrap_or(1.0)),
+            ("type_b.extrinsics_rotation_deg", ("between 0 and 10", 0.0..=10.0), self.extrinsics_rotation_deg),
+            ("type_b.extrinsics_position_mm", length, self.extrinsics_position_mm),
+            ("type_b.temperature_sigma_k", ("between 0 and 100", 0.0..=100.0), self.temperature_sigma_k),
+            ("type_b.expansion_per_k", ("between 0 and 0.001", 0.0..=1e-3), self.expansion_per_k),
+        ];
+        match checks.into_iter().find(|(_, (_, range), value)| !range.contains(value)) {
+            Some((name, (allowed, _), value)) => Err(SettingError { name, allowed, value }),
+            None => Ok(()),
+        }
+    }
+
+    /// Whether any standard uncertainty is stated.
+    #[must_use]
+    pub fn is_stated(&self) -> bool {
+        let growth = self.temperature_sigma_k * self.expansion_per_k;
+        let stated = [
+            self.stage_straightness_mm,
+            self.sensor_linearity_mm,
+            self.extrinsics_rotation_deg,
+            self.extrinsics_position_mm,
+            growth,
+        ];
+        stated.iter().any(|standard| *standard > 0.0)
     }
 }

@@ -1,52 +1,18 @@
-//! What makes a pose uncertain without showing in the scan: the stage, the sensor's place on it, the temperature. Known from
-//! calibration, not from statistics (GUM, JCGM 100, 4.3: type B). In: standard uncertainties and how the method answers to a
-//! profile that is shifted. Out: lines of the budget.
+//! Errors that the scan cannot show: those of the stage, of the mounting and the linearity of the sensor, and of the temperature. They
+//! are known from calibration, not from statistics (GUM, JCGM 100, 4.3: type B), and become lines of the budget by the response of the
+//! method to a profile that is shifted.
+//!
+//! Linearity of the sensor: its distance scale deviates by a smooth function δ(y) of the place along the laser line, equal in every
+//! profile, so that more profiles do not average it out. δ is taken as a random function with the standard deviation u and the
+//! correlation ρ = exp(−(y − y′)²/2L²), and the pose responds with E(y) to a shift of the points about y in z. The covariance of the
+//! pose is then Σ ρ(y_a − y_b) u² E_a E_bᵀ over patches of the line. Along a tilted part the points of one patch lie at different z,
+//! where δ differs as it does between places of the line: its slope along z has the standard deviation u/L, to which the pose responds
+//! with F(y), and Σ ρ (u/L)² F_a F_bᵀ is added.
 
 use super::budget::Line;
-use super::linearity::{self, PatchInfluence};
-use super::settings::SettingError;
+use super::settings::TypeB;
 use crate::geometry::AxisLine;
 use nalgebra::{Matrix5, Matrix5x2, Vector3, Vector5};
-use serde::{Deserialize, Serialize};
-
-/// Standard uncertainties from calibration; zero where nothing is known or nothing matters.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct TypeB {
-    /// How far the stage carries the sensor off a straight line, in y and in z, at any place of the rail, mm.
-    pub stage_straightness_mm: f64,
-    /// Places of the rail this far apart are off with the correlation exp(−1/2), as exp(−distance²/(2·this²)), since a guide
-    /// bends smoothly, mm.
-    pub stage_straightness_length_mm: f64,
-    /// Deviation of the sensor's distance from the true one at any place of the laser line, alike in every profile, mm.
-    pub sensor_linearity_mm: f64,
-    /// Places of the laser line this far apart have deviations with the correlation exp(−1/2), as exp(−distance²/2·this²), mm.
-    /// `None` takes a fifth of the width that is seen of the part, for which the effect on its position is about the largest.
-    pub sensor_linearity_length_mm: Option<f64>,
-    /// Rotation of the coordinates of the scan against the rail frame, about each axis, degrees.
-    pub extrinsics_rotation_deg: f64,
-    /// Place of the coordinates of the scan in the rail frame, along each axis, mm.
-    pub extrinsics_position_mm: f64,
-    /// Temperature of the part against the one that lengths are stated for, K.
-    pub temperature_sigma_k: f64,
-    /// How much of its length the part grows by in one kelvin; 11.5e-6 is steel.
-    pub expansion_per_k: f64,
-}
-
-impl Default for TypeB {
-    fn default() -> Self {
-        Self {
-            stage_straightness_mm: 0.0,
-            stage_straightness_length_mm: 100.0,
-            sensor_linearity_mm: 0.0,
-            sensor_linearity_length_mm: None,
-            extrinsics_rotation_deg: 0.0,
-            extrinsics_position_mm: 0.0,
-            temperature_sigma_k: 0.0,
-            expansion_per_k: 11.5e-6,
-        }
-    }
-}
 
 /// How (p, q, y_ref, z_ref, radius) answer to a shift of one profile by 1 mm in y and in z.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -55,7 +21,7 @@ pub(super) struct Influence {
     pub(super) effect: Matrix5x2<f64>,
 }
 
-/// What the lines of the budget are about.
+/// The pose that the lines of the budget refer to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Found {
     pub(super) axis: AxisLine,
@@ -77,29 +43,6 @@ impl Found {
 const STRETCHES: usize = 128;
 
 impl TypeB {
-    /// Checks every value against its range.
-    ///
-    /// # Errors
-    /// [`SettingError`] names the first value that is out of range.
-    pub(super) fn check(&self) -> Result<(), SettingError> {
-        let length = ("between 0 and 1000 mm", 0.0..=1000.0);
-        let correlation = ("between 1 and 100000 mm", 1.0..=1e5);
-        let checks = [
-            ("type_b.stage_straightness_mm", length.clone(), self.stage_straightness_mm),
-            ("type_b.stage_straightness_length_mm", correlation.clone(), self.stage_straightness_length_mm),
-            ("type_b.sensor_linearity_mm", length.clone(), self.sensor_linearity_mm),
-            ("type_b.sensor_linearity_length_mm", correlation, self.sensor_linearity_length_mm.unwrap_or(1.0)),
-            ("type_b.extrinsics_rotation_deg", ("between 0 and 10", 0.0..=10.0), self.extrinsics_rotation_deg),
-            ("type_b.extrinsics_position_mm", length, self.extrinsics_position_mm),
-            ("type_b.temperature_sigma_k", ("between 0 and 100", 0.0..=100.0), self.temperature_sigma_k),
-            ("type_b.expansion_per_k", ("between 0 and 0.001", 0.0..=1e-3), self.expansion_per_k),
-        ];
-        match checks.into_iter().find(|(_, (_, range), value)| !range.contains(value)) {
-            Some((name, (allowed, _), value)) => Err(SettingError { name, allowed, value }),
-            None => Ok(()),
-        }
-    }
-
     /// Variance of the x of a point, mm²: the part of it that no scan shows.
     pub(super) fn along_x(&self, [x, y, z]: [f64; 3]) -> f64 {
         let rotation = self.extrinsics_rotation_deg.to_radians();
@@ -107,26 +50,12 @@ impl TypeB {
         self.extrinsics_position_mm.powi(2) + rotation * rotation * (y * y + z * z) + (growth * x).powi(2)
     }
 
-    /// Whether any standard uncertainty is stated.
-    #[must_use]
-    pub fn is_stated(&self) -> bool {
-        let growth = self.temperature_sigma_k * self.expansion_per_k;
-        let stated = [
-            self.stage_straightness_mm,
-            self.sensor_linearity_mm,
-            self.extrinsics_rotation_deg,
-            self.extrinsics_position_mm,
-            growth,
-        ];
-        stated.iter().any(|standard| *standard > 0.0)
-    }
-
     /// The lines that are not zero, from the answers to a shift of each profile and of each patch of the laser line.
     pub(super) fn lines(&self, found: &Found, influences: &[Influence], patches: &[PatchInfluence]) -> Vec<Line> {
         let straightness = (self.stage_straightness_mm > 0.0)
             .then(|| Line::of_slopes(Line::STAGE_STRAIGHTNESS, &self.straightness(influences), &found.axis));
         let linearity = (self.sensor_linearity_mm > 0.0).then(|| {
-            let covariance = linearity::covariance(patches, self.sensor_linearity_mm, self.sensor_linearity_length_mm);
+            let covariance = linearity_covariance(patches, self.sensor_linearity_mm, self.sensor_linearity_length_mm);
             Line::of_slopes(Line::SENSOR_LINEARITY, &covariance, &found.axis)
         });
         [straightness, linearity].into_iter().flatten().chain(self.of_whole_scan(found)).collect()
@@ -164,7 +93,7 @@ impl TypeB {
     }
 
     /// A rotation ω about the origin of the rail frame moves a point P by ω × P and turns the direction T by ω × T; a
-    /// translation moves every point alike. The axis is read off where it meets x = x_ref.
+    /// translation moves every point equally. The axis is evaluated where it meets x = x_ref.
     fn extrinsics(&self, found: &Found) -> Matrix5<f64> {
         let AxisLine { p, q, .. } = found.axis;
         let tangent = Vector3::new(1.0, p, q);
@@ -191,6 +120,78 @@ fn stretches(influences: &[Influence]) -> Vec<Influence> {
         effect: piece.iter().map(|influence| influence.effect).sum(),
     };
     influences.chunks(size).map(together).collect()
+}
+
+/// Patches along the line; a shorter correlation than a patch is taken as one patch, which overstates its effect.
+const PATCHES: usize = 64;
+/// Correlation length where none is declared, as a share of the width that is seen: shorter errors average out along the
+/// line, longer ones shift the part as a whole. Between 0.15 and 0.25 the effect on the position is within 10 % of its maximum,
+/// for arcs of 60° to 150°.
+const LENGTH_SHARE: f64 = 0.2;
+
+/// How (p, q, y_ref, z_ref, radius) answer to a shift of the points of one patch by 1 mm in z.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct PatchInfluence {
+    /// Middle of the patch, mm.
+    pub(super) y: f64,
+    pub(super) effect: Vector5<f64>,
+    /// The same to a shift by 1 mm for each mm that a point lies higher than the others of the patch.
+    pub(super) slope: Vector5<f64>,
+}
+
+/// The laser line cut into patches of equal width.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Patches {
+    low: f64,
+    width: f64,
+}
+
+impl Patches {
+    /// Patches over all of these places; `None` where there is none.
+    pub(super) fn over(places: impl Iterator<Item = f64>) -> Option<Self> {
+        let wider = |[low, high]: [f64; 2], y: f64| [low.min(y), high.max(y)];
+        let [low, high] = places.fold([f64::INFINITY, f64::NEG_INFINITY], wider);
+        (low <= high).then(|| Self { low, width: (high - low) / PATCHES as f64 })
+    }
+
+    pub(super) const fn count() -> usize {
+        PATCHES
+    }
+
+    /// The patch that contains this place.
+    pub(super) fn index(&self, y: f64) -> usize {
+        let place = (y - self.low) / self.width.max(f64::MIN_POSITIVE);
+        // The cast saturates, and NaN becomes 0.
+        (place as usize).min(PATCHES - 1)
+    }
+
+    /// The influences of these patches, given in order.
+    pub(super) fn influences(&self, effects: Vec<[Vector5<f64>; 2]>) -> Vec<PatchInfluence> {
+        let influence = |(index, [effect, slope]): (usize, [Vector5<f64>; 2])| PatchInfluence {
+            y: self.low + (index as f64 + 0.5) * self.width,
+            effect,
+            slope,
+        };
+        effects.into_iter().enumerate().map(influence).collect()
+    }
+}
+
+/// Covariance of (p, q, y_ref, z_ref, radius) under a linearity error of `standard` mm with this correlation length, mm.
+fn linearity_covariance(influences: &[PatchInfluence], standard: f64, length: Option<f64>) -> Matrix5<f64> {
+    let seen = || influences.iter().filter(|influence| influence.effect.amax() > 0.0);
+    let ends = seen().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], at| [low.min(at.y), high.max(at.y)]);
+    let [low, high] = ends;
+    let length = length.unwrap_or(LENGTH_SHARE * (high - low)).max(f64::MIN_POSITIVE);
+    let mut sum = Matrix5::zeros();
+    for a in seen() {
+        for b in seen() {
+            let correlation = (-0.5 * ((a.y - b.y) / length).powi(2)).exp();
+            sum += a.effect * b.effect.transpose() * correlation;
+            // Divided one by one: the square of the least length is none.
+            sum += (a.slope / length) * (b.slope / length).transpose() * correlation;
+        }
+    }
+    sum * standard.powi(2)
 }
 
 #[cfg(test)]
@@ -267,5 +268,54 @@ mod tests {
     fn a_warm_part_grows_about_the_origin() {
         let warm = TypeB { temperature_sigma_k: 2.0, expansion_per_k: 1e-5, ..TypeB::default() };
         assert!(near(standard(warm, &[]), [0.0, 0.0, 6e-4, 8e-3, 4e-3]));
+    }
+}
+
+#[cfg(test)]
+mod linearity_tests {
+    use super::*;
+
+    /// The position z is the mean over the line.
+    fn mean_of(places: &[f64]) -> Vec<PatchInfluence> {
+        let effect = Vector5::new(0.0, 0.0, 0.0, 1.0 / places.len() as f64, 0.0);
+        places.iter().map(|&y| PatchInfluence { y, effect, slope: Vector5::zeros() }).collect()
+    }
+
+    #[test]
+    fn an_error_alike_everywhere_shifts_and_independent_ones_average_out() {
+        let line = mean_of(&[-30.0, -10.0, 10.0, 30.0]);
+        let z = |length: f64| linearity_covariance(&line, 0.02, Some(length))[(3, 3)].sqrt();
+        assert!((z(1e5) - 0.02).abs() < 1e-8);
+        assert!((z(1.0) - 0.01).abs() < 1e-8);
+        // Two places 20 mm apart with L = 20 mm: u²·(1 + exp(−1/2))/2.
+        let two = linearity_covariance(&mean_of(&[0.0, 20.0]), 0.02, Some(20.0))[(3, 3)];
+        assert!((two - 4e-4 * 0.5 * (1.0 + (-0.5f64).exp())).abs() < 1e-15);
+    }
+
+    #[test]
+    fn along_a_tilted_part_the_slope_of_the_error_counts() {
+        let slope = Vector5::new(0.0, 0.5, 0.0, 0.0, 0.0);
+        let place = PatchInfluence { y: 0.0, effect: Vector5::new(0.0, 0.0, 0.0, 1.0, 0.0), slope };
+        let found = linearity_covariance(&[place], 0.02, Some(10.0));
+        assert!(
+            (found[(3, 3)] - 4e-4).abs() < 1e-18 && (found[(1, 1)] - (0.5 * 0.02 / 10.0_f64).powi(2)).abs() < 1e-18
+        );
+    }
+
+    #[test]
+    fn without_a_declared_length_it_is_a_share_of_the_width_and_one_place_needs_none() {
+        let line = mean_of(&[-50.0, 0.0, 50.0]);
+        assert_eq!(linearity_covariance(&line, 0.01, None), linearity_covariance(&line, 0.01, Some(20.0)));
+        assert!((linearity_covariance(&mean_of(&[3.0]), 0.01, None)[(3, 3)] - 1e-4).abs() < 1e-18);
+        assert_eq!(linearity_covariance(&[], 0.01, None), Matrix5::zeros());
+    }
+
+    #[test]
+    fn patches_hold_the_whole_line_and_nothing_breaks_outside() {
+        let patches = Patches::over([-10.0, 54.0].into_iter()).expect("places");
+        assert_eq!([-10.0, -9.5, 53.5, 54.0].map(|y| patches.index(y)), [0, 0, 63, 63]);
+        assert_eq!([-1e9, 1e9, f64::NAN].map(|y| patches.index(y)), [0, 63, 0]);
+        assert_eq!(Patches::over([2.0].into_iter()).expect("a place").index(2.0), 0);
+        assert_eq!(Patches::over(std::iter::empty()), None);
     }
 }

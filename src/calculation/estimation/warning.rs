@@ -41,7 +41,7 @@ pub enum Warning {
          that mark missing points (missing_values, an empty list for none)"
     )]
     MissingValues {
-        /// What the points have in common, in the unit of the file.
+        /// The value that the points have in common, in the unit of the file.
         value: String,
         /// Points that have it.
         count: u64,
@@ -107,7 +107,7 @@ pub enum Warning {
          configuration"
     )]
     CalibrationNotStated,
-    /// An end face was asked for that the scan does not show.
+    /// A requested end face is not visible in the scan.
     #[error(
         "the {} end face is not seen: the scan must go on beyond that end of the part, by two profiles or more that show the \
          background or are kept though they are empty, part of the edge must be free of clamps, no two profiles in a row may be \

@@ -62,7 +62,7 @@ impl Frame {
     /// [`FrameError`] where the direction has no length.
     pub fn along(axis: &Axis) -> Result<Self, FrameError> {
         let x_axis = direction(axis.direction)?;
-        // Within 53° of an axis, what is left of it square to the direction gets short.
+        // Within 53° of an axis, what is left of it perpendicular to the direction gets short.
         let is_apart = |candidate: &&Vector3<f64>| candidate.dot(&x_axis).abs() < 0.8;
         let candidates = [Vector3::z(), Vector3::x(), Vector3::y()];
         let z_axis = candidates.iter().find(is_apart).ok_or(FrameError::Degenerate)?;

@@ -1,4 +1,4 @@
-//! Axes, signs and the few shapes that everything else is said in. Knows no other room.
+//! Frames, axes, signs and the few shapes that all other modules use.
 //!
 //! The rail frame, right-handed, lengths in millimetres, angles in radians:
 //!
@@ -16,14 +16,8 @@
 //!
 //! Deflection is atan p (towards +Y), pitch is atan q (towards +Z). Degrees appear only at the edges.
 
-mod angle;
 mod axis;
-mod axis_line;
 mod frame;
-mod section;
 
-pub use angle::Angle;
-pub use axis::Axis;
-pub use axis_line::AxisLine;
+pub use axis::{Angle, Axis, AxisLine, SectionEllipse};
 pub use frame::{Frame, FrameError};
-pub use section::SectionEllipse;

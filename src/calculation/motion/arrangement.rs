@@ -1,5 +1,5 @@
-//! What the two manipulators are to each other and to the part: where they stand, what each axis can do, and how much the part
-//! between them bears. Comes from the configuration, checked once by [`Arrangement::check`].
+//! What the two manipulators are to each other and to the part: where they stand, what each axis can do, and the limits of strain of the part
+//! between them. Comes from the configuration, checked once by [`Arrangement::check`].
 
 use super::axes::{Axes, Axis, AxisLimits, Carrier, Pair};
 use serde::{Deserialize, Serialize};
@@ -17,7 +17,7 @@ const RATE_MAX: f64 = 1e9;
 pub struct Support {
     /// Where the clamp's centre is in the rail frame when x, y and z are zero; mm.
     pub mount_mm: [f64; 3],
-    /// What its axes can do.
+    /// The limits of its axes.
     pub limits: Axes<AxisLimits>,
     /// How far its body reaches along x, on both sides of the clamp's centre; mm.
     pub half_span_mm: f64,
@@ -35,7 +35,7 @@ pub struct Arrangement {
     pub twist_max: f64,
     /// How far a clamp may run on after an axis of either manipulator has stuck; mm. Its turn may run on by `twist_max`.
     pub run_on_max_mm: f64,
-    /// Least free way along x between the bodies of the two; mm.
+    /// Least clearance along x between the bodies of the two; mm.
     pub clearance_min_mm: f64,
     /// How near to where it should be an axis counts as there; mm, rad.
     pub settle_tolerance: Axes<f64>,
@@ -47,9 +47,9 @@ pub enum ArrangementError {
     /// A number is none, or makes no sense.
     #[error("{field} is {value}; it must be from {least} to {most} {unit}")]
     OutOfRange {
-        /// Which, with its way from the arrangement: `supports.m1.limits.x.speed`.
+        /// Which, with its path from the arrangement: `supports.m1.limits.x.speed`.
         field: String,
-        /// What it is.
+        /// Its value.
         value: f64,
         /// Least value.
         least: f64,
@@ -58,10 +58,10 @@ pub enum ArrangementError {
         /// Of the three numbers; per second, s², s³ where the field is a rate.
         unit: &'static str,
     },
-    /// An axis has no way to go.
+    /// An axis has no travel.
     #[error("{field}: the lower limit {lower} {unit} must be below the upper limit {upper} {unit}")]
     LimitsReversed {
-        /// Which axis, with its way from the arrangement.
+        /// Which axis, with its path from the arrangement.
         field: String,
         /// Its lower limit.
         lower: f64,
@@ -125,7 +125,7 @@ fn check_limits(name: &str, axis: Axis, limits: &AxisLimits) -> Result<(), Arran
     Err(ArrangementError::LimitsReversed { field: name.to_owned(), lower, upper, unit })
 }
 
-/// Refuses what is not a number, too. `axis` says in which unit to speak.
+/// Refuses NaN, too. `axis` decides the unit of the message.
 fn within(field: &str, value: f64, least: f64, most: f64, axis: Axis) -> Result<(), ArrangementError> {
     if (least..=most).contains(&value) {
         return Ok(());

@@ -1,4 +1,4 @@
-//! The words that everything about motion is said in: a manipulator's four axes, and the two manipulators. Lengths in
+//! The types that the whole module uses: the four axes of a manipulator, and the two manipulators. Lengths in
 //! millimetres, angles in radians, times in seconds.
 
 use serde::{Deserialize, Serialize};
@@ -182,7 +182,7 @@ impl<T> Pair<T> {
     }
 }
 
-/// What one axis can do.
+/// The limits of one axis.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AxisLimits {
@@ -196,7 +196,7 @@ pub struct AxisLimits {
     pub acceleration: f64,
     /// Greatest jerk; mm/s³, or rad/s³.
     pub jerk: f64,
-    /// Longest way that one request may ask for; mm, or rad.
+    /// Longest travel that one request may ask for; mm, or rad.
     pub step: f64,
 }
 
@@ -207,7 +207,7 @@ pub struct Waypoint {
     pub at_s: f64,
     /// Targets; absolute.
     pub targets: Pair<Position>,
-    /// Speeds of the way from the waypoint before to this one, such that all axes arrive at `at_s`; mm/s, rad/s. Zero where
+    /// Speeds from the previous waypoint to this one, such that all axes arrive at `at_s`; mm/s, rad/s. Zero where
     /// an axis stays.
     pub speeds: Pair<Position>,
 }

@@ -1,18 +1,17 @@
-//! Whether a path may be executed. Asked of every path that is planned, and again right before a byte goes to a device: what
-//! comes back from a store or was planned under other limits is looked at as if nobody had.
+//! Whether a path may be executed. Every path is checked when it is planned, and again right before a byte goes to a device: a path
+//! that comes from the store, or was planned under other limits, is checked as if it were new.
 
 use super::arrangement::Arrangement;
 use super::axes::{Axis, AxisLimits, Carrier, Pair, Path, Position, Waypoint};
 use super::refusal::{MotionRefusal, PathFault};
-use super::run_on::check_run_on;
-use super::strain::Step;
+use super::strain::{Step, check_run_on};
 
 /// Most waypoints of a path.
 pub(super) const WAYPOINTS_MAX: usize = 4096;
-/// What rounding may add to a length, an angle, or a share.
+/// Allowance for rounding of a length, an angle, or a share.
 const ROUNDING: f64 = 1e-9;
 
-/// What a path does to the part.
+/// The strain of the part by a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Burden {
     /// Largest change of the distance of the clamps; mm.
@@ -44,7 +43,7 @@ pub fn check_path(arrangement: &Arrangement, actual: &Pair<Position>, path: &Pat
     Ok(())
 }
 
-/// Checks the path by itself, and says what it does to the part.
+/// Checks the path by itself, and returns the strain of the part.
 pub(super) fn burden(arrangement: &Arrangement, path: &Path) -> Result<Burden, MotionRefusal> {
     let Some((first, rest)) = path.waypoints.split_first().filter(|(_, rest)| !rest.is_empty()) else {
         return Err(malformed(0, PathFault::TooFew));
@@ -107,7 +106,7 @@ fn check_times_and_speeds(
     Ok(())
 }
 
-/// Limits, step cap and speeds of one axis all along. Says whether it moves; one that stays needs no room.
+/// Limits, step cap and speeds of one axis all along. Returns whether it moves; one that stays needs no travel.
 fn check_axis(
     arrangement: &Arrangement,
     path: &Path,
@@ -187,7 +186,7 @@ pub(super) fn check_burden(arrangement: &Arrangement, origin: &Step, step: &Step
     Ok(Burden { strain_mm, twist })
 }
 
-/// Whether axes that come late leave the part within what it bears.
+/// Whether the part stays within its limits when axes arrive late.
 pub(super) fn check_lead(arrangement: &Arrangement, step: &Step, waypoint: usize) -> Result<(), MotionRefusal> {
     let coarse = |axis: Axis, lead: f64, max: f64| MotionRefusal::PathTooCoarse {
         waypoint,

@@ -1,7 +1,7 @@
 //! How the part moves with the two clamps: forward ([`carried`]) and back ([`clamps_for`]). Exact, nothing is linearised.
 //!
-//! A clamp's centre in the rail frame is mount + (x, y, z). The part is rigid; each clamp holds it like a constant-velocity
-//! joint: it lets it tilt, and turns it by c. So where the part is follows from where the axes are, whatever way they came:
+//! A clamp's centre in the rail frame is mount + (x, y, z). The part is rigid; each clamp acts on it like a constant-velocity
+//! joint: it lets it tilt, and turns it by c. So the pose of the part follows from the positions of the axes alone:
 //!
 //! ```text
 //! u         = (P2 - P1) / |P2 - P1|              direction of the line through the clamps' centres

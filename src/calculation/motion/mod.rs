@@ -1,10 +1,10 @@
-//! Where the axes of the two manipulators have to go so that the part lies where it is wanted, and how they get there without
-//! straining it. Pure calculation: positions and limits in, a path or a refusal out. Knows geometry; must not know devices.
+//! Calculates where the axes of the two manipulators have to go so that the part lies where it is wanted, and a path on which they do not
+//! strain it. Pure calculation: positions and limits in, a path or a refusal out.
 //!
 //! ```text
-//! measured pose, target -> kinematics: eight targets -> course (rigid) ----\
-//! targets of axes ----------------------------------> course (straight) ----+-> waypoints -> check -> Plan
-//!                                          progress, run_on: its time --/    (strain, run_on)
+//! measured pose, target -> kinematics: eight targets -> Course::rigid ----\
+//! targets of axes ----------------------------------> Course::straight ---+-> plan (set-points) -> check -> Plan
+//!                                                 course: its time --/                (strain)
 //! ```
 
 mod arrangement;
@@ -13,11 +13,8 @@ mod check;
 mod course;
 mod kinematics;
 mod plan;
-mod progress;
 mod refusal;
-mod run_on;
 mod strain;
-mod waypoints;
 
 #[cfg(test)]
 mod tests;

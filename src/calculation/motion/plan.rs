@@ -1,21 +1,24 @@
-//! From what is wanted to a path, or to the reason why not: [`plan_alignment`] for a part, [`plan_move`] for axes. A plan moves
-//! nothing.
+//! From a request to a path, or to the reason for a refusal: [`plan_alignment`] for a part, [`plan_move`] for axes. A plan moves nothing.
+//!
+//! The course is cut into set-points with times and speeds. The cell sends a set-point to both manipulators, waits until both have
+//! reached it, and sends the next. So set-points cost time, and between them only the devices keep the axes together. The course is cut
+//! into the fewest even steps such that within a step no order of arrival strains or twists the part beyond its limits, see
+//! [`super::strain`]: if one manipulator stops while the other finishes its step, the part stays within its limits. Steps across the part
+//! come out long (mm to cm), steps along it about as long as the strain allowed.
 
 use super::arrangement::Arrangement;
-use super::axes::{Axes, Carrier, Pair, Path, Position};
-use super::check::{burden, check_burden, check_gap, check_target, each};
-use super::course::Course;
-use super::kinematics::{ClampLine, clamps_for};
-use super::kinematics::{PartPose, PoseTarget, carried};
+use super::axes::{Axes, Axis, Carrier, Pair, Path, Position, Waypoint};
+use super::check::{WAYPOINTS_MAX, burden, check_burden, check_gap, check_lead, check_target, each};
+use super::course::{Course, Progress};
+use super::kinematics::{ClampLine, PartPose, PoseTarget, carried, clamps_for};
 use super::refusal::MotionRefusal;
-use super::strain::Step;
-use super::waypoints::{check_start, cut};
+use super::strain::{Step, slowed};
 use serde::{Deserialize, Serialize};
 
 /// Least share of the greatest speeds.
 const SHARE_MIN: f64 = 1e-3;
 
-/// What one axis would do.
+/// The travel of one axis.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct AxisTravel {
     /// Where it starts; mm, or rad.
@@ -28,7 +31,7 @@ pub struct AxisTravel {
     pub margin: f64,
 }
 
-/// What would move, and what it would do to the part.
+/// A planned path and its effect on the part.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     /// Each axis.
@@ -41,7 +44,7 @@ pub struct Plan {
     pub strain_mm: f64,
     /// Largest change of c1 - c2 along the path; rad.
     pub twist: f64,
-    /// Where the part's axis and its reference point are in the end. None for a move of axes, which knows no part.
+    /// Where the part's axis and its reference point are in the end. None for a move of axes, which has no part.
     pub predicted: Option<PartPose>,
 }
 
@@ -75,7 +78,7 @@ pub fn plan_alignment(
     plan(arrangement, &course, share, Some(PartPose { axis, ..pose }))
 }
 
-/// Plans a straight, synchronous move of axes to absolute targets. A part is taken to be held by both manipulators.
+/// Plans a straight, synchronous move of axes to absolute targets. The part is assumed to be clamped by both manipulators.
 ///
 /// `share` is that of the axes' greatest speeds, from 0.001 to 1.
 ///
@@ -95,14 +98,14 @@ pub fn plan_move(
     check_finite("target", &values(&to))?;
     let course = Course::straight(from, &to);
     check_ends(arrangement, &course)?;
-    // Exact for straight ways, and a better answer than that the path would be too long.
+    // Exact for straight courses, and more helpful than the refusal that the path would be too long.
     let (origin, whole) = (Step::new(arrangement, from, from), Step::new(arrangement, from, &to));
     check_burden(arrangement, &origin, &whole)?;
     plan(arrangement, &course, share, None)
 }
 
 /// Leaves the turns where they are, where a limit keeps them from going and they would go less than their tolerance: a part
-/// that is not to roll must not be held up by a second-order term at the end of a turn's way. The prediction says what is left.
+/// that is not to roll must not be refused for a second-order term at the end of the travel of a turn. The prediction states the remainder.
 fn spare_turns(arrangement: &Arrangement, from: &Pair<Position>, to: &mut Pair<Position>) {
     let outside = |(carrier, at): (Carrier, &Position)| {
         let limits = arrangement.supports.get(carrier).limits.c;
@@ -151,7 +154,7 @@ fn check_clamps(arrangement: &Arrangement, from: &Pair<Position>) -> Result<(), 
     Err(MotionRefusal::SpansMeet { gap_mm, min_mm })
 }
 
-/// What can be said before the way is cut: whether there is a way at all, and whether its ends are allowed.
+/// The checks before the course is cut: whether it has a length, and whether its ends are allowed.
 fn check_ends(arrangement: &Arrangement, course: &Course) -> Result<(), MotionRefusal> {
     let (from, to) = (course.at(0.0), course.at(1.0));
     let settled = |axis, way: f64| way.abs() <= *arrangement.settle_tolerance.get(axis);
@@ -176,4 +179,92 @@ fn values(positions: &Pair<Position>) -> Vec<f64> {
 /// Beyond 1e9 mm or rad nothing is meant, and squares would lose what matters.
 fn check_finite(what: &'static str, numbers: &[f64]) -> Result<(), MotionRefusal> {
     if numbers.iter().all(|number| number.abs() < 1e9) { Ok(()) } else { Err(MotionRefusal::NotFinite { what }) }
+}
+
+/// The path along a course, at a share of the greatest speeds.
+pub(super) fn cut(arrangement: &Arrangement, course: &Course, share: f64) -> Result<Path, MotionRefusal> {
+    let steps_count = steps_count(arrangement, course)?;
+    let limits = arrangement.supports.map(|_, support| support.limits);
+    let progress = Progress::new(&slowed(arrangement, course, &course.pace(&limits, share)));
+    let mut waypoints = Vec::with_capacity(steps_count + 1);
+    let mut before = Waypoint { at_s: 0.0, targets: set_point(arrangement, course, 0.0), speeds: Pair::default() };
+    waypoints.push(before);
+    for index in 1..=steps_count {
+        let s = share_of(index, steps_count);
+        let (at_s, targets) = (progress.time_at(s), set_point(arrangement, course, s));
+        let time = at_s - before.at_s;
+        let speeds = targets.map(|carrier, axes| {
+            axes.map(|axis, target| (target - before.targets.get(carrier).get(axis)).abs() / time)
+        });
+        before = Waypoint { at_s, targets, speeds };
+        waypoints.push(before);
+    }
+    let moves = Pair::from_fn(|carrier| Axis::ALL.into_iter().any(|axis| course.moves(carrier, axis)));
+    Ok(Path { waypoints, moves })
+}
+
+/// The fewest even steps that are fine enough: doubled until they are, then halved between.
+fn steps_count(arrangement: &Arrangement, course: &Course) -> Result<usize, MotionRefusal> {
+    let steps_max = WAYPOINTS_MAX - 1;
+    let mut fine = 1;
+    while !is_fine(arrangement, course, fine) {
+        if fine == steps_max {
+            return Err(MotionRefusal::PathTooLong { max_count: WAYPOINTS_MAX });
+        }
+        fine = (2 * fine).min(steps_max);
+    }
+    let mut coarse = fine / 2;
+    while fine - coarse > 1 {
+        let middle = usize::midpoint(coarse, fine);
+        if is_fine(arrangement, course, middle) { fine = middle } else { coarse = middle }
+    }
+    Ok(fine)
+}
+
+fn is_fine(arrangement: &Arrangement, course: &Course, steps_count: usize) -> bool {
+    let mut before = set_point(arrangement, course, 0.0);
+    (1..=steps_count).all(|index| {
+        let after = set_point(arrangement, course, share_of(index, steps_count));
+        let step = Step::new(arrangement, &before, &after);
+        before = after;
+        check_lead(arrangement, &step, index).is_ok()
+    })
+}
+
+/// Exactly 1 at the end.
+fn share_of(index: usize, count: usize) -> f64 {
+    index as f64 / count as f64
+}
+
+/// Where the axes are at s. One that stands beyond a limit by what an axis may be off its place starts from the limit.
+fn set_point(arrangement: &Arrangement, course: &Course, s: f64) -> Pair<Position> {
+    let (mut at, start) = (course.at(s), course.at(0.0));
+    for (carrier, axis, from) in each(&start) {
+        let limits = arrangement.supports.get(carrier).limits.get(axis);
+        let value = at.get_mut(carrier).get_mut(axis);
+        if (limits.lower..=limits.upper).contains(&from) || !course.moves(carrier, axis) {
+            continue;
+        }
+        if (from..limits.lower).contains(value) {
+            *value = limits.lower;
+        } else if *value > limits.upper && *value <= from {
+            *value = limits.upper;
+        }
+    }
+    at
+}
+
+/// Refuses an axis that is to move and stands beyond a limit by more than it may be off its place.
+pub(super) fn check_start(
+    arrangement: &Arrangement,
+    course: &Course,
+    (carrier, axis, actual): (Carrier, Axis, f64),
+) -> Result<(), MotionRefusal> {
+    let limits = arrangement.supports.get(carrier).limits.get(axis);
+    let slack = *arrangement.settle_tolerance.get(axis);
+    if !course.moves(carrier, axis) || (limits.lower - slack..=limits.upper + slack).contains(&actual) {
+        return Ok(());
+    }
+    let (actual, lower, upper) = (axis.outside(actual), axis.outside(limits.lower), axis.outside(limits.upper));
+    Err(MotionRefusal::StandsOutside { carrier, axis, actual, lower, upper })
 }

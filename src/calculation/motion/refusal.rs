@@ -1,4 +1,4 @@
-//! Why a motion is not planned or not executed, as an operator would say it. Values as the edges know them, mm and degrees,
+//! Why a motion is not planned or not executed, in the words of an operator. Values are in mm and degrees,
 //! so that messages and documents agree. Nothing was changed to make it fit.
 
 use super::arrangement::ArrangementError;
@@ -7,7 +7,7 @@ use super::axes::{Axis, Carrier};
 /// Why a motion is refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum MotionRefusal {
-    /// An axis would leave its limits, at the end or on the way.
+    /// An axis would leave its limits, at the end or before.
     #[error(
         "axis {a} of {m} would go to {value} {u}, outside its limits of {lower} to {upper} {u}",
         a = axis.name(), m = carrier.name(), u = axis.unit(),
@@ -93,7 +93,7 @@ pub enum MotionRefusal {
     /// The share of the greatest speed is no share.
     #[error("the share of the greatest speed is {share}; it must be from {min} to 1", share = short(*share))]
     ShareOutOfRange {
-        /// What was asked for.
+        /// The requested value.
         share: f64,
         /// The least that may be.
         min: f64,
@@ -104,9 +104,9 @@ pub enum MotionRefusal {
         gap_mm = short(*gap_mm), min_mm = short(*min_mm)
     )]
     SpansMeet {
-        /// What would be left; below zero where they would overlap.
+        /// The clearance that would be left; below zero where they would overlap.
         gap_mm: f64,
-        /// What must be.
+        /// The required clearance.
         min_mm: f64,
     },
     /// The part would be stretched or pressed.
@@ -117,7 +117,7 @@ pub enum MotionRefusal {
     StrainTooLarge {
         /// Largest change along the path.
         strain_mm: f64,
-        /// What is allowed.
+        /// The limit.
         max_mm: f64,
     },
     /// The part would be twisted.
@@ -128,10 +128,10 @@ pub enum MotionRefusal {
     TwistTooLarge {
         /// Largest change of the difference of the two turns along the path.
         twist_deg: f64,
-        /// What is allowed.
+        /// The limit.
         max_deg: f64,
     },
-    /// Every axis is where it should be, or nothing was asked for.
+    /// Every axis is where it should be, or nothing was requested.
     #[error("nothing would move: every axis is within its tolerance of where it should be")]
     NothingToMove,
     /// A number is none, or too large to calculate with.
@@ -140,7 +140,7 @@ pub enum MotionRefusal {
         /// Where: "positions", "measured pose", "target".
         what: &'static str,
     },
-    /// The path would have more waypoints than are kept; the way is too long for what the part bears.
+    /// The path would have more waypoints than are kept; the travel is too long for the strain limit of the part.
     #[error("the path would take more than {max_count} waypoints; go in shorter steps")]
     PathTooLong {
         /// How many are allowed.
@@ -156,7 +156,7 @@ pub enum MotionRefusal {
         waypoint: usize,
         /// By how much; mm or degrees.
         lead: f64,
-        /// What is allowed; mm or degrees.
+        /// The limit; mm or degrees.
         max: f64,
         /// mm or deg.
         unit: &'static str,
@@ -166,7 +166,7 @@ pub enum MotionRefusal {
     PathMalformed {
         /// The first is 0.
         waypoint: usize,
-        /// What is wrong.
+        /// The fault.
         fault: PathFault,
     },
     /// The path does not start where the axis is: something has moved since it was planned.
@@ -190,7 +190,7 @@ pub enum MotionRefusal {
     Arrangement(#[from] ArrangementError),
 }
 
-/// What is wrong with a waypoint.
+/// A fault of a waypoint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum PathFault {
     /// A single waypoint is no path.
@@ -202,7 +202,7 @@ pub enum PathFault {
     /// The axes would not arrive together.
     #[error("the speeds do not fit ways and times")]
     SpeedsDoNotFit,
-    /// A manipulator that is said to stay has somewhere to go.
+    /// A manipulator that should stay has a waypoint elsewhere.
     #[error("a manipulator that stays has a way to go")]
     MovesWhatStays,
 }

@@ -1,13 +1,25 @@
-//! What a step from one set-point to the next does to the part: how the distance of the clamps and the difference of their
-//! turns change when all axes go together, and by how much more when they do not.
+//! The strain of the part by a step from one set-point to the next, and by a manipulator that runs on after the other has stuck.
 //!
-//! Devices do not start at the same moment, and one may stop dead while the other goes on. So a step is also looked at with
-//! every axis anywhere between its two ends, independently. The difference of the two centres is then anywhere in a box, whose
-//! nearest and farthest point from zero are known in closed form: no order of arrival can strain the part more.
+//! A step changes the distance of the clamps and the difference of their turns. Devices do not start at the same moment, and one may stop
+//! while the other continues. So a step is also examined with every axis anywhere between its two ends, independently. The difference of
+//! the two centres is then anywhere in a box, whose nearest and farthest point from zero are known in closed form: no order of arrival
+//! can strain the part more.
+//!
+//! After an axis has stuck, the others run on until the cell has noticed it and the halt has arrived, and while they brake. Paths are
+//! planned so slow that neither the distance nor the turn of the clamps then changes by more than the arrangement allows:
+//!
+//! ```text
+//! run-on of an axis = v · REACTION + v² / 2a
+//! ```
+//!
+//! The cell supervises both manipulators between set-points and needs at most [`REACTION_S`] from the moment at which an axis
+//! sticks until the others brake, provided that the devices answer within some milliseconds.
 
-use super::arrangement::Arrangement;
-use super::axes::{Pair, Position};
+use super::arrangement::{Arrangement, Support};
+use super::axes::{AxisLimits, Carrier, Pair, Position};
+use super::course::{Course, Pace};
 use super::kinematics::clamp_centre;
+use super::refusal::MotionRefusal;
 use nalgebra::Vector3;
 
 /// Least and greatest of something.
@@ -22,7 +34,7 @@ impl Range {
         Self { least: a.min(b), most: a.max(b) }
     }
 
-    /// What can lie between something of `self` and something of `other`: self - other.
+    /// The range of the difference self - other.
     fn minus(self, other: Self) -> Self {
         Self { least: self.least - other.most, most: self.most - other.least }
     }
@@ -96,10 +108,72 @@ impl Step {
         self.twist().exceeded_by(apart)
     }
 
-    /// Least free way along x between the bodies, in whatever order the axes arrive; mm.
+    /// Least clearance along x between the bodies, in whatever order the axes arrive; mm.
     pub(super) fn gap(&self, arrangement: &Arrangement) -> f64 {
         let [a, b] = &self.centres;
         let spans = arrangement.supports.m1.half_span_mm + arrangement.supports.m2.half_span_mm;
         a.m2.x.min(b.m2.x) - a.m1.x.max(b.m1.x) - spans
     }
+}
+
+/// From the moment at which an axis sticks until the halt has arrived at the other devices, s: two readings of 25 ms each, an
+/// answer, the transmission of the halt, and 40 ms for a device that starts or answers late.
+const REACTION_S: f64 = 0.1;
+/// Allowance for rounding of a run-on.
+const SLACK: f64 = 1.0 + 1e-6;
+/// Halvings after which double precision shows no difference any more.
+const HALVINGS: usize = 52;
+
+/// How far one manipulator runs on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct RunOn {
+    /// Of the clamp's centre, mm.
+    pub(super) way_mm: f64,
+    /// rad.
+    pub(super) turn: f64,
+}
+
+impl RunOn {
+    /// From these speeds.
+    pub(super) fn from_speeds(support: &Support, speeds: &Position) -> Self {
+        let run_on = speeds.map(|axis, speed| of_axis(*speed, support.limits.get(axis)));
+        Self { way_mm: (run_on.x.powi(2) + run_on.y.powi(2) + run_on.z.powi(2)).sqrt(), turn: run_on.c }
+    }
+}
+
+fn of_axis(speed: f64, limits: &AxisLimits) -> f64 {
+    speed * REACTION_S + speed * speed / (2.0 * limits.acceleration)
+}
+
+/// Refuses speeds at which a manipulator would run on too far.
+pub(super) fn check_run_on(arrangement: &Arrangement, speeds: &Pair<Position>) -> Result<(), MotionRefusal> {
+    for (carrier, speeds) in speeds.iter() {
+        let RunOn { way_mm, turn } = RunOn::from_speeds(arrangement.supports.get(carrier), speeds);
+        let max_mm = arrangement.run_on_max_mm;
+        if way_mm > max_mm * SLACK {
+            return Err(MotionRefusal::RunsOn { carrier, run_on: way_mm, max: max_mm, unit: "mm" });
+        }
+        if turn > arrangement.twist_max * SLACK {
+            let (run_on, max) = (turn.to_degrees(), arrangement.twist_max.to_degrees());
+            return Err(MotionRefusal::RunsOn { carrier, run_on, max, unit: "deg" });
+        }
+    }
+    Ok(())
+}
+
+/// The pace, no faster than the run-on allows. A run-on grows with the speed, so halving finds the greatest one.
+pub(super) fn slowed(arrangement: &Arrangement, course: &Course, pace: &Pace) -> Pace {
+    let allowed = |speed: f64| {
+        let speeds = Pair::from_fn(|carrier: Carrier| course.speeds(carrier, speed));
+        check_run_on(arrangement, &speeds).is_ok()
+    };
+    if allowed(pace.speed) {
+        return *pace;
+    }
+    let (mut slow, mut fast) = (0.0, pace.speed);
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (slow + fast);
+        if allowed(middle) { slow = middle } else { fast = middle }
+    }
+    Pace { speed: slow / SLACK, ..*pace }
 }

@@ -11,7 +11,7 @@ pub(super) struct Cylinder {
     pub(super) radius: f64,
 }
 
-/// What the coordinates of a picture are called.
+/// The names of the coordinates of a picture.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Names {
     /// Label of the axis along the rail or along the part.
@@ -19,7 +19,7 @@ pub(super) struct Names {
     pub(super) x: &'static str,
     pub(super) y: &'static str,
     pub(super) z: &'static str,
-    /// What the frame is, where it is not that of the scan.
+    /// A remark about the frame, where it is not that of the scan.
     pub(super) remark: Option<&'static str>,
 }
 

@@ -5,20 +5,14 @@
 //! A rejected centre may lie tens of millimetres away while the valid ones scatter by hundredths, so the scales follow
 //! the valid ones and everything else becomes an arrow at the border.
 
-use super::Subject;
 use super::about_axis::{Names, names, pose};
-use super::area::Area;
-use super::end_faces;
-use super::header::{BODY_TOP, page};
-use super::legend::{Entry, legend};
-use super::marks::{Marks, Symbol, stride};
-use super::notice::MARGIN;
+use super::header::{BODY_TOP, MARGIN, Subject, page};
+use super::marks::{Entry, Marks, Symbol, legend, stride};
+use super::overlays::{self, Point};
 use super::palette::{FAINT_INK, FITTED, VALID, reason_colour};
 use super::panel::Panel;
-use super::points::{self, Point};
-use super::spread::{half_width, quantile};
-use super::svg::{Anchor, Svg, Type};
-use super::ticks::{Range, fixed};
+use super::scale::{Range, fixed, half_width, quantile};
+use super::svg::{Anchor, Area, Svg, Type};
 use crate::estimation::{Estimate, Pose, Profile, Reason};
 use crate::scan::Scan;
 
@@ -38,7 +32,7 @@ struct Centre {
     rejected: Option<Reason>,
 }
 
-/// One of the two directions in which a centre is looked at.
+/// One of the two directions in which a centre is examined.
 #[derive(Clone, Copy)]
 struct Direction {
     /// Its place in (y, z).
@@ -66,7 +60,7 @@ impl Direction {
     }
 }
 
-/// What is drawn.
+/// The content of the picture.
 struct Drawing<'a> {
     svg: Svg,
     names: Names,
@@ -83,8 +77,8 @@ pub(super) fn centres(scan: &Scan, estimate: &Estimate, subject: &Subject<'_>) -
     let pose = pose(estimate);
     let centres: Vec<Centre> = estimate.profiles.iter().filter_map(centre).collect();
     let with_deviation = pose.is_some() && !centres.is_empty();
-    let points = if with_deviation { Vec::new() } else { points::points(scan, estimate, POINTS_MAX) };
-    let faces = pose.map(end_faces::places).unwrap_or_default();
+    let points = if with_deviation { Vec::new() } else { overlays::points(scan, estimate, POINTS_MAX) };
+    let faces = pose.map(overlays::end_face_places).unwrap_or_default();
     let profiles = estimate.profiles.iter().map(|profile| profile.x);
     let x = Range::around(profiles.chain(points.iter().map(|point| point.at[0])).chain(faces)).padded(0.03);
     let (what, caption) = words(pose, &centres);
@@ -141,7 +135,8 @@ impl Drawing<'_> {
         let side = if direction.index == 0 { "from above" } else { "from the side" };
         heading(&mut self.svg, area, &format!("Points {side}: {name} against {}", self.names.x), "");
         panel.draw(&mut self.svg, self.names.x_label, &format!("{name} (mm)"));
-        self.beyond += points::draw(&mut self.svg, &panel, &self.points, |point| [point.at[0], value(point.at)]);
+        self.beyond +=
+            overlays::draw_points(&mut self.svg, &panel, &self.points, |point| [point.at[0], value(point.at)]);
         self.draw_axis(&panel, direction);
     }
 
@@ -192,7 +187,7 @@ impl Drawing<'_> {
         let paint = format!("stroke=\"{FITTED}\" stroke-width=\"1.2\"");
         self.svg.line(panel.place([self.x.lo, 0.0]), panel.place([self.x.hi, 0.0]), paint);
         self.draw_marks(&panel, from_axis);
-        end_faces::draw_across(&mut self.svg, &panel, pose);
+        overlays::draw_end_faces_across(&mut self.svg, &panel, pose);
     }
 
     /// The axis and the end faces.
@@ -201,7 +196,7 @@ impl Drawing<'_> {
         let place = |x: f64| panel.place([x, direction.of(pose.axis.at(x))]);
         let paint = format!("stroke=\"{FITTED}\" stroke-width=\"1.2\"");
         self.svg.line(place(self.x.lo), place(self.x.hi), paint);
-        end_faces::draw_across(&mut self.svg, panel, pose);
+        overlays::draw_end_faces_across(&mut self.svg, panel, pose);
     }
 
     /// The markers of all kinds, the rejected ones on top because they are few.
@@ -239,18 +234,18 @@ impl Drawing<'_> {
             entries.push(Entry::new(symbol, colour, text));
         }
         if !self.points.is_empty() {
-            entries.extend(points::entries(&self.points, points_count));
+            entries.extend(overlays::point_entries(&self.points, points_count));
         }
         if let Some(pose) = self.pose {
             entries.push(Entry::new(Symbol::Stroke, FITTED, "fitted axis"));
-            entries.extend(end_faces::entries(pose));
+            entries.extend(overlays::end_face_entries(pose));
         }
-        entries.extend(points::off_scale(self.beyond));
+        entries.extend(overlays::off_scale_entry(self.beyond));
         entries
     }
 }
 
-/// What a panel shows, above it.
+/// The heading above a panel.
 fn heading(svg: &mut Svg, area: Area, words: &str, note: &str) {
     svg.text([area.left, area.top - 8.0], Type::sized(12.0).bold(), words);
     let look = Type::sized(11.0).colour(FAINT_INK).anchor(Anchor::End);

@@ -1,21 +1,15 @@
 //! The picture along the axis: a thinned set of all points, each relative to the axis, with the circle of the fitted radius;
 //! where there is no pose, the points as they lie in the coordinates of the scan.
 
-use super::Subject;
 use super::about_axis::{Cylinder, Status, names};
-use super::area::Area;
-use super::header::{BODY_TOP, page};
-use super::legend::{Entry, legend};
-use super::marks::{Symbol, polyline};
-use super::notice::paragraph;
+use super::grid::Seen;
+use super::header::{self, BODY_TOP, Subject, page, paragraph};
+use super::marks::{Entry, Symbol, legend, polyline};
+use super::overlays::{self, Point};
 use super::palette::{FAINT_INK, FITTED};
 use super::panel::Panel;
-use super::points::{self, Point};
-use super::result;
-use super::seen::Seen;
-use super::spread::quantile;
-use super::svg::{Svg, Type};
-use super::ticks::{Range, fixed};
+use super::scale::{Range, fixed, quantile};
+use super::svg::{Area, Svg, Type};
 use crate::estimation::{Estimate, Method, Outcome, Pose};
 use crate::scan::Scan;
 
@@ -29,7 +23,7 @@ const SIDE: Area = Area::new(676.0, BODY_TOP + 20.0, 300.0, 440.0);
 /// Draws all profiles as seen along the axis; where there is none, as they lie in the coordinates of the scan.
 pub(super) fn end_view(scan: &Scan, estimate: &Estimate, subject: &Subject<'_>) -> String {
     let total = scan.points().len();
-    let points = points::points(scan, estimate, POINTS_MAX);
+    let points = overlays::points(scan, estimate, POINTS_MAX);
     match &estimate.outcome {
         Outcome::Accepted(pose) => {
             let caption = format!("{total} points, each relative to the axis in the plane perpendicular to it");
@@ -63,17 +57,17 @@ fn draw_about_axis(svg: &mut Svg, points: &[Point], estimate: &Estimate, pose: &
     let near = points.iter().filter(|point| point.status != Status::Rejected);
     let arc = Seen::new(near.map(|point| cylinder.polar(point.at).angle.to_degrees())).window();
     svg.clipped("end-view", panel.area, |svg| draw_circle(svg, &panel, radius, arc));
-    let beyond = points::draw(svg, &panel, points, place);
+    let beyond = overlays::draw_points(svg, &panel, points, place);
     draw_centre(svg, &panel, radius);
     panel.frame(svg);
-    let mut entries = points::entries(points, total);
-    entries.push(Entry::new(Symbol::Stroke, FITTED, format!("fitted circle, R = {}", result::radius(pose))));
+    let mut entries = overlays::point_entries(points, total);
+    entries.push(Entry::new(Symbol::Stroke, FITTED, format!("fitted circle, R = {}", header::radius(pose))));
     if arc.width() < ALL_AROUND {
         let of = if estimate.method == Method::LeastSquares { "" } else { " (valid profiles)" };
         let side = format!("observed arc{of}: {}°", fixed(arc.width(), 0));
         entries.push(Entry::new(Symbol::Dashes, FAINT_INK, side));
     }
-    entries.extend(points::off_scale(beyond));
+    entries.extend(overlays::off_scale_entry(beyond));
     let end = legend(svg, SIDE, &entries);
     let area = Area { top: end + 14.0, ..SIDE };
     paragraph(svg, area, Type::sized(12.0).colour(FAINT_INK), &nearness(points, cylinder, estimate.method));
@@ -127,8 +121,8 @@ fn draw_along_x(svg: &mut Svg, points: &[Point], total: usize) {
     };
     let panel = Panel::around(VIEW, &points.iter().map(place).collect::<Vec<_>>());
     panel.draw(svg, "y (mm)", "z (mm)");
-    let beyond = points::draw(svg, &panel, points, place);
-    let mut entries = points::entries(points, total);
-    entries.extend(points::off_scale(beyond));
+    let beyond = overlays::draw_points(svg, &panel, points, place);
+    let mut entries = overlays::point_entries(points, total);
+    entries.extend(overlays::off_scale_entry(beyond));
     legend(svg, SIDE, &entries);
 }

@@ -1,7 +1,7 @@
-//! Markers: what they look like, and many of one kind gathered into one path so that the file stays small.
+//! Markers, many of one kind gathered into one path so that the file stays small, and the legend that explains them.
 
 use super::panel::{Panel, Spot};
-use super::svg::{Px, Svg};
+use super::svg::{Area, Px, Svg, Type};
 use std::collections::HashSet;
 use std::fmt::Write as _;
 
@@ -76,7 +76,7 @@ pub(super) struct Marks {
     beyond_count: usize,
 }
 
-/// Length of the border that has room for one arrow, pixels.
+/// Length of the border that one arrow takes, pixels.
 const ARROW_ROOM: f64 = 7.0;
 
 impl Marks {
@@ -133,4 +133,44 @@ pub(super) fn polyline(places: impl Iterator<Item = [f64; 2]>) -> String {
         let _ = write!(data, "{step}{} {}", Px(x), Px(y));
     }
     data
+}
+
+/// Size of the text.
+const LOOK: Type = Type::sized(12.0);
+/// Height of a row, pixels.
+const ROW: f64 = 20.0;
+
+/// A marker and its meaning.
+pub(super) struct Entry {
+    /// Shape and colour; a remark has none.
+    marker: Option<(Symbol, &'static str)>,
+    text: String,
+}
+
+impl Entry {
+    pub(super) fn new(symbol: Symbol, colour: &'static str, text: impl Into<String>) -> Self {
+        Self { marker: Some((symbol, colour)), text: text.into() }
+    }
+
+    /// Words without a marker.
+    pub(super) fn remark(text: impl Into<String>) -> Self {
+        Self { marker: None, text: text.into() }
+    }
+}
+
+/// Draws the entries from the top left of `area`, as many to a row as fit its width; returns where they end.
+pub(super) fn legend(svg: &mut Svg, area: Area, entries: &[Entry]) -> f64 {
+    let [mut x, mut y] = [area.left, area.top + ROW / 2.0];
+    for entry in entries {
+        let width = 40.0 + LOOK.width_of(&entry.text);
+        if x > area.left && x + width > area.right() {
+            (x, y) = (area.left, y + ROW);
+        }
+        if let Some((symbol, colour)) = entry.marker {
+            symbol.draw(svg, [x + 9.0, y], colour);
+        }
+        svg.text([x + 24.0, y + 4.0], LOOK, &entry.text);
+        x += width;
+    }
+    y + ROW / 2.0
 }

@@ -1,40 +1,28 @@
-//! Pictures of a measurement as self-contained SVG, for people: what was found, and why it should be believed.
+//! Pictures of a measurement as self-contained SVG, for people: the result, and the data that support it.
 //!
-//! A scan and its estimate come in, text goes out; equal input gives equal bytes. Knows estimation, scan and geometry;
-//! must not know files, clocks, requests or who looks. Every picture stays below about 1 MB whatever the size of the
+//! A scan and its estimate come in, text goes out; equal input gives equal bytes. Every picture stays below about 1 MB whatever the size of the
 //! scan, and states the result with its uncertainty, or why the scan was refused; of a refused scan it shows the points.
 
 mod about_axis;
-mod area;
 mod centres;
-mod end_faces;
 mod end_view;
 mod grid;
 mod header;
-mod legend;
 mod marks;
-mod notice;
+mod overlays;
 mod palette;
 mod panel;
-mod points;
 mod residual_map;
-mod result;
+mod scale;
 mod section;
-mod section_points;
-mod seen;
-mod spread;
-mod surface;
 mod svg;
-mod ticks;
 
-#[cfg(test)]
-mod tests;
+pub use header::Subject;
 
 use crate::estimation::Estimate;
 use crate::scan::Scan;
-use jiff::Timestamp;
 
-/// What can be drawn.
+/// The pictures that can be drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Picture {
     /// The centres of the profiles along x, the axis through them, and how far they lie from it; without a pose the points
@@ -70,26 +58,6 @@ impl Picture {
     }
 }
 
-/// What the pictures say besides the estimate.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Subject<'a> {
-    /// What was measured, e.g. the id of the measurement or the name of the file; any text.
-    pub title: &'a str,
-    /// When it was measured, where that is known.
-    pub measured_at: Option<Timestamp>,
-    /// Name of the recipe, where there is one.
-    pub recipe: Option<&'a str>,
-    /// What measured it, where that is known.
-    pub software: Option<&'a str>,
-    /// The setting `epsilon_mm` of the estimation.
-    pub epsilon_mm: f64,
-    /// Index in the scan of the profile that [`Picture::Section`] shows; `None` takes the valid one nearest to the middle, or the
-    /// middle one where none is valid.
-    pub profile: Option<usize>,
-    /// Number that the first profile of the scan is known by; 0 but for a part of a scan.
-    pub first_profile: usize,
-}
-
 /// Draws one picture: an SVG 1.1 document of 1000 × 700 pixels.
 #[must_use]
 pub fn draw(picture: Picture, scan: &Scan, estimate: &Estimate, subject: &Subject<'_>) -> String {
@@ -100,3 +68,6 @@ pub fn draw(picture: Picture, scan: &Scan, estimate: &Estimate, subject: &Subjec
         Picture::EndView => end_view::end_view(scan, estimate, subject),
     }
 }
+
+#[cfg(test)]
+mod tests;

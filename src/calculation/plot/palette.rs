@@ -15,7 +15,7 @@ pub(super) const VALID: &str = "#0072b2";
 pub(super) const REJECTED: &str = "#e69f00";
 /// Points of profiles on which there is no verdict.
 pub(super) const UNJUDGED: &str = "#56789a";
-/// What was fitted.
+/// The fitted shapes.
 pub(super) const FITTED: &str = "#000000";
 /// The end faces.
 pub(super) const END_FACE: &str = "#009e73";

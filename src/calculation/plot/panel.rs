@@ -1,10 +1,8 @@
 //! A pair of axes on the page: where a pair of values lies in pixels, frame, grid, ticks and labels.
 
-use super::area::Area;
 use super::palette::{FAINT_INK, GRID, INK};
-use super::spread::quantile;
-use super::svg::{Anchor, Svg, Type};
-use super::ticks::Range;
+use super::scale::{Range, quantile};
+use super::svg::{Anchor, Area, Svg, Type};
 
 /// Size of the numbers and labels along the axes.
 const SMALL: Type = Type::sized(11.0).colour(FAINT_INK);
@@ -37,7 +35,7 @@ impl Panel {
         Self::new(area, range(x, area.width), range(y, area.height))
     }
 
-    /// Equal scales on both axes with room for the bulk of the points: a few stray ones would shrink the rest to a dot.
+    /// Equal scales on both axes with space for the bulk of the points: a few stray ones would shrink the rest to a dot.
     pub(super) fn around(area: Area, points: &[[f64; 2]]) -> Self {
         let bulk = |coordinate: fn(&[f64; 2]) -> f64| {
             let mut values: Vec<f64> = points.iter().map(coordinate).collect();

@@ -5,21 +5,15 @@
 //! Cells stay blank without points. The scale of the distances is centred on 0 and saturates at about four robust spreads of
 //! the cells.
 
-use super::Subject;
 use super::about_axis::{Cylinder, Names, names};
-use super::area::Area;
-use super::end_faces;
-use super::grid::Grid;
-use super::header::{BODY_TOP, page};
-use super::legend::{Entry, legend};
-use super::marks::Symbol;
-use super::notice::MARGIN;
+use super::grid::{Grid, from_above, unrolled};
+use super::header::{BODY_TOP, MARGIN, Subject, page};
+use super::marks::{Entry, Symbol, legend};
+use super::overlays;
 use super::palette::{FAINT_INK, LEVELS, height_colour, level, signed_colour};
 use super::panel::Panel;
-use super::spread::{quantile, round_up};
-use super::surface::{from_above, unrolled};
-use super::svg::{Anchor, Px, Svg, Type};
-use super::ticks::{Range, fixed};
+use super::scale::{Range, fixed, quantile, round_up};
+use super::svg::{Anchor, Area, Px, Svg, Type};
 use crate::estimation::{Estimate, Outcome, Pose};
 use crate::scan::Scan;
 use std::fmt::Write as _;
@@ -76,8 +70,8 @@ fn distances(scan: &Scan, estimate: &Estimate, pose: &Pose, subject: &Subject<'_
     let Names { x_label, y, z, .. } = names(estimate);
     let y_label = format!("angle around the axis, 0° = +{}, 90° = +{} (°)", y.to_uppercase(), z.to_uppercase());
     let panel = draw(&mut svg, &grid, &scale, x_label, &y_label);
-    svg.clipped("surface", AREA, |svg| end_faces::draw_around(svg, &panel, pose));
-    legend(&mut svg, LEGEND, &entries(&grid).chain(end_faces::entries(pose)).collect::<Vec<_>>());
+    svg.clipped("surface", AREA, |svg| overlays::draw_end_faces_around(svg, &panel, pose));
+    legend(&mut svg, LEGEND, &entries(&grid).chain(overlays::end_face_entries(pose)).collect::<Vec<_>>());
     svg.finish()
 }
 

@@ -1,7 +1,6 @@
 //! Writes SVG: elements in, one document out. Numbers have a fixed form, so equal pictures are equal bytes; text is escaped; a
-//! coordinate that is no number cannot get into the file.
+//! coordinate that is not a number cannot get into the file. Areas of the page are in pixels; y grows downwards.
 
-use super::area::Area;
 use super::palette::INK;
 use std::fmt::{self, Display, Write as _};
 
@@ -154,7 +153,7 @@ impl Svg {
         self.put(format_args!("<text {place} font-size=\"{size}\" fill=\"{colour}\"{anchor}{weight}>{text}</text>"));
     }
 
-    /// What `draw` draws is seen inside `area` only. `id` must be the only one of its name on the page.
+    /// The output of `draw` is clipped to `area`. `id` must be the only one of its name on the page.
     pub(super) fn clipped(&mut self, id: &str, area: Area, draw: impl FnOnce(&mut Self)) {
         self.put(format_args!("<clipPath id=\"{id}\">"));
         self.rect(area, "");
@@ -163,7 +162,7 @@ impl Svg {
         self.put(format_args!("</g>"));
     }
 
-    /// What `draw` draws is measured in cells of `cell` pixels from the corner of `area`.
+    /// The output of `draw` is measured in cells of `cell` pixels from the corner of `area`.
     pub(super) fn gridded(&mut self, area: Area, cell: [f64; 2], draw: impl FnOnce(&mut Self)) {
         let [width, height] = cell;
         let (left, top) = (Px(area.left), Px(area.top));
@@ -192,6 +191,33 @@ impl Display for Escaped<'_> {
             }
         }
         Ok(())
+    }
+}
+
+/// A rectangle of the page, pixels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Area {
+    pub(super) left: f64,
+    pub(super) top: f64,
+    pub(super) width: f64,
+    pub(super) height: f64,
+}
+
+impl Area {
+    pub(super) const fn new(left: f64, top: f64, width: f64, height: f64) -> Self {
+        Self { left, top, width, height }
+    }
+
+    pub(super) fn right(&self) -> f64 {
+        self.left + self.width
+    }
+
+    pub(super) fn bottom(&self) -> f64 {
+        self.top + self.height
+    }
+
+    pub(super) fn middle(&self) -> [f64; 2] {
+        [self.left + self.width / 2.0, self.top + self.height / 2.0]
     }
 }
 

@@ -7,61 +7,13 @@
 
 mod find;
 mod remove;
-mod repeats;
+
+pub use remove::{MissingKind, MissingValue};
 
 use super::cloud::Cloud;
-use super::columns::Columns;
-use crate::scan::decode::Unit;
 use find::Pattern;
-use std::fmt;
 
-/// A value that stands for missing points, mm.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum MissingKind {
-    /// A declared value in x, y or z.
-    Declared(f64),
-    /// The same whole point. `x` where it was the same everywhere, too.
-    Point {
-        /// x of all the points that were removed; `None` where they differ.
-        x: Option<f64>,
-        /// y.
-        y: f64,
-        /// z.
-        z: f64,
-    },
-    /// The same z under different y.
-    Z(f64),
-}
-
-/// A value that was taken as missing data, and how many points it removed.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MissingValue {
-    /// The value, mm.
-    pub kind: MissingKind,
-    /// The points removed.
-    pub count: u64,
-    /// The unit of the file.
-    pub unit: Unit,
-}
-
-impl fmt::Display for MissingValue {
-    /// The value in the unit of the file, e.g. `z = -9999`.
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // Seven digits are what single precision holds; the scaling to mm and back must not add more.
-        let text = |value: f64| {
-            let rounded: f64 = format!("{:.6e}", value / self.unit.in_mm()).parse().unwrap_or(value);
-            rounded.to_string()
-        };
-        match self.kind {
-            MissingKind::Declared(value) => write!(f, "x, y or z = {}", text(value)),
-            MissingKind::Point { x: Some(x), y, z } => write!(f, "(x, y, z) = ({}, {}, {})", text(x), text(y), text(z)),
-            MissingKind::Point { x: None, y, z } => write!(f, "(y, z) = ({}, {})", text(y), text(z)),
-            MissingKind::Z(z) => write!(f, "z = {}", text(z)),
-        }
-    }
-}
-
-/// What [`clean`] removed from a cloud.
+/// The points and profiles that [`clean`] removed from a cloud.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Removed {
     /// The values that stood for missing points.
@@ -108,26 +60,8 @@ pub fn clean(cloud: Cloud, declared: Option<&[f64]>) -> (Cloud, Removed) {
         cloud = rest;
         removed.missing.extend(values);
     }
-    (cloud, removed.repeated_profiles, removed.profiles) = repeats::remove_repeats(cloud);
+    (cloud, removed.repeated_profiles, removed.profiles) = remove::remove_repeats(cloud);
     (cloud, removed)
-}
-
-/// Removes the points of `keep` that are false, from both columns.
-fn retain(columns: &mut Columns, keep: &[bool]) {
-    fn compact<T: Copy>(values: &mut Vec<T>, keep: &[bool]) {
-        let mut flags = keep.iter();
-        values.retain(|_| flags.next().copied().unwrap_or(true));
-    }
-    match columns {
-        Columns::F32 { y, z } => {
-            compact(y, keep);
-            compact(z, keep);
-        }
-        Columns::F64 { y, z } => {
-            compact(y, keep);
-            compact(z, keep);
-        }
-    }
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Scans: from the bytes of a file to profiles in station order. Knows geometry; must not know how anything is estimated.
+//! Scans: from the bytes of a file to profiles in station order.
 //!
 //! ```text
 //! bytes --decode--> Cloud --slice--> Scan --encode--> bytes
@@ -6,15 +6,13 @@
 //!                  (frame, region)  synthetic
 //! ```
 //!
-//! A [`Cloud`] is what a file holds; a [`Scan`] is what an estimator takes: points, each with its own x, y and z, and the
+//! A [`Cloud`] is the content of a file; a [`Scan`] is the input of an estimator: points, each with its own x, y and z, and the
 //! profiles that they belong to.
 
 mod cloud;
-mod columns;
+pub(crate) mod columns;
 pub mod decode;
 pub mod encode;
-pub mod huge_pages;
-mod lattice;
 pub mod missing;
 mod rule;
 pub mod slice;
@@ -62,7 +60,7 @@ pub enum Grouping {
     Given,
     /// From the x that points share, which may as well be the lattice of another sensor.
     SharedX,
-    /// Slabs along the rail that the caller asked for: nothing says that the sensor took the points of one together.
+    /// Slabs along the rail that the caller asked for: the sensor need not have taken the points of one together.
     Slabs,
     /// The points came without profiles and were grouped so that there are some.
     Chosen,
@@ -89,10 +87,10 @@ pub enum ScanError {
 }
 
 impl Scan {
-    /// The one way to a scan. `rule` says in words how the profiles were told apart, e.g. `x_pitch_mm=0.5`.
+    /// The constructor. `rule` states in words how the profiles were separated, e.g. `x_pitch_mm=0.5`.
     ///
     /// # Errors
-    /// [`ScanError`] names the first profile or point that breaks what a scan promises.
+    /// [`ScanError`] names the first profile or point that is not valid.
     pub fn new(stations: Vec<Station>, columns: Columns, rule: String) -> Result<Self, ScanError> {
         let mut end = 0;
         let mut x = f64::NEG_INFINITY;
@@ -172,7 +170,7 @@ impl Scan {
         self.own_x.is_none()
     }
 
-    /// The same with the planes of profiles that were taken and hold no point, mm. They say where there is no part.
+    /// The same with the planes of profiles that were taken and have no point, mm. They show where there is no part.
     #[must_use]
     pub fn with_blanks(self, mut blanks: Vec<f64>) -> Self {
         blanks.retain(|x| x.is_finite());
@@ -181,7 +179,7 @@ impl Scan {
         Self { blanks, ..self }
     }
 
-    /// The planes of profiles that hold no point, as far as they are known, in order of x.
+    /// The planes of profiles that have no point, as far as they are known, in order of x.
     #[must_use]
     pub fn blanks(&self) -> &[f64] {
         &self.blanks
@@ -193,7 +191,7 @@ impl Scan {
         &self.stations
     }
 
-    /// The profiles of these positions as a scan of their own, whose points are shared, not copied, and which knows of no
+    /// The profiles of these positions as a scan of their own, whose points are shared, not copied, without
     /// blanks. `None` where there is none.
     #[must_use]
     pub fn part(&self, stations: Range<usize>) -> Option<Self> {
@@ -208,7 +206,7 @@ impl Scan {
         first.map_or(0, |station| station.start)..last.map_or(0, |station| station.end)
     }
 
-    /// The columns that hold its points, profile after profile; of a part those of the whole.
+    /// The columns that contain its points, profile after profile; those of a part are those of the whole scan.
     #[must_use]
     pub fn columns(&self) -> &Columns {
         &self.columns
@@ -249,7 +247,7 @@ impl Scan {
         self.own_x.as_ref()?.get(station.start..station.end)
     }
 
-    /// How the profiles were told apart.
+    /// How the profiles were separated.
     #[must_use]
     pub fn rule(&self) -> &str {
         &self.rule

@@ -1,4 +1,4 @@
-//! How profiles are told apart, as a caller writes it: `column=frame`, `row`, `x_pitch_mm=0.5`, `x_value`.
+//! How profiles are separated, as a caller writes it: `column=frame`, `row`, `x_pitch_mm=0.5`, `x_value`.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;

@@ -1,16 +1,20 @@
 //! Which cylinders a scan could be, and which of them is the part.
 //!
-//! A clamp that follows the part can hold most of the points and still not be the part: what the profiles have in common is. So
-//! a candidate counts by its coverage, the share of the profiles that show it. Where two are on nearly all profiles, the
-//! nominal radius decides; without one nobody can.
+//! A clamp that follows the part can have most of the points and still not be the part, which is the surface common to the profiles. So
+//! a candidate is rated by its coverage, the share of the profiles that show it. Where two are on nearly all profiles, the nominal
+//! radius decides; without one the choice is refused.
+//!
+//! A rough cylinder becomes the nearest robust fit of a sample by iteratively re-weighted least squares whose window shrinks from coarse
+//! to fine, so that the surface with most points near the start prevails over points beside it. [`settle`] estimates the noise from the
+//! points. [`narrow`] is for a sample whose noise is known: its window shrinks to a multiple of that noise, so that two surfaces a few σ
+//! apart are not taken for one rough surface.
 
 use super::consensus::{self, Bounds};
-use super::model::Cylinder;
-use super::narrow;
+use super::kernel::Curvature;
+use super::model::{ANY_DIRECTION, Cylinder};
+use super::normal_equations::{self, RadiusConstraint, Sums};
 use super::sample::Sample;
-use super::settle::{Settled, settle, total};
-use super::step::{self, Hold};
-use crate::estimation::robust;
+use crate::estimation::statistics;
 use rayon::prelude::*;
 
 /// A cylinder that the scan could be.
@@ -23,16 +27,16 @@ pub(super) struct Candidate {
     pub(super) support: f64,
 }
 
-/// What is known of the points' noise beforehand.
+/// The noise of the points, as far as it is known beforehand.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Noise {
-    /// Nothing: each surface says for itself.
+    /// Unknown: it is estimated for each surface.
     Unknown,
     /// Its standard deviation, mm.
     Known(f64),
 }
 
-/// What became of the choice.
+/// The result of the choice.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Choice {
     One(Candidate),
@@ -59,29 +63,34 @@ const SHOWN_SHARE: f64 = 0.08;
 pub(super) const COVERAGE_MIN: f64 = 0.75;
 /// Coverages that differ by more than this decide.
 const COVERAGE_LEAD: f64 = 0.08;
-/// Radii that differ by more standard uncertainties are told apart.
+/// Radii that differ by more standard uncertainties are different.
 const RADIUS_SIGMAS: f64 = 3.0;
 /// Beyond the radii that are looked for by this factor lies a plane.
 const PLANE: f64 = 1.5;
 /// Less of a scan than this on a surface is chance.
 const SUPPORT_MIN: f64 = 0.1;
-/// What is left of a sample after a surface was taken out is worth another search above this share.
+/// The sample without a surface is searched again where more than this share is left.
 const REST_MIN: f64 = 0.1;
 /// A second surface may be so much rougher than the first before it is no surface.
 const ROUGHER: f64 = 3.0;
 
 /// The surfaces of a sample, the best supported first.
-pub(super) fn candidates(sample: &Sample, bounds: &Bounds, noise: Noise, hold: Hold) -> Vec<Candidate> {
+pub(super) fn candidates(
+    sample: &Sample,
+    bounds: &Bounds,
+    noise: Noise,
+    constraint: RadiusConstraint,
+) -> Vec<Candidate> {
     let mut found: Vec<Settled> = Vec::new();
     let mut rest = sample.clone();
     while found.len() < SURFACES_MAX && rest.len() as f64 >= REST_MIN * sample.len() as f64 {
-        let Some(settled) = best(&rest, bounds, noise, hold) else { break };
+        let Some(settled) = best(&rest, bounds, noise, constraint) else { break };
         if found.first().is_some_and(|first| settled.sigma > ROUGHER * first.sigma) {
             break;
         }
         found.push(settled);
         // Generously, so that the rim of the noise is not taken for a surface of its own.
-        let reach = 2.0 * robust::TUKEY_C * settled.sigma;
+        let reach = 2.0 * statistics::TUKEY_C * settled.sigma;
         let before = rest.len();
         rest = rest.without(|[x, y, z]| settled.cylinder.slice(x).distance(y, z).abs() < reach);
         if rest.len() == before || rest.stations.len() < 2 {
@@ -95,7 +104,7 @@ pub(super) fn candidates(sample: &Sample, bounds: &Bounds, noise: Noise, hold: H
     counted(&found, sample)
 }
 
-/// A floor or a clamp's face is a plane: a cylinder of any large radius fits it, and none is the part.
+/// A support or the face of a clamp is a plane: a cylinder of any large radius fits it, and none is the part.
 fn is_plane(settled: &Settled, sample: &Sample, bounds: &Bounds) -> bool {
     let [_, most] = bounds.radius_mm;
     let radius = settled.cylinder.radius;
@@ -104,16 +113,16 @@ fn is_plane(settled: &Settled, sample: &Sample, bounds: &Bounds) -> bool {
 
 /// The start that most points agree with once it has settled. What a poor one settles on can need many rounds to open to, so
 /// only the windows of the best are opened.
-fn best(sample: &Sample, bounds: &Bounds, noise: Noise, hold: Hold) -> Option<Settled> {
+fn best(sample: &Sample, bounds: &Bounds, noise: Noise, constraint: RadiusConstraint) -> Option<Settled> {
     let starts = consensus::hypotheses(sample, bounds, STARTS_MAX);
     let window = 2.0 * bounds.tolerance;
     let settle_one = |start: Cylinder| match noise {
-        Noise::Unknown => settle(sample, start, window, hold),
-        Noise::Known(sigma) => narrow::narrow(sample, start, window, sigma, hold),
+        Noise::Unknown => settle(sample, start, window, constraint),
+        Noise::Known(sigma) => narrow(sample, start, window, sigma, constraint),
     };
     let least_reach = match noise {
         Noise::Unknown => 0.25 * bounds.tolerance,
-        Noise::Known(sigma) => narrow::WINDOW * sigma,
+        Noise::Known(sigma) => WINDOW * sigma,
     };
     let settled: Vec<Settled> = starts.par_iter().filter_map(|start| settle_one(start.cylinder)).collect();
     let ranked = ranked(settled, sample, noise, least_reach);
@@ -121,7 +130,7 @@ fn best(sample: &Sample, bounds: &Bounds, noise: Noise, hold: Hold) -> Option<Se
         return ranked.into_iter().next();
     }
     let opened = ranked.chunks(OPENED).find_map(|best| {
-        let opened: Vec<Settled> = best.par_iter().filter_map(|one| opened(sample, *one, window, hold)).collect();
+        let opened: Vec<Settled> = best.par_iter().filter_map(|one| opened(sample, *one, window, constraint)).collect();
         (!opened.is_empty()).then_some(opened)
     })?;
     self::ranked(opened, sample, noise, least_reach).into_iter().next()
@@ -131,7 +140,7 @@ fn best(sample: &Sample, bounds: &Bounds, noise: Noise, hold: Hold) -> Option<Se
 fn ranked(mut settled: Vec<Settled>, sample: &Sample, noise: Noise, least_reach: f64) -> Vec<Settled> {
     let finest = settled.iter().map(|s| s.sigma).fold(f64::INFINITY, f64::min);
     let reach = match noise {
-        Noise::Unknown => (robust::TUKEY_C * finest).max(least_reach),
+        Noise::Unknown => (statistics::TUKEY_C * finest).max(least_reach),
         Noise::Known(_) => least_reach,
     };
     settled.sort_by_cached_key(|s| consensus::score_whole(sample, &s.cylinder, reach).to_bits());
@@ -139,19 +148,19 @@ fn ranked(mut settled: Vec<Settled>, sample: &Sample, noise: Noise, least_reach:
 }
 
 /// With its window opened until it is as wide as the noise.
-fn opened(sample: &Sample, mut settled: Settled, mut window: f64, hold: Hold) -> Option<Settled> {
+fn opened(sample: &Sample, mut settled: Settled, mut window: f64, constraint: RadiusConstraint) -> Option<Settled> {
     for _ in 0..GROWTHS_MAX {
-        let wanted = robust::TUKEY_C * settled.sigma;
+        let wanted = statistics::TUKEY_C * settled.sigma;
         if wanted <= window {
             break;
         }
         window = wanted.min(2.0 * window);
-        settled = settle(sample, settled.cylinder, window, hold)?;
+        settled = settle(sample, settled.cylinder, window, constraint)?;
     }
     Some(settled)
 }
 
-/// How much of the sample each surface holds. A point counts for the nearest surface alone: a cylinder that crosses the
+/// How much of the sample lies on each surface. A point counts for the nearest surface alone: a cylinder that crosses the
 /// part shares a strip of it in every profile, and is still not what the profiles have in common.
 fn counted(found: &[Settled], sample: &Sample) -> Vec<Candidate> {
     let (mut shown_counts, mut on_counts) = (vec![0_usize; found.len()], vec![0_usize; found.len()]);
@@ -162,7 +171,7 @@ fn counted(found: &[Settled], sample: &Sample) -> Vec<Candidate> {
         on.fill(0);
         for [x, y, z] in sample.points(station) {
             let distances = slices.iter().map(|slice| slice.at(x).distance(y, z).abs()).zip(found).enumerate();
-            let near = distances.filter(|(_, (d, settled))| *d < robust::TUKEY_C * settled.sigma);
+            let near = distances.filter(|(_, (d, settled))| *d < statistics::TUKEY_C * settled.sigma);
             let nearest = near.min_by(|(_, (a, _)), (_, (b, _))| a.total_cmp(b));
             if let Some(count) = nearest.and_then(|(index, _)| on.get_mut(index)) {
                 *count += 1;
@@ -188,7 +197,7 @@ fn counted(found: &[Settled], sample: &Sample) -> Vec<Candidate> {
 pub(super) fn choose(candidates: &[Candidate], nominal_radius: Option<f64>, sample: &Sample) -> Choice {
     let mut possible: Vec<&Candidate> = candidates.iter().collect();
     if let Some(nominal) = nominal_radius {
-        // The radius speaks for itself where the data tell radii apart.
+        // The nominal radius decides where the data distinguish the radii.
         let off = |c: &Candidate| (c.settled.cylinder.radius - nominal).abs();
         let nearest = possible.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b)));
         let known = |c: &Candidate| RADIUS_SIGMAS * radius_uncertainty(&c.settled, sample);
@@ -206,9 +215,98 @@ pub(super) fn choose(candidates: &[Candidate], nominal_radius: Option<f64>, samp
 /// Standard uncertainty of a candidate's radius, for independent points of the sample.
 fn radius_uncertainty(settled: &Settled, sample: &Sample) -> f64 {
     let Settled { cylinder, sigma } = *settled;
-    let sums = total(sample, &cylinder, robust::TUKEY_C * sigma);
-    step::invert(&sums.normal).map_or(f64::INFINITY, |inverse| {
+    let sums = total(sample, &cylinder, statistics::TUKEY_C * sigma);
+    normal_equations::invert(&sums.normal).map_or(f64::INFINITY, |inverse| {
         let [.., variance]: [f64; 5] = inverse.diagonal().into();
         sigma * f64::max(variance, 0.0).sqrt()
     })
+}
+
+/// A cylinder that the points of a sample agree on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Settled {
+    pub(super) cylinder: Cylinder,
+    /// Robust standard deviation of the points on it, mm.
+    pub(super) sigma: f64,
+}
+
+const ROUNDS_MAX: usize = 60;
+/// The window never shrinks faster than this in one round, so that the fit can follow.
+const SHRINK: f64 = 0.5;
+/// A spread below this share of the radius is rounding.
+const SPREAD_FLOOR: f64 = 1e-11;
+
+/// Settles from `start`, first looking at points within `window` mm of it.
+pub(super) fn settle(sample: &Sample, start: Cylinder, window: f64, constraint: RadiusConstraint) -> Option<Settled> {
+    let (mut cylinder, mut window) = (start, window);
+    let mut sigma = window / statistics::TUKEY_C;
+    let (mut squared, mut scratch) = (Vec::new(), Vec::new());
+    for _ in 0..ROUNDS_MAX {
+        let sums = total(sample, &cylinder, window);
+        let (normal, gradient) = normal_equations::system(&sums, constraint, sigma, cylinder.radius);
+        let step = normal_equations::solve(&normal, &gradient)?;
+        cylinder = cylinder.moved(&step)?;
+        squared_distances_within(sample, &cylinder, window, &mut squared);
+        sigma = statistics::sigma(&squared, &mut scratch).max(SPREAD_FLOOR * cylinder.radius).max(sample.resolution());
+        let narrowed = (statistics::TUKEY_C * sigma).clamp(window * SHRINK, window);
+        // The step in units of its own standard deviation.
+        let moved = (normal * step).dot(&step).abs().sqrt();
+        let settled = moved < 1e-3 * sigma && narrowed > window * 0.999;
+        window = narrowed;
+        if settled {
+            break;
+        }
+    }
+    Some(Settled { cylinder, sigma })
+}
+
+/// Sums over the points of a sample within `window` mm of the cylinder.
+pub(super) fn total(sample: &Sample, cylinder: &Cylinder, window: f64) -> Sums {
+    let view = cylinder.facing(ANY_DIRECTION);
+    let mut sums = Sums::zero();
+    for station in &sample.stations {
+        sums.add(&sample.profile(station).sums(&view, window * window, Curvature::Weight));
+    }
+    view.unturned(&sums)
+}
+
+fn squared_distances_within(sample: &Sample, cylinder: &Cylinder, window: f64, squared: &mut Vec<f64>) {
+    squared.clear();
+    let view = cylinder.facing(ANY_DIRECTION);
+    for station in &sample.stations {
+        sample.profile(station).squared_distances(&view, |found| {
+            squared.extend(found.iter().filter(|d2| **d2 < window * window));
+        });
+    }
+}
+
+/// Half of the window in units of the noise: narrower than Tukey's for efficiency, since only a choice hangs on it.
+pub(super) const WINDOW: f64 = 3.0;
+const NARROWINGS_MAX: usize = 40;
+/// The window shrinks by this in one round.
+const NARROWING: f64 = 0.7;
+/// A step below this share of its own standard deviation is none.
+const STEP_SHARE_MIN: f64 = 1e-3;
+
+/// Narrows from `start`, first looking at points within `window` mm of it, to the noise `sigma`.
+pub(super) fn narrow(
+    sample: &Sample,
+    start: Cylinder,
+    window: f64,
+    sigma: f64,
+    constraint: RadiusConstraint,
+) -> Option<Settled> {
+    let (mut cylinder, mut window, least) = (start, window, WINDOW * sigma);
+    for _ in 0..NARROWINGS_MAX {
+        let sums = total(sample, &cylinder, window);
+        let (normal, gradient) = normal_equations::system(&sums, constraint, sigma, cylinder.radius);
+        let step = normal_equations::solve(&normal, &gradient)?;
+        cylinder = cylinder.moved(&step)?;
+        let moved = (normal * step).dot(&step).abs().sqrt();
+        if moved < STEP_SHARE_MIN * sigma && window <= least {
+            break;
+        }
+        window = (NARROWING * window).max(least);
+    }
+    Some(Settled { cylinder, sigma })
 }

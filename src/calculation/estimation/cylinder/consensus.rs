@@ -1,21 +1,21 @@
-//! Where to start: cylinders through few points, scored over the whole sample, so that whatever covers most of single
-//! profiles cannot win against what all profiles have in common.
+//! Start values: cylinders through few points, scored over the whole sample, so that an object that covers most of single profiles
+//! cannot prevail over the surface that all profiles have in common.
 //!
 //! Three points of one profile give a circle, two points of a distant profile its place there: a minimal set of five. The exact
-//! cylinder through the five follows by Newton's method. Scores are truncated squares (MSAC). The draws come from a fixed seed:
-//! the same scan always gives the same start.
+//! cylinder through the five follows by Newton's method. Scores are truncated squares (MSAC) over [`Scatter`], points with an x of
+//! their own. The draws come from a fixed seed: the same scan always gives the same start.
 
-use super::model::{Cylinder, Response};
-use super::projection::ANY_DIRECTION;
+use super::block::{BLOCK, LANES};
+use super::model::{ANY_DIRECTION, Cylinder, Response, View};
 use super::sample::Sample;
-use super::scatter::Scatter;
 use crate::scan::Station;
 use nalgebra::{Matrix5, RowVector5, Vector5};
+use pulp::{Arch, Simd, WithSimd};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-/// What a start must satisfy.
+/// The bounds of a start.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bounds {
     /// Steepest |p| and |q|.
@@ -74,7 +74,7 @@ pub(super) fn hypotheses(sample: &Sample, bounds: &Bounds, most: usize) -> Vec<H
         best = distinct(best, sample, bounds.tolerance, most);
         let share = best.first().map_or(0.0, |h| 1.0 - h.score);
         let drawn_count = ((round + 1) * ROUND) as f64;
-        // Half of the draws fail the spread rules, so five good points come up half as often as their share says.
+        // Half of the draws fail the spread rules, so five good points are drawn half as often as their share.
         if drawn_count * 0.5 * share.powi(5) > -MISS.ln() {
             break;
         }
@@ -131,7 +131,7 @@ fn placed([a, b]: [[f64; 2]; 2], radius: f64, to: [f64; 2]) -> Option<[f64; 2]> 
     let (dy, dz) = (b[0] - a[0], b[1] - a[1]);
     let chord = dy.hypot(dz);
     let height2 = radius * radius - 0.25 * chord * chord;
-    // Points close together say little about where the centre is.
+    // Points close together determine the centre badly.
     if height2 < 0.0 || chord < 0.1 * radius {
         return None;
     }
@@ -188,4 +188,89 @@ fn distinct(sorted: Vec<Hypothesis>, sample: &Sample, tolerance: f64, most: usiz
 pub(super) fn alike(a: &Cylinder, b: &Cylinder, ends: [f64; 2], tolerance: f64) -> bool {
     let apart = ends.map(|x| gap(&a.axis().at(x), &b.axis().at(x)));
     apart.into_iter().all(|apart| apart < tolerance) && (a.radius - b.radius).abs() < tolerance
+}
+
+/// Points (x, y, z), mm.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Scatter {
+    x: Vec<f64>,
+    y: Vec<f64>,
+    z: Vec<f64>,
+}
+
+impl FromIterator<[f64; 3]> for Scatter {
+    fn from_iter<I: IntoIterator<Item = [f64; 3]>>(points: I) -> Self {
+        let mut scatter = Self::default();
+        for [x, y, z] in points {
+            scatter.x.push(x);
+            scatter.y.push(y);
+            scatter.z.push(z);
+        }
+        scatter
+    }
+}
+
+impl Scatter {
+    /// Mean of min(d²/`tolerance`², 1) over the points; 0 (best) to 1.
+    pub(super) fn truncated_squares(&self, view: &View, tolerance: f64) -> f64 {
+        let sum = Arch::new().dispatch(Truncate { scatter: self, view, per_tolerance2: 1.0 / (tolerance * tolerance) });
+        sum / self.x.len().max(1) as f64
+    }
+}
+
+struct Truncate<'a> {
+    scatter: &'a Scatter,
+    view: &'a View,
+    per_tolerance2: f64,
+}
+
+impl WithSimd for Truncate<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        let (mut sums, mut shares) = ([0.0; LANES], [0.0; BLOCK]);
+        let Scatter { x, y, z } = self.scatter;
+        for ((x, y), z) in x.chunks(BLOCK).zip(y.chunks(BLOCK)).zip(z.chunks(BLOCK)) {
+            for (share, ((&x, &y), &z)) in shares.iter_mut().zip(x.iter().zip(y).zip(z)) {
+                let d = self.view.distance([x, y, z]);
+                let squared = d * d * self.per_tolerance2;
+                *share = if squared < 1.0 { squared } else { 1.0 };
+            }
+            // Values of an earlier block beyond the last point do not count.
+            shares.iter_mut().skip(x.len()).for_each(|share| *share = 0.0);
+            for row in shares.as_chunks::<LANES>().0 {
+                for (sum, share) in sums.iter_mut().zip(row) {
+                    *sum += share;
+                }
+            }
+        }
+        sums.iter().sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimation::cylinder::model::Cylinder;
+    use pulp::Scalar;
+
+    #[test]
+    fn the_score_is_that_of_the_points_one_by_one_with_the_same_bits_on_every_processor() {
+        let cylinder = Cylinder { x_ref: 10.0, p: 0.1, q: 0.05, y_ref: 3.0, z_ref: -5.0, radius: 50.0 };
+        let place = |i: i32| {
+            let (x, angle) = (f64::from(i), 0.1 * f64::from(i % 31));
+            let [y, z] = cylinder.axis().section(50.0 + 0.3 * (f64::from(i) * 1.7).sin(), x).point(angle);
+            [x, y, z]
+        };
+        let points: Vec<[f64; 3]> = (0..173).map(place).collect();
+        let scatter: Scatter = points.iter().copied().collect();
+        let view = cylinder.facing([0.0, 1.0]);
+        let one = |[x, y, z]: &[f64; 3]| (cylinder.slice(*x).distance(*y, *z) / 0.2).powi(2).min(1.0);
+        let expected = points.iter().map(one).sum::<f64>() / 173.0;
+        let found = scatter.truncated_squares(&view, 0.2);
+        assert!(expected > 0.2 && (found - expected).abs() < 1e-9);
+        let plain = Truncate { scatter: &scatter, view: &view, per_tolerance2: 1.0 / (0.2 * 0.2) }.with_simd(Scalar);
+        assert_eq!(found.to_bits(), (plain / 173.0).to_bits());
+    }
 }

@@ -1,21 +1,26 @@
 //! The covariance of the joint fit, with the profile as the cluster.
 //!
 //! Points of one profile share errors (speckle, vibration), so a covariance that takes them as independent is wrong. The
-//! clustered jackknife (n − 1)/n Σ_i δ_i δ_iᵀ, with δ_i = (N − N_i)⁻¹ G_i what the fit moves by without profile i, assumes
+//! clustered jackknife (n − 1)/n Σ_i δ_i δ_iᵀ, with δ_i = (N − N_i)⁻¹ G_i the change of the fit without profile i, assumes
 //! nothing about points of the same profile. N_i is the sum of ψ′ J Jᵀ and G_i that of w·d·J over profile i, N the sum of all
-//! N_i. It is the sandwich whose residuals are corrected for the pull of their own profile (Bell and McCaffrey's CR3). Few
-//! profiles widen the interval as Student's t does, with Satterthwaite's degrees of freedom for each parameter: the two ends
-//! of a scan decide a slope, however many profiles lie between.
+//! N_i. It is the sandwich estimator whose residuals are corrected for the leverage of their own profile (Bell and McCaffrey's CR3).
+//! Few profiles widen the interval as Student's t does, with Satterthwaite's degrees of freedom for each parameter: the two ends
+//! of a scan determine a slope, however many profiles lie between.
+//!
+//! With few profiles the variances are not smaller than those of two components, the noise of points and the vibration of whole
+//! profiles, each estimated from all profiles and widened for its degrees of freedom. The gradient of profile i has the covariance
+//! φ S_i + τ² S_i P S_i: S_i is its part of the normal matrix in (y, z, R), φ the scatter of points including errors common to
+//! neighbouring points, and τ the vibration, equal in y and in z (P leaves out R). The deviations of the profiles' own radii
+//! estimate φ, with n − 1 degrees of freedom; those of their own centres estimate φ and τ together, with 2n − 4, of which those
+//! count for τ in which the arc shows the centre: n − 2 on a short one.
 
-use super::components;
-use super::step::{self, Hold};
-use super::sums::Sums;
-use crate::estimation::student::{TWO_SIGMA, coverage_ratio};
-use nalgebra::{Matrix5, Vector5};
+use super::normal_equations::{self, RadiusConstraint, Sums};
+use crate::estimation::statistics::{TWO_SIGMA, coverage_ratio};
+use nalgebra::{Matrix2, Matrix3, Matrix5, Vector2, Vector3, Vector5};
 
 /// Above this share of the whole, a profile is taken out exactly, below by the first terms of the series.
 const LEVERAGE_SMALL: f64 = 0.1;
-/// Of fewer profiles what they say together is asked as well.
+/// With fewer profiles the variance components are estimated as well.
 const FEW: f64 = 20.0;
 /// And where a parameter hangs on fewer of them than this.
 const FEW_EFFECTIVE: f64 = 10.0;
@@ -30,14 +35,18 @@ pub(super) struct Scatter {
 }
 
 /// From the joint normal matrix and each profile's sums; `None` where it is singular.
-pub(super) fn sandwich(normal: &Matrix5<f64>, profiles: &[Sums], hold: Hold) -> Option<Scatter> {
-    let bread = step::invert(normal)?;
-    // A fixed radius has no say and learns nothing.
-    let free = if matches!(hold, Hold::Fixed { .. }) { step::OTHERS } else { Vector5::repeat(1.0) };
+pub(super) fn sandwich(normal: &Matrix5<f64>, profiles: &[Sums], constraint: RadiusConstraint) -> Option<Scatter> {
+    let bread = normal_equations::invert(normal)?;
+    // A fixed radius neither contributes nor changes.
+    let free = if matches!(constraint, RadiusConstraint::Fixed { .. }) {
+        normal_equations::OTHERS
+    } else {
+        Vector5::repeat(1.0)
+    };
     let mask = Matrix5::from_diagonal(&free);
     let clusters = || profiles.iter().filter(|profile| profile.weight > 0.0);
     let clusters_count = clusters().count() as f64;
-    // Two profiles make a line whatever they are off by: what is left of their sums is all that can be told.
+    // Two profiles define a line whatever their errors are: only the remainders of their sums can be used.
     let repeated = clusters_count > LINE;
     let mut scatter = Matrix5::zeros();
     let (mut shares, mut squared_shares) = (Vector5::zeros(), Vector5::zeros());
@@ -61,8 +70,7 @@ pub(super) fn sandwich(normal: &Matrix5<f64>, profiles: &[Sums], hold: Hold) -> 
     let mut covariance = widen * scatter * widen * ((clusters_count - 1.0) / clusters_count.max(1.0));
     let few = freedom.map(|freedom| clusters_count < FEW || freedom < FEW_EFFECTIVE);
     if few.iter().any(|few| *few) {
-        let (floor, floor_freedom) =
-            components::variances(&bread, profiles, &free).unwrap_or((Vector5::zeros(), freedom));
+        let (floor, floor_freedom) = variances(&bread, profiles, &free).unwrap_or((Vector5::zeros(), freedom));
         let wider = |own: f64, floor: f64| if own > 0.0 { (floor / own).max(1.0).sqrt() } else { 1.0 };
         let wider =
             covariance.diagonal().zip_map(&floor, wider).zip_map(&few, |wider, few| if few { wider } else { 1.0 });
@@ -77,8 +85,8 @@ pub(super) fn sandwich(normal: &Matrix5<f64>, profiles: &[Sums], hold: Hold) -> 
 /// The same where the profiles are sections or slabs that were cut from a cloud. What the sensor took together is not known then: its
 /// profiles, whose points share errors, pass through several sections. So runs of 1, 2, 4, … neighbouring sections are the
 /// clusters in turn, as long as enough of them are left, and for each parameter the largest variance counts.
-pub(super) fn over_runs(normal: &Matrix5<f64>, sections: &[Sums], hold: Hold) -> Option<Scatter> {
-    let mut widest = sandwich(normal, sections, hold)?;
+pub(super) fn over_runs(normal: &Matrix5<f64>, sections: &[Sums], constraint: RadiusConstraint) -> Option<Scatter> {
+    let mut widest = sandwich(normal, sections, constraint)?;
     let sections: Vec<&Sums> = sections.iter().filter(|section| section.weight > 0.0).collect();
     let mut length = 2;
     while sections.len() as f64 >= FEW * length as f64 {
@@ -88,7 +96,7 @@ pub(super) fn over_runs(normal: &Matrix5<f64>, sections: &[Sums], hold: Hold) ->
             sum
         };
         let runs: Vec<Sums> = sections.chunks(length).map(run).collect();
-        let Some(Scatter { covariance, freedom }) = sandwich(normal, &runs, hold) else { break };
+        let Some(Scatter { covariance, freedom }) = sandwich(normal, &runs, constraint) else { break };
         let own = widest.covariance.diagonal();
         let wider =
             covariance.diagonal().zip_map(&own, |runs, own| if own > 0.0 { (runs / own).max(1.0) } else { 1.0 });
@@ -101,7 +109,7 @@ pub(super) fn over_runs(normal: &Matrix5<f64>, sections: &[Sums], hold: Hold) ->
     Some(widest)
 }
 
-/// What the fit moves by without a profile: (N − N_i)⁻¹ G_i.
+/// The change of the fit without a profile: (N − N_i)⁻¹ G_i.
 fn without(
     normal: &Matrix5<f64>,
     bread: &Matrix5<f64>,
@@ -114,7 +122,103 @@ fn without(
         let second = pull * first;
         return first + second + pull * second;
     }
-    step::invert(&(normal - own)).map_or(first, |rest| rest * gradient)
+    normal_equations::invert(&(normal - own)).map_or(first, |rest| rest * gradient)
+}
+
+/// Where (y_ref, z_ref, R) begin among the parameters.
+const SECTION: usize = 2;
+/// The normal quantile of all but 1 in 10⁵, two-sided,
+const FAR: f64 = 4.417;
+/// is to be no more than this many standard uncertainties away.
+const FAR_MAX: f64 = 5.0;
+/// Fewer degrees of freedom are counted as so many.
+const FREEDOM_MIN: f64 = 4.0;
+/// Vibration is assumed where the variance of the centres is so many times that which the radii make likely.
+const VIBRATION_RATIO_MIN: f64 = 4.0;
+
+/// Variances of (p, q, y_ref, z_ref, R), widened, and their degrees of freedom; `None` where the profiles are too few or show too
+/// little each.
+pub(super) fn variances(
+    bread: &Matrix5<f64>,
+    profiles: &[Sums],
+    free: &Vector5<f64>,
+) -> Option<(Vector5<f64>, Vector5<f64>)> {
+    let sections: Vec<Section> = profiles.iter().filter_map(Section::of).collect();
+    let count = sections.len() as f64;
+    let [freedom_radius, freedom_centre] = [count - 1.0, 2.0 * count - 4.0];
+    if freedom_centre < 1.0 {
+        return None;
+    }
+    let weight: f64 = sections.iter().map(|section| 1.0 / section.radius_variance).sum();
+    let middle = sections.iter().map(|section| section.radius / section.radius_variance).sum::<f64>() / weight;
+    let of_radius: f64 = sections.iter().map(|s| (s.radius - middle).powi(2) / s.radius_variance).sum();
+    let of_centre: f64 = sections.iter().map(|section| section.centre).sum();
+    let stiffness = sections.iter().map(|section| section.stiffness).sum::<f64>() * freedom_centre / (2.0 * count);
+    let (noise, both) = (of_radius / freedom_radius, of_centre / freedom_centre);
+    // Vibration shows in the directions in which a profile determines its centre well, on a short arc one of two.
+    let squares: f64 = sections.iter().map(|section| section.stiffness_squares).sum();
+    let shown = sections.iter().map(|section| section.stiffness.powi(2)).sum::<f64>() / (2.0 * squares);
+    let freedom_vibration = shown * freedom_centre;
+    let is_vibrating = both > VIBRATION_RATIO_MIN * noise;
+    let (noise, freedom_noise, vibration) = if is_vibrating {
+        (noise, freedom_radius, (both - noise) * freedom_centre / stiffness)
+    } else {
+        // That there is none rests on no more than these.
+        ((of_radius + of_centre) / (freedom_radius + freedom_centre), freedom_vibration, 0.0)
+    };
+    // The variances of the parameters by a unit of each.
+    let by_noise = bread.diagonal().component_mul(free);
+    let mut by_vibration = Vector5::zeros();
+    for profile in profiles.iter().filter(|profile| profile.weight > 0.0) {
+        let effect = bread * profile.normal.fixed_columns::<2>(SECTION);
+        by_vibration += effect.component_mul(&effect).column_sum().component_mul(free);
+    }
+    let (of_noise, of_vibration) = (by_noise * noise, by_vibration * vibration);
+    // Satterthwaite's.
+    let freedom = of_noise.zip_map(&of_vibration, |of_noise, of_vibration| {
+        let squared = of_noise.powi(2) / freedom_noise + of_vibration.powi(2) / freedom_vibration;
+        let freedom = if squared > 0.0 { (of_noise + of_vibration).powi(2) / squared } else { freedom_vibration };
+        freedom.max(1.0)
+    });
+    let variances =
+        (of_noise + of_vibration).zip_map(&freedom, |variance, freedom| variance * widening(freedom).powi(2));
+    Some((variances, freedom))
+}
+
+/// The deviation of one profile in its own section.
+struct Section {
+    radius: f64,
+    /// For φ = 1.
+    radius_variance: f64,
+    /// gᵀ S⁻¹ g of its centre, whose mean is 2φ + τ² tr S.
+    centre: f64,
+    /// tr S,
+    stiffness: f64,
+    /// and tr S².
+    stiffness_squares: f64,
+}
+
+impl Section {
+    fn of(profile: &Sums) -> Option<Self> {
+        let normal: Matrix3<f64> = profile.normal.fixed_view::<3, 3>(SECTION, SECTION).into_owned();
+        let gradient: Vector3<f64> = profile.gradient.fixed_rows::<3>(SECTION).into_owned();
+        let inverse = normal.cholesky()?.inverse();
+        let shift: [f64; 3] = (inverse * gradient).into();
+        let [.., radius_variance]: [f64; 3] = inverse.diagonal().into();
+        let stiffness: Matrix2<f64> = normal.fixed_view::<2, 2>(0, 0).into_owned();
+        let pull: Vector2<f64> = gradient.fixed_rows::<2>(0).into_owned();
+        let centre = pull.dot(&stiffness.cholesky()?.solve(&pull));
+        let [.., radius] = shift;
+        let usable = radius_variance > 0.0 && radius.is_finite() && centre.is_finite();
+        let stiffness_squares = stiffness.norm_squared();
+        usable.then_some(Self { radius, radius_variance, centre, stiffness: stiffness.trace(), stiffness_squares })
+    }
+}
+
+/// How much wider than the normal distribution's both the interval of two standard uncertainties and that of five have to be.
+fn widening(freedom: f64) -> f64 {
+    let freedom = freedom.max(FREEDOM_MIN);
+    coverage_ratio(freedom, TWO_SIGMA).max(coverage_ratio(freedom, FAR) * FAR / FAR_MAX)
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Errors that neighbouring parts of the surface share, as a random field: a layer too low to be removed, the flank of a bead, a
-//! form deviation. The covariance by profiles treats profiles as independent, which such errors make them not. In: the fit and
-//! the points near it. Out: the covariance that they add.
+//! form deviation. The covariance by profiles treats profiles as independent, which is wrong with such errors, so their
+//! covariance is added.
 //!
 //! The mean residual of a cell (block b of profiles, sector j of the arc, weight n_bj in points) is modelled as
 //!
@@ -14,12 +14,15 @@
 //! means α, and separately for the slopes β, the restricted likelihood (REML: of what the parameters of the fit do not absorb) is
 //! calculated over v and ℓ. Where none exceeds that of v = 0 by more than chance, there is no field; else its covariance is the
 //! mean of v A K Aᵀ over the likelihood, with A what a displacement of the sectors does to the parameters.
+//!
+//! [`Cells`] contains the mean residuals and their weights, and the effect of a displacement of a sector on the fit.
 
-use super::cells::{Cells, quotient};
-use super::patches::Surface;
+use super::normal_equations::{self, RadiusConstraint};
+use super::patches::{Cut, Grid, Near, Surface};
 use super::solve::Solution;
-use super::step::{self, Hold};
+use crate::estimation::statistics;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix5, OMatrix, U5, Vector5};
+use std::f64::consts::TAU;
 
 /// Correlation lengths of the field, in lengths of the arc. The fit absorbs longer fields.
 const LENGTHS: [f64; 4] = [0.06, 0.12, 0.25, 0.5];
@@ -42,16 +45,16 @@ const LINE: f64 = 2.0;
 const SHIFTS: f64 = 2.0;
 
 /// The covariance of (p, q, y_ref, z_ref, R) by the field; `None` where chance explains the residuals.
-pub(super) fn covariance(surface: &Surface, solution: &Solution, hold: Hold) -> Option<Matrix5<f64>> {
+pub(super) fn covariance(surface: &Surface, solution: &Solution, constraint: RadiusConstraint) -> Option<Matrix5<f64>> {
     let cells = Cells::of(surface, solution)?;
     let [mean, slope] = SectorMeans::both(&cells);
     let noise = ProfileNoise::of(&cells, &mean, &slope)?;
-    let is_fixed = matches!(hold, Hold::Fixed { .. });
+    let is_fixed = matches!(constraint, RadiusConstraint::Fixed { .. });
     let radius = (!is_fixed).then(|| DVector::repeat(cells.sectors(), 1.0));
-    // Not all points were looked at.
+    // Not all points were examined.
     let points_per_point = solution.total().weight / cells.weights.sum();
-    let free = if is_fixed { step::OTHERS } else { Vector5::repeat(1.0) };
-    let bread = Matrix5::from_diagonal(&free) * solution.bread(hold)? * points_per_point;
+    let free = if is_fixed { normal_equations::OTHERS } else { Vector5::repeat(1.0) };
+    let bread = Matrix5::from_diagonal(&free) * solution.bread(constraint)? * points_per_point;
     let [mean_pull, mut slope_pull] = cells.pulls.each_ref().map(|pull| bread * pull);
     for (mut slope, (mean, middle)) in slope_pull.column_iter_mut().zip(mean_pull.column_iter().zip(&mean.middle)) {
         slope -= mean * *middle;
@@ -75,7 +78,7 @@ struct SectorMeans {
     weights: DVector<f64>,
     /// Mean place of each sector, at which α and β do not depend on each other.
     middle: DVector<f64>,
-    /// What an error that a whole block shares leaves of its variance, if every sector is seen on every block. Where they are not,
+    /// The share of its variance that an error common to a whole block leaves, if every sector is seen on every block. Where they are not,
     /// this understates the noise: a field is found too often then, which is the safe side.
     per_blocks: f64,
 }
@@ -143,7 +146,7 @@ fn log_determinant(cholesky: &Cholesky<f64, Dyn>) -> f64 {
     2.0 * cholesky.l_dirty().diagonal().iter().map(|v| v.ln()).sum::<f64>()
 }
 
-/// What profiles do not share with each other: σ_e², g and ℓ_e.
+/// The noise that is independent from profile to profile: σ_e², g and ℓ_e.
 struct ProfileNoise {
     variance: f64,
     share: f64,
@@ -184,6 +187,126 @@ impl ProfileNoise {
             }
         }
         best.map(|(_, noise)| noise).filter(|noise| noise.variance > 0.0 && noise.share.is_finite())
+    }
+}
+
+/// Blocks at most and at least: with fewer a straight line leaves no scatter.
+const BLOCKS_MAX: usize = 16;
+const BLOCKS_MIN: usize = 4;
+/// Sectors at least and at most.
+const SECTORS: [usize; 2] = [8, 24];
+/// Points that a cell should have.
+const POINTS: usize = 4;
+/// The longest arc of a cylinder that one laser line sees before it meets the surface too steeply, 140°, radians: longer arcs are
+/// composed of several views.
+const SEEN: f64 = 2.44;
+
+/// Averages over cells, blocks in rows and sectors in columns.
+pub(super) struct Cells {
+    /// Mean residuals, mm, and their weights, in points.
+    pub(super) residuals: DMatrix<f64>,
+    pub(super) weights: DMatrix<f64>,
+    /// Where the blocks lie along x, from −√3 to √3: evenly spread, their mean square is 1.
+    pub(super) places: DVector<f64>,
+    /// The change of the residual of each sector by a shift of the section in y and in z.
+    pub(super) shifts: [DVector<f64>; 2],
+    /// The change of the gradient of (p, q, y_ref, z_ref, R) by a displacement of each sector by 1 mm, and by one of the size of its place.
+    pub(super) pulls: [OMatrix<f64, U5, Dyn>; 2],
+    /// Angle from the first point to the last one, radians.
+    arc: f64,
+}
+
+/// 0 where nothing is to be divided by.
+pub(super) fn quotient(sum: f64, by: f64) -> f64 {
+    if by > 0.0 { sum / by } else { 0.0 }
+}
+
+fn increase(sum: Option<&mut f64>, what: f64) {
+    if let Some(sum) = sum {
+        *sum += what;
+    }
+}
+
+impl Cells {
+    /// `None` where there are too few points or profiles.
+    pub(super) fn of(surface: &Surface, solution: &Solution) -> Option<Self> {
+        let [least, most] = SECTORS;
+        let sectors = (surface.near.len() / (surface.stations_count().min(BLOCKS_MAX) * POINTS)).clamp(least, most);
+        let grid = surface.grid(Cut::Cells { sectors, blocks: BLOCKS_MAX })?;
+        let cut_off_squared = statistics::cut_off_squared(solution.sigma);
+        let serving: Vec<&Near> = surface.near.iter().filter(|point| point.d * point.d < cut_off_squared).collect();
+        let ends = |[low, high]: [f64; 2], point: &&Near| [low.min(point.x), high.max(point.x)];
+        let [low, high] = serving.iter().fold([f64::INFINITY, f64::NEG_INFINITY], ends);
+        let (middle, unit) = (0.5 * (low + high), 0.5 * (high - low) / 3.0_f64.sqrt());
+        let blocks = serving.iter().map(|point| point.index / grid.block()).max()? + 1;
+        if blocks < BLOCKS_MIN || unit <= 0.0 {
+            return None;
+        }
+        let [first, last] = surface.ends();
+        let mut cells = Self::empty(blocks, sectors, (last - first).max(f64::MIN_POSITIVE));
+        for point in serving {
+            cells.add(point, &grid, (point.x - middle) / unit, solution, cut_off_squared);
+        }
+        cells.divide();
+        Some(cells)
+    }
+
+    fn empty(blocks: usize, sectors: usize, arc: f64) -> Self {
+        Self {
+            residuals: DMatrix::zeros(blocks, sectors),
+            weights: DMatrix::zeros(blocks, sectors),
+            places: DVector::zeros(blocks),
+            shifts: [DVector::zeros(sectors), DVector::zeros(sectors)],
+            pulls: [OMatrix::<f64, U5, Dyn>::zeros(sectors), OMatrix::<f64, U5, Dyn>::zeros(sectors)],
+            arc,
+        }
+    }
+
+    fn add(&mut self, point: &Near, grid: &Grid, place: f64, solution: &Solution, cut_off_squared: f64) {
+        let response = solution.cylinder.slice(point.x).response(point.y, point.z);
+        let row = response.row();
+        let squared = response.d * response.d;
+        let (weight, slope) =
+            (statistics::weight(squared, cut_off_squared), statistics::weight_slope(squared, cut_off_squared));
+        let (block, sector) = (point.index / grid.block(), grid.sector(point.angle));
+        increase(self.residuals.get_mut((block, sector)), weight * response.d);
+        increase(self.weights.get_mut((block, sector)), weight);
+        increase(self.places.get_mut(block), weight * place);
+        for (shift, by) in self.shifts.iter_mut().zip([response.a, response.b]) {
+            increase(shift.get_mut(sector), weight * by);
+        }
+        for (pull, by) in self.pulls.iter_mut().zip([1.0, place]) {
+            let mut column = pull.column_mut(sector);
+            column += row * (slope * by);
+        }
+    }
+
+    /// Sums become means.
+    fn divide(&mut self) {
+        self.residuals.zip_apply(&self.weights, |sum, by| *sum = quotient(*sum, by));
+        self.places.zip_apply(&self.weights.column_sum(), |sum, by| *sum = quotient(*sum, by));
+        let of_sectors = self.weights.row_sum().transpose();
+        for shift in &mut self.shifts {
+            shift.zip_apply(&of_sectors, |sum, by| *sum = quotient(*sum, by));
+        }
+    }
+
+    pub(super) fn sectors(&self) -> usize {
+        self.weights.ncols()
+    }
+
+    pub(super) fn blocks(&self) -> usize {
+        self.weights.nrows()
+    }
+
+    /// exp(−Δφ/ℓ) between the sectors, with ℓ in lengths of the arc, of at most [`SEEN`]. All around, the last sector is beside
+    /// the first.
+    pub(super) fn kernel(&self, length: f64) -> DMatrix<f64> {
+        let (step, length) = (self.arc / self.sectors() as f64, length * self.arc.min(SEEN));
+        DMatrix::from_fn(self.sectors(), self.sectors(), |one, other| {
+            let straight = one.abs_diff(other) as f64 * step;
+            (-straight.min(TAU - straight) / length).exp()
+        })
     }
 }
 

@@ -1,12 +1,13 @@
 //! Each profile against the joint model: how many of its points lie on it, over which arc, and where its own centre would be
-//! with the section's shape held.
+//! with the shape of the section fixed.
 
 use super::kernel::Inner;
 use super::model::Cylinder;
-use super::sums::Sums;
-use crate::estimation::conclude::median;
-use crate::estimation::estimate::{Profile, Reason, Section};
+use super::normal_equations::Sums;
+use crate::estimation::estimate::{Profile, Section};
+use crate::estimation::refusal::Reason;
 use crate::estimation::settings::{Method, Settings};
+use crate::estimation::statistics::median;
 use crate::geometry::{Angle, SectionEllipse};
 use crate::scan::{Scan, Station};
 use nalgebra::{Matrix2, Vector2};
@@ -109,7 +110,7 @@ fn angle(place: f64) -> f64 {
     }
 }
 
-/// The model's section, moved to where the profile's own points put it: one step with radius and slopes held.
+/// The model's section, moved to where the profile's own points put it: one step with radius and slopes fixed.
 fn moved(section: SectionEllipse, sums: &Sums) -> Option<SectionEllipse> {
     let normal: Matrix2<f64> = sums.normal.fixed_view::<2, 2>(2, 2).into_owned();
     let gradient: Vector2<f64> = sums.gradient.fixed_rows::<2>(2).into_owned();

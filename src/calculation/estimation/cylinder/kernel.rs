@@ -4,9 +4,8 @@
 //! A block of points is projected into a few arrays that stay in the first-level cache; each group of sums then runs over
 //! those, so that none needs more running sums than a processor has registers.
 
-use super::block::{BLOCK, Block, Fold, LANES, Place, Points};
-use super::moments::{Moments, OwnMoments};
-use super::sums::Sums;
+use super::block::{BLOCK, Block, Fold, LANES, Moments, OwnMoments, Place, Points};
+use super::normal_equations::Sums;
 use pulp::{Arch, Simd, WithSimd};
 
 /// No angle on the scale of [`Inner::low`] and [`Inner::high`] lies beyond it.
@@ -40,7 +39,7 @@ impl Inner {
     }
 }
 
-/// The points of one profile, single or double precision, and how they are looked at.
+/// The points of one profile, single or double precision, and how they are examined.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sweep<'a, T> {
     pub(super) place: Place<'a>,
@@ -180,7 +179,7 @@ impl<T: Copy + Into<f64>> WithSimd for Truncate<'_, T> {
         let (mut sums, mut squared) = ([0.0; LANES], [0.0; BLOCK]);
         for (place, y, z) in self.sweep.blocks() {
             let count = squared_distances(place, y, z, &mut squared);
-            // What an earlier block left beyond the last point does not count.
+            // Values of an earlier block beyond the last point do not count.
             squared.iter_mut().skip(count).for_each(|d2| *d2 = 0.0);
             for row in squared.as_chunks::<LANES>().0.iter().take(count.div_ceil(LANES)) {
                 for (sum, d2) in sums.iter_mut().zip(row) {

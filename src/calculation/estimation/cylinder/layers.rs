@@ -1,21 +1,25 @@
-//! Layers close to the surface: tape, a weld bead, a thin clamp, nearly as high as the noise. No single point tells them from the
-//! part, averages over patches do. In: the fit. Out: the fit without what lies in layers, or why nobody can tell.
+//! Layers close to the surface: tape, a weld bead, a thin clamp, nearly as high as the noise. A single point does not show whether it
+//! belongs to the part, averages over patches do. Returns the fit without the points in layers, or the reason why it is undecided.
 //!
 //! Averages that scatter no more than their neighbours make likely, and none far off, leave the fit as it is. Otherwise the
-//! surfaces are looked for again, among the averages, by the same consensus and with the same choice; patches off the part
-//! are taken out, those beside them with half of the patience, and the points that are left are fitted once more.
+//! surfaces are searched again, among the averages, by the same consensus and with the same choice; patches off the part are
+//! removed, those beside them with half of the tolerance, and the remaining points are fitted once more.
+//!
+//! Two deviations are no layers and are subtracted first: that of a part that is not quite round or straight, which is smooth while a
+//! layer has edges, and the drift of a stage, which shifts whole profiles. A polynomial, to the fourth degree along the arc and the
+//! second along x, follows an oval, a taper and a bow to a few hundredths of their height, and no step: one in the middle leaves a
+//! fifth of its height.
 
-use super::candidates::{self, COVERAGE_MIN, Candidate, Choice, Noise};
+use super::candidates::{self, COVERAGE_MIN, Candidate, Choice, Noise, Settled};
 use super::consensus::Bounds;
 use super::field;
 use super::model::Cylinder;
 use super::patches::{self, Averages, Cut, Patch, Surface};
-use super::rest::Rest;
-use super::settle::Settled;
-use super::smooth;
+use super::pieces::Subset;
 use super::solve::{self, Problem, Solution};
-use crate::estimation::robust;
+use crate::estimation::statistics;
 use crate::scan::Scan;
+use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
 /// Points within so many cut-offs of the fit are averaged.
 const REACH: f64 = 1.5;
@@ -25,7 +29,7 @@ const SUSPICIOUS: f64 = 1.5;
 const OFF_SHARE: f64 = 0.005;
 /// A quarter of normal noise lies within this many standard deviations.
 const QUARTER_TO_SIGMA: f64 = 0.3186;
-/// Where more than this share of the surface lies in layers, what is left is not certain to be the part.
+/// Where more than this share of the surface lies in layers, the rest is not certain to be the part.
 const LAYER_RATIO_MAX: f64 = 0.3;
 /// Averages of many points show every deviation of a real part's form; below this share of the points' noise it is no layer.
 const SCATTER_MIN: f64 = 0.3;
@@ -33,13 +37,13 @@ const SCATTER_MIN: f64 = 0.3;
 const OFF: f64 = 3.5;
 /// or half of that beside one that is.
 const OFF_BESIDE: f64 = 1.75;
-/// What is near a start among the averages, in what they scatter by for themselves.
+/// Tolerance about a start among the averages, in units of their own scatter.
 const TOLERANCE: f64 = 3.0;
 /// Points that make a patch.
 const POINTS_WANTED: usize = 12;
 const ROUNDS: usize = 3;
 
-/// What became of the fit.
+/// The result for the fit.
 pub(super) enum Verdict {
     /// The fit stays as it is.
     Unchanged,
@@ -47,7 +51,7 @@ pub(super) enum Verdict {
     Mended(Box<Solution>),
     /// Two surfaces could be the part.
     Two(Candidate, Candidate),
-    /// So much lies in layers that what is left may be one, too, or a mixture of both.
+    /// So much lies in layers that the rest may be a layer, too, or a mixture of both.
     Undecided { layer_ratio: f64, reach_mm: f64 },
 }
 
@@ -60,16 +64,16 @@ pub(super) fn mend(
     surface: &Surface,
 ) -> Verdict {
     let Some(averages) = surface.average(Cut::Points(POINTS_WANTED)) else { return Verdict::Unchanged };
-    let hold = problem.hold;
+    let constraint = problem.constraint;
     let own = own_scatter(&averages).max(SCATTER_MIN * fit.sigma);
     if !suspicious(&averages, own) || explained(&averages, own) {
         return Verdict::Unchanged;
     }
     let sample = averages.sample();
     let closer = Bounds { tolerance: TOLERANCE * own, ..*bounds };
-    let found = candidates::candidates(&sample, &closer, Noise::Known(own), hold);
+    let found = candidates::candidates(&sample, &closer, Noise::Known(own), constraint);
     let part = match candidates::choose(&found, nominal_radius, &sample) {
-        // What is not on most profiles is not the part; whole profiles that are off are no layers.
+        // A surface that is not on most profiles is not the part; whole profiles that are off are no layers.
         Choice::One(candidate) if candidate.coverage < COVERAGE_MIN => return Verdict::Unchanged,
         Choice::One(candidate) => candidate.settled,
         Choice::Two(a, b) => return Verdict::Two(a, b),
@@ -78,7 +82,7 @@ pub(super) fn mend(
     let off = off(&averages, &part);
     let layer_ratio = off.iter().filter(|off| **off).count() as f64 / averages.patches.iter().flatten().count() as f64;
     if layer_ratio > LAYER_RATIO_MAX || rough(&averages, &part, own) {
-        // A part that is known to be there is answered as it is fitted: the field says what the layers do to it.
+        // Where the part is certain the fit stays as it is: the field contains the uncertainty from the layers.
         return match nominal_radius {
             Some(_) => Verdict::Unchanged,
             None => Verdict::Undecided { layer_ratio, reach_mm: reach(fit) },
@@ -88,30 +92,30 @@ pub(super) fn mend(
 }
 
 fn reach(fit: &Solution) -> f64 {
-    REACH * robust::TUKEY_C * fit.sigma
+    REACH * statistics::TUKEY_C * fit.sigma
 }
 
-/// What is near the fit; `None` where nothing is.
+/// The points near the fit; `None` where there is none.
 pub(super) fn look(problem: &Problem<'_>, fit: &Solution) -> Option<Surface> {
     patches::look(problem.scan, problem.used, &fit.cylinder, reach(fit))
 }
 
 /// Whether the averages, without a smooth form of the part or shifts of profiles, scatter as they do for themselves.
 fn explained(averages: &Averages, own: f64) -> bool {
-    let level = smooth::without_shifts(averages);
-    let without = smooth::without_form(averages);
+    let level = without_shifts(averages);
+    let without = without_form(averages);
     !suspicious(&level, own) || without.is_some_and(|without| !suspicious(&without, own))
 }
 
-/// What averages scatter by for themselves: the larger of what neighbours along the arc and along x differ by. Along x
+/// The scatter of the averages themselves: the larger of the differences of neighbours along the arc and along x. Along x
 /// whole profiles may be off (vibration), which is no layer.
 fn own_scatter(averages: &Averages) -> f64 {
     scatter_along_arc(averages).max(lower_sigma(averages.squared_differences_along_x()))
 }
 
-/// What neighbours along the arc differ by, as a standard deviation of one average.
+/// The difference of neighbours along the arc, as a standard deviation of one average.
 fn scatter_along_arc(averages: &Averages) -> f64 {
-    robust::sigma(&averages.squared_differences_along_arc(), &mut Vec::new())
+    statistics::sigma(&averages.squared_differences_along_arc(), &mut Vec::new())
 }
 
 /// Robust standard deviation by the lower quarter: clamps that come and go along x leave it alone.
@@ -131,12 +135,12 @@ fn rough(averages: &Averages, part: &Settled, own: f64) -> bool {
         part.cylinder.slice(patch.x).distance(y, z).powi(2)
     });
     let on: Vec<f64> = squared.filter(|d2| *d2 < (OFF * own).powi(2)).collect();
-    robust::sigma(&on, &mut Vec::new()) > SUSPICIOUS * own
+    statistics::sigma(&on, &mut Vec::new()) > SUSPICIOUS * own
 }
 
 fn suspicious(averages: &Averages, own: f64) -> bool {
     let squared: Vec<f64> = averages.patches.iter().flatten().map(|patch| patch.d * patch.d).collect();
-    let scatter = robust::sigma(&squared, &mut Vec::new());
+    let scatter = statistics::sigma(&squared, &mut Vec::new());
     let limit = OFF * scatter.min(SUSPICIOUS * own);
     let far = |patch: &Option<Patch>| patch.as_ref().is_some_and(|p| p.d * p.d * p.share > limit * limit);
     let far: Vec<bool> = averages.patches.iter().map(far).collect();
@@ -167,11 +171,11 @@ fn off(averages: &Averages, part: &Settled) -> Vec<bool> {
     distances.iter().enumerate().map(off).collect()
 }
 
-/// Fits what is left without the patches that are off.
+/// Fits the points without the patches that are off.
 fn refit(problem: &Problem<'_>, fit: &Solution, part: &Settled, averages: &Averages, off: &[bool]) -> Option<Solution> {
-    let Problem { scan, used, hold, .. } = *problem;
+    let Problem { scan, used, constraint, .. } = *problem;
     let reach = reach(fit);
-    let rest = Rest::of(scan, used, |index, station| {
+    let rest = Subset::of(scan, used, |index, station| {
         let slice = fit.cylinder.slice(station.x);
         move |[x, y, z]| {
             let slice = slice.at(x);
@@ -183,7 +187,7 @@ fn refit(problem: &Problem<'_>, fit: &Solution, part: &Settled, averages: &Avera
     let uncounted = problem.progress.uncounted();
     let rest_problem = Problem { scan: &rest.scan, used: &rest.used, progress: &uncounted, ..*problem };
     let mut solution = solve::solve(&rest_problem, &Settled { cylinder: part.cylinder, sigma })?;
-    solution.field = look(&rest_problem, &solution).and_then(|left| field::covariance(&left, &solution, hold));
+    solution.field = look(&rest_problem, &solution).and_then(|left| field::covariance(&left, &solution, constraint));
     Some(rest.restore(solution))
 }
 
@@ -196,8 +200,70 @@ fn scatter(rest: &Scan, part: &Cylinder, widest: f64) -> f64 {
     }
     let mut sigma = widest;
     for _ in 0..ROUNDS {
-        squared.retain(|d2| *d2 < robust::cut_off_squared(sigma));
-        sigma = robust::sigma(&squared, &mut scratch).min(widest);
+        squared.retain(|d2| *d2 < statistics::cut_off_squared(sigma));
+        sigma = statistics::sigma(&squared, &mut scratch).min(widest);
     }
     sigma
+}
+
+const ALONG_ARC: usize = 5;
+const ALONG_X: usize = 3;
+const TERMS: usize = ALONG_ARC * ALONG_X;
+/// Fewer patches than this for each term are followed by chance.
+const PATCHES_A_TERM: usize = 4;
+
+/// The averages without the form that a polynomial finds in them; `None` where they are too few.
+pub(super) fn without_form(averages: &Averages) -> Option<Averages> {
+    let patches = || averages.patches.iter().flatten();
+    if patches().count() < PATCHES_A_TERM * TERMS {
+        return None;
+    }
+    let [x, angle] = [range(patches().map(|patch| patch.x))?, range(patches().map(|patch| patch.angle))?];
+    let terms = |patch: &Patch| terms(unit(patch.x, x), unit(patch.angle, angle));
+    let (mut normal, mut right) = (SMatrix::<f64, TERMS, TERMS>::zeros(), SVector::<f64, TERMS>::zeros());
+    for patch in patches() {
+        let row = terms(patch);
+        normal += row * row.transpose() * patch.share;
+        right += row * (patch.d * patch.share);
+    }
+    let form = normal.cholesky()?.solve(&right);
+    let left = |patch: &Patch| Patch { d: patch.d - terms(patch).dot(&form), ..*patch };
+    let patches = averages.patches.iter().map(|patch| patch.as_ref().map(left)).collect();
+    Some(Averages { grid: averages.grid.clone(), patches })
+}
+
+/// The averages without the shift, in y and in z, that each block of profiles shows by itself.
+pub(super) fn without_shifts(averages: &Averages) -> Averages {
+    let direction = |patch: &Patch| Vector2::new(patch.angle.cos(), patch.angle.sin());
+    let mut patches = Vec::with_capacity(averages.patches.len());
+    for block in averages.patches.chunks(averages.grid.sectors().max(1)) {
+        let (mut normal, mut right) = (Matrix2::zeros(), Vector2::zeros());
+        for patch in block.iter().flatten() {
+            let row = direction(patch);
+            normal += row * row.transpose() * patch.share;
+            right += row * (patch.d * patch.share);
+        }
+        // A block with too little on it keeps what it has.
+        let shift = normal.cholesky().map_or_else(Vector2::zeros, |normal| normal.solve(&right));
+        let left = |patch: &Patch| Patch { d: patch.d - direction(patch).dot(&shift), ..*patch };
+        patches.extend(block.iter().map(|patch| patch.as_ref().map(left)));
+    }
+    Averages { grid: averages.grid.clone(), patches }
+}
+
+fn range(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
+    let ends = |[low, high]: [f64; 2], v: f64| [low.min(v), high.max(v)];
+    let [low, high] = values.fold([f64::INFINITY, f64::NEG_INFINITY], ends);
+    (high > low).then_some([low, high])
+}
+
+/// From −1 to 1.
+fn unit(value: f64, [low, high]: [f64; 2]) -> f64 {
+    (2.0 * value - low - high) / (high - low)
+}
+
+/// Products of Chebyshev's polynomials, T_k = cos(k arccos t).
+fn terms(x: f64, angle: f64) -> SVector<f64, TERMS> {
+    let chebyshev = |degree: usize, t: f64| (degree as f64 * t.clamp(-1.0, 1.0).acos()).cos();
+    SVector::from_fn(|index, _| chebyshev(index % ALONG_ARC, angle) * chebyshev(index / ALONG_ARC, x))
 }

@@ -1,61 +1,46 @@
-//! One cylinder through all profiles at once. Every profile serves, also one that is half under a clamp: what its other half
-//! says about slopes and radius is as good as anybody's.
+//! One cylinder through all profiles at once. Every profile contributes, also one that is half under a clamp: its other half determines
+//! slopes and radius as well as any.
 //!
 //! ```text
 //! Scan --sample--> Sample --consensus--> starts --settle--> candidates --choose--> one --solve--> Solution
 //!   A                     (five points)         (coarse to fine)      (coverage, nominal radius)  (every point)
-//!   '---------------------------- rest: without points that lie far about the axis ---------------- pieces --'
+//!   '------ Subset: without points in other directions about the axis ------------------------- pieces --'
 //!
-//! Solution --beneath, layers--> without thin layers --field--> covariance --known, form--> budget, warnings
-//!     |--------hollow---------> refused where the fit lies between two surfaces
+//! Solution --second_surface, layers--> without thin layers --field--> covariance --budget_lines--> budget, warnings
 //!     '--------judge----------> verdicts
 //! ```
 
-mod beneath;
 mod block;
+mod budget_lines;
 mod candidates;
-mod cells;
-mod components;
 mod consensus;
 mod covariance;
-pub(super) mod extent;
 mod field;
-mod form;
-mod hollow;
 mod judge;
 mod kernel;
-mod known;
 mod layers;
-mod linearity;
 mod model;
-mod moments;
-mod narrow;
+mod normal_equations;
 mod patches;
 mod pieces;
-mod profile;
-mod projection;
-mod resolution;
-mod rest;
-mod sample;
-mod scatter;
+pub(super) mod sample;
 mod search;
-mod settle;
-mod smooth;
+mod second_surface;
 mod solve;
-mod step;
-mod sums;
 
 use super::budget::Line;
-use super::estimate::{EndFaces, Outcome, Pose, Profile, RadiusSource, Reason, Uncertainty};
+use super::checks;
+use super::conclude::Found;
+use super::estimate::{EndFaces, Outcome, Pose, Profile, RadiusSource, Uncertainty};
 use super::progress::Progress;
-use super::refusal::Refusal;
+use super::refusal::{Reason, Refusal};
 use super::settings::{RadiusRule, Settings};
 use super::warning::Warning;
-use super::{Found, limits};
 use crate::scan::{Scan, Station};
 use judge::Model;
+use normal_equations::RadiusConstraint;
+use search::{too_few, too_short};
 use solve::Solution;
-use step::Hold;
 
 /// A pose rests on this share of the profiles at least. So few profiles have to agree by half, and so very few by two thirds,
 const SHARE_MIN: f64 = 0.1;
@@ -89,25 +74,6 @@ pub(super) fn find(scan: &Scan, settings: &Settings, expected_radius: Option<f64
     }
 }
 
-fn hold(settings: &Settings) -> Hold {
-    match (settings.radius, settings.nominal_radius_mm) {
-        (RadiusRule::Fixed, Some(radius)) => Hold::Fixed { radius },
-        (RadiusRule::Prior, Some(radius)) => Hold::Prior { radius, sigma: settings.radius_sigma_mm.unwrap_or(0.0) },
-        _ => Hold::Free,
-    }
-}
-
-fn too_few(
-    profiles_count: usize,
-    valid_count: usize,
-    most_common: Reason,
-    sigma_mm: Option<f64>,
-    settings: &Settings,
-) -> Refusal {
-    let (profiles_min, epsilon_mm) = (settings.profiles_min, settings.epsilon_mm);
-    Refusal::TooFewValidProfiles { valid_count, profiles_count, profiles_min, most_common, sigma_mm, epsilon_mm }
-}
-
 /// Why most of the profiles were rejected.
 fn most_common(profiles: &[Profile]) -> Reason {
     let count = |reason: Reason| profiles.iter().filter(|profile| profile.rejected == Some(reason)).count();
@@ -119,9 +85,11 @@ fn most_common(profiles: &[Profile]) -> Reason {
 }
 
 /// A tenth of the profiles have to lie on the surface, and where there are few, half or two thirds of them: a cylinder can be
-/// tilted until it meets some that vibration has shifted, and then says nothing of the others.
+/// tilted until it meets some that vibration has shifted, and then does not describe the others.
 fn agreed(scan: &Scan, solution: &Solution, most_common: Reason, settings: &Settings) -> Result<(), Refusal> {
-    let share = |(station, sums): (&Station, &sums::Sums)| sums.weight / (station.end - station.start).max(1) as f64;
+    let share = |(station, sums): (&Station, &normal_equations::Sums)| {
+        sums.weight / (station.end - station.start).max(1) as f64
+    };
     let shares: Vec<f64> = scan.stations().iter().zip(&solution.profiles).map(share).collect();
     let fullest = shares.iter().copied().fold(0.0, f64::max);
     let agreeing_count = shares.iter().filter(|share| **share >= AGREEING * fullest).count();
@@ -138,15 +106,6 @@ fn agreed(scan: &Scan, solution: &Solution, most_common: Reason, settings: &Sett
     Err(too_few(shares.len(), agreeing_count, most_common, Some(solution.sigma), &settings))
 }
 
-fn too_short<'a>(stations: impl Iterator<Item = &'a Station>, settings: &Settings) -> Result<(), Refusal> {
-    let (low, high) = stations.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), s| (low.min(s.x), high.max(s.x)));
-    let (axial_length_mm, axial_length_min_mm) = (high - low, settings.axial_length_min_mm.unwrap_or(0.0));
-    if axial_length_mm < axial_length_min_mm {
-        return Err(Refusal::AxialLengthTooShort { axial_length_mm, axial_length_min_mm });
-    }
-    Ok(())
-}
-
 /// The pose and what should be known of it, unless the solution gives rise to a refusal.
 fn weigh(
     scan: &Scan,
@@ -154,27 +113,27 @@ fn weigh(
     most_common: Reason,
     settings: &Settings,
 ) -> Result<(Pose, Vec<Warning>), Refusal> {
-    let shown = |(_, sums): &(&Station, &sums::Sums)| sums.weight >= 3.0;
+    let shown = |(_, sums): &(&Station, &normal_equations::Sums)| sums.weight >= 3.0;
     let valid_count = scan.stations().iter().zip(&solution.profiles).filter(shown).count();
     if valid_count < settings.profiles_min as usize {
         return Err(too_few(scan.stations().len(), valid_count, most_common, Some(solution.sigma), settings));
     }
     agreed(scan, solution, most_common, settings)?;
-    if let Some(layer_ratio) = hollow::share(scan, solution) {
-        return Err(Refusal::LayersUndecided { layer_ratio, reach_mm: hollow::WITHIN * solution.sigma });
+    if let Some(layer_ratio) = second_surface::share(scan, solution) {
+        return Err(Refusal::LayersUndecided { layer_ratio, reach_mm: second_surface::WITHIN * solution.sigma });
     }
     let stations = scan.stations().iter().zip(&solution.profiles).filter(shown).map(|(station, _)| station);
     too_short(stations, settings)?;
-    let hold = hold(settings);
-    let mut lines = known::from_data(solution, hold, settings);
-    lines.extend(known::from_curvature(solution, hold));
-    lines.extend(known::from_layers(solution));
-    lines.extend(known::from_resolution(scan, solution, hold));
-    let form = form::form(scan, solution, hold);
+    let constraint = RadiusConstraint::of(settings);
+    let mut lines = budget_lines::from_data(solution, constraint, settings);
+    lines.extend(budget_lines::from_curvature(solution, constraint));
+    lines.extend(budget_lines::from_layers(solution));
+    lines.extend(budget_lines::from_resolution(scan, solution, constraint));
+    let form = budget_lines::form(scan, solution, constraint);
     lines.extend(form.iter().map(|form| Line::of_shift(Line::FORM, &form.shift, &solution.cylinder.axis())));
-    lines.extend(known::from_calibration(scan, solution, hold, settings));
+    lines.extend(budget_lines::from_calibration(scan, solution, constraint, settings));
     let uncertainty = Uncertainty::of(&lines, &solution.cylinder.axis(), solution.cylinder.x_ref);
-    if let Some(refusal) = limits::undetermined(&uncertainty, solution.cylinder.radius, settings) {
+    if let Some(refusal) = checks::undetermined(&uncertainty, solution.cylinder.radius, settings) {
         return Err(refusal);
     }
     Ok((pose(solution, settings, uncertainty), form.map_or_else(Vec::new, |form| form.warnings)))

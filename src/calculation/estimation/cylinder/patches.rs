@@ -11,15 +11,15 @@ use std::f64::consts::TAU;
 /// Blocks along x and sectors of the arc, at most.
 const BLOCKS_MAX: usize = 64;
 const SECTORS_MAX: usize = 24;
-/// Fewer sectors than this do not tell a layer's edge from its middle.
+/// With fewer sectors than this the edge of a layer cannot be distinguished from its middle.
 const SECTORS_MIN: usize = 8;
 /// A patch with fewer points than this share of the middle one, or than three, is left out.
 const POINTS_SHARE: f64 = 0.25;
-/// Points that are looked at, at most: some fifteen a patch.
+/// Points that are examined, at most: some fifteen a patch.
 const POINTS_MAX: usize = 24_000;
-/// Profiles that are looked at, at most.
+/// Profiles that are examined, at most.
 const PROFILES_MAX: usize = 512;
-/// Profiles and points of each that say in which direction the part is seen.
+/// Profiles, and points of each, by which the viewing direction is found.
 const SEEN: usize = 32;
 /// Stations in one piece of work.
 const CHUNK: usize = 64;
@@ -55,7 +55,7 @@ pub(super) struct Surface {
     mean: [f64; 2],
     pub(super) near: Vec<Near>,
     stations_count: usize,
-    /// One in so many profiles was looked at,
+    /// One in so many profiles was examined,
     pub(super) every: usize,
     /// and one in so many of its points.
     stride: usize,
@@ -72,7 +72,7 @@ pub(super) struct Directions {
 
 impl Directions {
     /// Whether the point (y, z) lies in one of them.
-    pub(super) fn hold(&self, slice: &Slice, y: f64, z: f64) -> bool {
+    pub(super) fn contain(&self, slice: &Slice, y: f64, z: f64) -> bool {
         (angle(self.mean, slice, y, z) - self.first).rem_euclid(TAU) <= self.length
     }
 }
@@ -144,7 +144,7 @@ pub(super) fn look(scan: &Scan, used: &[bool], cylinder: &Cylinder, reach: f64) 
     (!near.is_empty()).then_some(Surface { cylinder: *cylinder, mean, near, stations_count, every, stride })
 }
 
-/// The direction from the axis to the middle of some points near the cylinder; what stands beside the part says nothing of it.
+/// The direction from the axis to the middle of some points near the cylinder; points beside the part are ignored.
 fn direction(scan: &Scan, cylinder: &Cylinder, reach: f64) -> [f64; 2] {
     let mut sum = [0.0; 2];
     let stations = scan.stations();
@@ -184,7 +184,7 @@ impl Surface {
         self.stations_count
     }
 
-    /// One in so many points was looked at.
+    /// One in so many points was examined.
     pub(super) fn thinned(&self) -> usize {
         self.every * self.stride
     }
@@ -264,7 +264,7 @@ impl Grid {
     }
 }
 
-/// Which of so many equal sectors between two angles holds this one.
+/// Which of so many equal sectors between two angles contains this one.
 pub(super) fn sector(angle: f64, [low, high]: [f64; 2], sectors: usize) -> usize {
     let share = (angle - low) / (high - low).max(f64::MIN_POSITIVE);
     (share * sectors as f64).clamp(0.0, sectors as f64 - 1.0) as usize

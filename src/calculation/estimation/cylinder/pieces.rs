@@ -1,9 +1,14 @@
-//! Whether what lies on a surface hangs together about the axis. A floor or a support that crosses the circle far from the arc
-//! holds the radius with a handful of points, and the scatter does not tell: what the arc alone would say is not asked. In:
-//! directions about the axis. Out: those that count.
+//! Pieces of the surface that are separated by gaps about the axis. A support that crosses the circle far from the arc dominates the
+//! radius with a few points, and the scatter does not show it. [`part_directions`] returns the directions about the axis that belong to the
+//! part, and [`Subset`] is a scan without the points in other directions, from which a solution is mapped back to the whole scan.
 
+use super::kernel::Inner;
+use super::normal_equations::Sums;
 use super::patches::{Directions, Surface};
-use crate::estimation::robust;
+use super::solve::Solution;
+use crate::estimation::statistics;
+use crate::scan::{Columns, Scan, Station};
+use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 
 /// Bins about the axis, of a degree.
@@ -14,10 +19,10 @@ const GAP: usize = 20;
 const STRAY: f64 = 0.02;
 /// A piece beyond a gap with less than this share of the points is something else.
 const PIECE_MIN: f64 = 0.1;
-/// What is left of the surface beside a piece, in bins.
+/// Margin of the surface beside a piece, in bins.
 const MARGIN: usize = 5;
-/// What lies beyond is left out where points that are off by a standard deviation each, all to the same side, would move the
-/// fit by this share of its own: on a long arc a stray point does nothing, on a short one it holds the radius.
+/// The points beyond are left out where points that are off by a standard deviation each, all to the same side, would move the
+/// fit by this share of its own: on a long arc a stray point does nothing, on a short one it dominates the radius.
 const PULL_MIN: f64 = 0.1;
 
 /// Points about an axis by their direction, counted from the first of those that hang together.
@@ -30,8 +35,8 @@ struct Circle {
 }
 
 /// The directions from the first piece that counts to the last one; `None` where nothing beyond them matters.
-pub(super) fn held(surface: &Surface, sigma: f64) -> Option<Directions> {
-    let reach = robust::TUKEY_C * sigma;
+pub(super) fn part_directions(surface: &Surface, sigma: f64) -> Option<Directions> {
+    let reach = statistics::TUKEY_C * sigma;
     let circle = Circle::of(surface.near.iter().filter(|point| point.d.abs() < reach).map(|point| point.angle))?;
     if circle.pull() * (surface.thinned() as f64).sqrt() < PULL_MIN {
         return None;
@@ -73,11 +78,11 @@ impl Circle {
             let angle = (bin as f64 + 0.5 - 0.5 * self.length as f64) / BINS as f64 * TAU;
             (*count as f64, angle.cos())
         };
-        let held = || self.bins.iter().enumerate().take(self.length).map(lever);
+        let members = || self.bins.iter().enumerate().take(self.length).map(lever);
         let beyond = self.bins.iter().enumerate().take(BINS.saturating_sub(GAP)).skip(self.length + GAP).map(lever);
-        let (count, sum) = held().fold((0.0, 0.0), |(all, sum), (count, cos)| (all + count, sum + count * cos));
+        let (count, sum) = members().fold((0.0, 0.0), |(all, sum), (count, cos)| (all + count, sum + count * cos));
         let mean = sum / f64::max(count, 1.0);
-        let known: f64 = held().map(|(count, cos)| count * (cos - mean).powi(2)).sum();
+        let known: f64 = members().map(|(count, cos)| count * (cos - mean).powi(2)).sum();
         let pull: f64 = beyond.map(|(count, cos)| count * (cos - mean).abs()).sum();
         if pull > 0.0 { pull / known.sqrt() } else { 0.0 }
     }
@@ -131,6 +136,89 @@ fn pieces(bins: &[usize]) -> Vec<Piece> {
     pieces
 }
 
+/// Profiles that are processed at a time, so that their points are not in memory twice.
+const CHUNK: usize = 128;
+
+/// A scan without some of its points.
+pub(super) struct Subset {
+    pub(super) scan: Scan,
+    /// All of its profiles serve.
+    pub(super) used: Vec<bool>,
+    /// Which profiles of the whole they are.
+    kept: Vec<usize>,
+    whole_count: usize,
+}
+
+impl Subset {
+    /// The points of the used profiles that stay, by a rule made for each profile; `None` where none does.
+    pub(super) fn of<S: Fn([f64; 3]) -> bool>(
+        scan: &Scan,
+        used: &[bool],
+        rule: impl Fn(usize, Station) -> S + Sync,
+    ) -> Option<Self> {
+        let serving = scan.stations().iter().zip(used).enumerate().filter(|(_, (_, used))| **used);
+        let serving: Vec<(usize, Station)> = serving.map(|(index, (station, _))| (index, *station)).collect();
+        let left = |&(index, station): &(usize, Station)| -> Vec<[f64; 3]> {
+            let stays = rule(index, station);
+            scan.points_of(&station).filter(|point| stays(*point)).collect()
+        };
+        let (mut columns, mut stations, mut kept) = (empty_like(scan.columns()), Vec::new(), Vec::new());
+        let mut own_x = Vec::new();
+        for some in serving.chunks(CHUNK) {
+            let left: Vec<Vec<[f64; 3]>> = some.par_iter().map(left).collect();
+            for ((index, station), points) in some.iter().zip(left).filter(|(_, points)| !points.is_empty()) {
+                let start = columns.len();
+                extend(&mut columns, &points);
+                if !scan.is_planar() {
+                    own_x.extend(points.iter().map(|[x, ..]| x));
+                }
+                stations.push(Station { x: station.x, start, end: columns.len() });
+                kept.push(*index);
+            }
+        }
+        let mut scan_left = Scan::new(stations, columns, scan.rule().to_owned()).ok()?.with_grouping(scan.grouping());
+        if !scan.is_planar() {
+            scan_left = scan_left.with_own_x(own_x).ok()?;
+        }
+        let used = vec![true; scan_left.stations().len()];
+        Some(Self { scan: scan_left, used, kept, whole_count: scan.stations().len() })
+    }
+
+    /// A solution of this scan, with its profiles in their places of the whole scan.
+    pub(super) fn restore(&self, mut solution: Solution) -> Solution {
+        let mut profiles = vec![Sums::zero(); self.whole_count];
+        let mut inner = vec![Inner::none(); self.whole_count];
+        for ((index, sums), counts) in self.kept.iter().zip(&solution.profiles).zip(&solution.inner) {
+            if let (Some(sums_of), Some(inner_of)) = (profiles.get_mut(*index), inner.get_mut(*index)) {
+                (*sums_of, *inner_of) = (*sums, *counts);
+            }
+        }
+        (solution.profiles, solution.inner) = (profiles, inner);
+        solution
+    }
+}
+
+fn empty_like(columns: &Columns) -> Columns {
+    match columns {
+        Columns::F32 { .. } => Columns::F32 { y: Vec::new(), z: Vec::new() },
+        Columns::F64 { .. } => Columns::F64 { y: Vec::new(), z: Vec::new() },
+    }
+}
+
+fn extend(columns: &mut Columns, points: &[[f64; 3]]) {
+    match columns {
+        // They were of single precision before.
+        Columns::F32 { y, z } => {
+            y.extend(points.iter().map(|[_, y, _]| *y as f32));
+            z.extend(points.iter().map(|[.., z]| *z as f32));
+        }
+        Columns::F64 { y, z } => {
+            y.extend(points.iter().map(|[_, y, _]| y));
+            z.extend(points.iter().map(|[.., z]| z));
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -168,5 +256,24 @@ mod tests {
     fn what_lies_opposite_a_short_arc_pulls_by_its_lever() {
         let pull = circle(100, 161, 1).pull();
         assert!((pull - 1.98 / 0.65_f64.sqrt()).abs() < 0.03, "{pull}");
+    }
+}
+
+#[cfg(test)]
+mod rest_tests {
+    use super::*;
+
+    #[test]
+    fn what_stays_keeps_its_bits_and_its_place() {
+        let columns = Columns::F32 { y: vec![0.1, 0.2, 0.3, 0.4, 0.5, 0.6], z: vec![1.1, 1.2, 1.3, 1.4, 1.5, 1.6] };
+        let station = |x: f64, start: usize| Station { x, start, end: start + 2 };
+        let stations = vec![station(0.0, 0), station(1.0, 2), station(2.0, 4)];
+        let scan = Scan::new(stations, columns, "by hand".to_owned()).expect("a scan");
+        let rest =
+            Subset::of(&scan, &[true, true, false], |index, _| move |[_, y, _]: [f64; 3]| index == 1 && y > 0.35);
+        let rest = rest.expect("a point");
+        assert_eq!(*rest.scan.columns(), Columns::F32 { y: vec![0.4], z: vec![1.4] });
+        assert_eq!((rest.kept, rest.whole_count), (vec![1], 3));
+        assert!(Subset::of(&scan, &[true; 3], |_, _| |_: [f64; 3]| false).is_none());
     }
 }

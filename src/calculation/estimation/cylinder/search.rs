@@ -1,61 +1,54 @@
-//! The surface of the part: which cylinder the points lie on, and the points that say so. In: a scan and what is asked for.
-//! Out: the joint fit, or why there is none.
+//! Searches the surface of the part: from a scan and the settings to the joint fit, or the reason why there is none.
 
-use super::beneath;
-use super::candidates::{self, Candidate, Choice, Noise};
+use super::candidates::{self, Candidate, Choice, Noise, Settled};
 use super::consensus::Bounds;
-use super::extent;
 use super::layers::{self, Verdict};
 use super::model::Cylinder;
+use super::normal_equations::RadiusConstraint;
 use super::patches::Directions;
-use super::pieces;
-use super::rest::Rest;
-use super::sample::Sample;
-use super::settle::Settled;
+use super::pieces::{self, Subset};
+use super::sample::{self, Sample};
 use super::solve::{self, Problem, Solution};
-use super::step::Hold;
-use super::{field, hold, too_few, too_short};
-use crate::estimation::estimate::Reason;
+use super::{field, second_surface};
+use crate::estimation::checks::unusable;
 use crate::estimation::progress::Progress;
-use crate::estimation::refusal::Refusal;
-use crate::estimation::settings::NOMINAL_REACH;
-use crate::estimation::settings::{Method, Settings};
-use crate::estimation::unusable::unusable;
-use crate::scan::Scan;
+use crate::estimation::refusal::{Reason, Refusal};
+use crate::estimation::settings::{Method, NOMINAL_REACH, Settings};
+use crate::scan::{Scan, Station};
 
-/// Sampled for the start: enough that the finest surface is told from its neighbours.
+/// Sampled for the start: enough to distinguish the finest surface from its neighbours.
 const SAMPLE_PROFILES_MAX: usize = 128;
 const SAMPLE_POINTS_MAX: usize = 96;
-/// Steepest slope that is looked for, beyond the 10° that parts are held to.
+/// Steepest slope that is looked for, beyond the 10° that parts have.
 const SLOPE_MAX: f64 = 0.35;
-/// Radii that are looked for, in sizes of a profile: a full section has a third of its diagonal, less with a floor
+/// Radii that are looked for, in sizes of a profile: a full section has a third of its diagonal, less with a support
 /// beside it, an arc of 10° six times it.
 const RADIUS_SIZES: [f64; 2] = [0.1, 8.0];
 /// Radii that are looked for about one that was detected before, relative to it: on a short arc that is known badly; and the
 /// steepest slope against an axis that was detected.
 const EXPECTED_REACH: [f64; 2] = [0.5, 2.0];
 const EXPECTED_SLOPE_MAX: f64 = 0.1;
-/// What is near a start: this many times the roughness, but within these shares of the size of a profile.
+/// Tolerance about a start: this many times the roughness, but within these shares of the size of a profile.
 const TOLERANCE_ROUGHNESS: f64 = 4.0;
 const TOLERANCE_SIZES: [f64; 2] = [0.002, 0.02];
 
 /// How often points in other directions may be left out before nothing hangs together.
 const ROUNDS_MAX: usize = 4;
 
-/// What is asked of every round.
+/// The inputs of every round.
 struct Search<'a> {
     settings: &'a Settings,
-    hold: Hold,
+    constraint: RadiusConstraint,
     /// Of a cylinder that was detected before, mm.
     expected_radius: Option<f64>,
     /// Profiles of the whole scan.
     profiles_count: usize,
 }
 
-/// What became of a round.
+/// The result of a round.
 enum Round {
     Found(Box<Solution>),
-    /// Points elsewhere hold the fit; only those in these directions from its axis count.
+    /// Points elsewhere dominate the fit; only those in these directions from its axis count.
     Within(Cylinder, Directions),
 }
 
@@ -70,20 +63,26 @@ pub(super) fn search(
     if let Some(refusal) = unusable(scan, settings) {
         return Err(refusal);
     }
-    let search = Search { settings, hold: hold(settings), expected_radius, profiles_count: scan.stations().len() };
+    let search = Search {
+        settings,
+        constraint: RadiusConstraint::of(settings),
+        expected_radius,
+        profiles_count: scan.stations().len(),
+    };
     let mut within = match search.round(scan, used, progress)? {
         Round::Found(solution) => return Ok(*solution),
         Round::Within(cylinder, directions) => vec![(cylinder, directions)],
     };
     while within.len() <= ROUNDS_MAX {
-        let rest = Rest::of(scan, used, |_, station| {
-            let slices: Vec<_> = within.iter().map(|(cylinder, held)| (cylinder.slice(station.x), *held)).collect();
-            move |[x, y, z]| slices.iter().all(|(slice, held)| held.hold(&slice.at(x), y, z))
+        let subset = Subset::of(scan, used, |_, station| {
+            let slices: Vec<_> =
+                within.iter().map(|(cylinder, directions)| (cylinder.slice(station.x), *directions)).collect();
+            move |[x, y, z]| slices.iter().all(|(slice, directions)| directions.contain(&slice.at(x), y, z))
         });
-        let rest = rest.ok_or_else(|| search.no_cylinder())?;
-        let used = enough(&rest.scan, settings);
-        match search.round(&rest.scan, &used, &progress.uncounted())? {
-            Round::Found(solution) => return Ok(rest.restore(*solution)),
+        let subset = subset.ok_or_else(|| search.no_cylinder())?;
+        let used = enough(&subset.scan, settings);
+        match search.round(&subset.scan, &used, &progress.uncounted())? {
+            Round::Found(solution) => return Ok(subset.restore(*solution)),
             Round::Within(cylinder, directions) => within.push((cylinder, directions)),
         }
     }
@@ -95,20 +94,40 @@ pub(super) fn enough(scan: &Scan, settings: &Settings) -> Vec<bool> {
     scan.stations().iter().map(|station| station.end - station.start >= settings.points_min as usize).collect()
 }
 
+pub(super) fn too_few(
+    profiles_count: usize,
+    valid_count: usize,
+    most_common: Reason,
+    sigma_mm: Option<f64>,
+    settings: &Settings,
+) -> Refusal {
+    let (profiles_min, epsilon_mm) = (settings.profiles_min, settings.epsilon_mm);
+    Refusal::TooFewValidProfiles { valid_count, profiles_count, profiles_min, most_common, sigma_mm, epsilon_mm }
+}
+
+pub(super) fn too_short<'a>(stations: impl Iterator<Item = &'a Station>, settings: &Settings) -> Result<(), Refusal> {
+    let (low, high) = stations.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), s| (low.min(s.x), high.max(s.x)));
+    let (axial_length_mm, axial_length_min_mm) = (high - low, settings.axial_length_min_mm.unwrap_or(0.0));
+    if axial_length_mm < axial_length_min_mm {
+        return Err(Refusal::AxialLengthTooShort { axial_length_mm, axial_length_min_mm });
+    }
+    Ok(())
+}
+
 impl Search<'_> {
     fn no_cylinder(&self) -> Refusal {
         Refusal::NoCylinder { nominal_radius_mm: self.settings.nominal_radius_mm }
     }
 
     fn round(&self, scan: &Scan, used: &[bool], progress: &Progress) -> Result<Round, Refusal> {
-        let (settings, hold) = (self.settings, self.hold);
+        let (settings, constraint) = (self.settings, self.constraint);
         let valid_count = used.iter().filter(|used| **used).count();
         if valid_count < settings.profiles_min as usize {
             return Err(too_few(self.profiles_count, valid_count, Reason::TooFewPoints, None, settings));
         }
         too_short(scan.stations().iter().zip(used).filter(|(_, used)| **used).map(|(s, _)| s), settings)?;
         let sample = Sample::take(scan, used, SAMPLE_PROFILES_MAX, SAMPLE_POINTS_MAX);
-        let roughness = extent::roughness(scan);
+        let roughness = sample::roughness(scan);
         let bounds = self.bounds(&sample, roughness);
         let chosen = match self.choose(&sample, &bounds, Noise::Unknown) {
             Choice::One(candidate) => candidate,
@@ -122,11 +141,12 @@ impl Search<'_> {
             radius >= least && radius <= most && radius >= settings.radius_resolved_mm()
         };
         let epsilon = Method::Cylinder.inlier_limit_mm(settings.epsilon_mm, chosen.settled.sigma);
-        let problem = Problem { scan, used, hold, epsilon, progress };
+        let problem = Problem { scan, used, constraint, epsilon, progress };
         let mut solution =
             solve::solve(&problem, &chosen.settled).filter(resolved).ok_or_else(|| self.no_cylinder())?;
         let surface = layers::look(&problem, &solution);
-        if let Some(directions) = surface.as_ref().and_then(|surface| pieces::held(surface, solution.sigma)) {
+        if let Some(directions) = surface.as_ref().and_then(|surface| pieces::part_directions(surface, solution.sigma))
+        {
             return Ok(Round::Within(solution.cylinder, directions));
         }
         if let Some(refusal) = self.sleeve(&problem, &sample, &chosen, &solution) {
@@ -146,12 +166,12 @@ impl Search<'_> {
                 return Err(Refusal::LayersUndecided { layer_ratio, reach_mm });
             }
         }
-        solution.field = surface.as_ref().and_then(|surface| field::covariance(surface, &solution, hold));
+        solution.field = surface.as_ref().and_then(|surface| field::covariance(surface, &solution, constraint));
         Ok(Round::Found(Box::new(solution)))
     }
 
     fn bounds(&self, sample: &Sample, roughness: f64) -> Bounds {
-        let size = extent::size(sample);
+        let size = sample::size(sample);
         let [least, most] = TOLERANCE_SIZES;
         let tolerance = (TOLERANCE_ROUGHNESS * roughness).clamp(least * size, most * size);
         let radius_mm = match (self.settings.nominal_radius_mm, self.expected_radius) {
@@ -166,20 +186,20 @@ impl Search<'_> {
         Bounds { slope_max, radius_mm, tolerance }
     }
 
-    /// The candidate that is the part. A radius that is held fits every surface, and where that leaves two, the radii that the
-    /// points say tell which of them is the nominal one.
+    /// The candidate that is the part. A constrained radius fits every surface, and where two are left, the radii that are
+    /// fitted freely show which of them is the nominal one.
     fn choose(&self, sample: &Sample, bounds: &Bounds, noise: Noise) -> Choice {
-        let choice = |hold: Hold| {
-            let found = candidates::candidates(sample, bounds, noise, hold);
+        let choice = |constraint: RadiusConstraint| {
+            let found = candidates::candidates(sample, bounds, noise, constraint);
             candidates::choose(&found, self.settings.nominal_radius_mm, sample)
         };
-        match choice(self.hold) {
-            Choice::Two(..) if !matches!(self.hold, Hold::Free) => choice(Hold::Free),
+        match choice(self.constraint) {
+            Choice::Two(..) if !matches!(self.constraint, RadiusConstraint::Free) => choice(RadiusConstraint::Free),
             choice => choice,
         }
     }
 
-    /// Where another surface about the same axis lies beneath, the fit may be a clamp; a nominal radius says which is the part.
+    /// Where another surface about the same axis lies beneath, the fit may be a clamp; a nominal radius decides which is the part.
     fn sleeve(
         &self,
         problem: &Problem<'_>,
@@ -188,26 +208,26 @@ impl Search<'_> {
         solution: &Solution,
     ) -> Option<Refusal> {
         let least = self.settings.radius_resolved_mm();
-        let beneath = beneath::beneath(sample, &solution.cylinder, solution.sigma)?;
+        let beneath = second_surface::beneath(sample, &solution.cylinder, solution.sigma)?;
         let free = free_radius(problem, solution);
         let radius_a_mm = free.unwrap_or(solution.cylinder.radius);
         let radius_b_mm = radius_a_mm - beneath.depth;
         let off = |radius: f64| self.settings.nominal_radius_mm.map(|nominal| (radius - nominal).abs());
-        let told = free.is_some() && off(radius_a_mm).zip(off(radius_b_mm)).is_some_and(|(a, b)| a <= b);
+        let is_nominal = free.is_some() && off(radius_a_mm).zip(off(radius_b_mm)).is_some_and(|(a, b)| a <= b);
         let (coverage_a, coverage_b) = (chosen.coverage, beneath.coverage);
-        let open = !told && radius_b_mm >= least;
-        open.then_some(Refusal::TwoCylinders { radius_a_mm, coverage_a, radius_b_mm, coverage_b })
+        let is_undecided = !is_nominal && radius_b_mm >= least;
+        is_undecided.then_some(Refusal::TwoCylinders { radius_a_mm, coverage_a, radius_b_mm, coverage_b })
     }
 }
 
-/// The radius that the points say: one that is held says nothing of which surface has it.
+/// The radius by the points alone: a constrained one does not show which surface has it.
 fn free_radius(problem: &Problem<'_>, solution: &Solution) -> Option<f64> {
-    if matches!(problem.hold, Hold::Free) {
+    if matches!(problem.constraint, RadiusConstraint::Free) {
         return Some(solution.cylinder.radius);
     }
     let start = Settled { cylinder: solution.cylinder, sigma: solution.sigma };
     let uncounted = problem.progress.uncounted();
-    let free = solve::solve(&Problem { hold: Hold::Free, progress: &uncounted, ..*problem }, &start)?;
+    let free = solve::solve(&Problem { constraint: RadiusConstraint::Free, progress: &uncounted, ..*problem }, &start)?;
     Some(free.cylinder.radius)
 }
 

@@ -8,28 +8,25 @@
 //! pass serve for the profiles: the gradients corrected to first order, the counts as they are, for such a step moves the
 //! surface by a few hundredths of σ at most.
 
+use super::candidates::Settled;
 use super::covariance::{Scatter, over_runs, sandwich};
 use super::kernel::{Curvature, Inner};
-use super::model::Cylinder;
-use super::profile::ProfilePoints;
-use super::projection::View;
-use super::sample::spread;
-use super::settle::Settled;
-use super::step::{self, Hold};
-use super::sums::Sums;
+use super::model::{Cylinder, View};
+use super::normal_equations::{self, RadiusConstraint, Sums};
+use super::sample::{ProfilePoints, spread};
 use crate::estimation::progress::Progress;
-use crate::estimation::robust;
+use crate::estimation::statistics;
 use crate::scan::{Grouping, Scan, Station};
 use nalgebra::{Matrix5, Vector5};
 use rayon::prelude::*;
 
-/// What is to be fitted to what.
+/// The inputs of a fit.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Problem<'a> {
     pub(super) scan: &'a Scan,
     /// The stations that serve.
     pub(super) used: &'a [bool],
-    pub(super) hold: Hold,
+    pub(super) constraint: RadiusConstraint,
     /// Distance of an inlier, mm.
     pub(super) epsilon: f64,
     pub(super) progress: &'a Progress,
@@ -45,7 +42,7 @@ pub(super) struct Solution {
     pub(super) freedom: Vector5<f64>,
     /// One a station, at the solution.
     pub(super) profiles: Vec<Sums>,
-    /// What lies within ε of it, one a station.
+    /// The inliers within ε of it, one entry a station.
     pub(super) inner: Vec<Inner>,
     /// Passes over all points.
     pub(super) passes_count: u32,
@@ -61,18 +58,20 @@ impl Solution {
         total
     }
 
-    /// What a gradient does to (p, q, y_ref, z_ref, R): the inverse of the normal matrix; `None` where it is singular.
-    pub(super) fn bread(&self, hold: Hold) -> Option<Matrix5<f64>> {
-        step::invert(&step::system(&self.total(), hold, self.sigma, self.cylinder.radius).0)
+    /// The change of (p, q, y_ref, z_ref, R) by a gradient: the inverse of the normal matrix; `None` where it is singular.
+    pub(super) fn bread(&self, constraint: RadiusConstraint) -> Option<Matrix5<f64>> {
+        normal_equations::invert(
+            &normal_equations::system(&self.total(), constraint, self.sigma, self.cylinder.radius).0,
+        )
     }
 }
 
 const STEPS_MAX: u32 = 10;
-/// What is left of a step, in units of its own standard deviation, when nothing more could be told.
+/// The error that a step leaves, in units of its own standard deviation, below which another step would change nothing.
 const SETTLED: f64 = 1e-2;
 /// ½ |ψ″| σ, averaged over the points.
 const CURVED: f64 = 0.1;
-/// Of a scan at most so many profiles, and of those so many points, say where the part is.
+/// At most so many profiles of a scan, and so many points of each, are used to locate the part.
 const SEEN_PROFILES: usize = 256;
 const SEEN_POINTS: usize = 32;
 /// Points of a first step, in units of √n: its five unknowns lie √(5n/m) standard deviations from where all n points put
@@ -98,8 +97,8 @@ pub(super) fn solve(problem: &Problem<'_>, start: &Settled) -> Option<Solution> 
         let (mut profiles, inner) = pass(problem, &cylinder.facing(facing), sigma, progress);
         let mut sums = Sums::zero();
         profiles.iter().for_each(|profile| sums.add(profile));
-        let (normal, gradient) = step::system(&sums, problem.hold, sigma, cylinder.radius);
-        let step = step::solve(&normal, &gradient)?;
+        let (normal, gradient) = normal_equations::system(&sums, problem.constraint, sigma, cylinder.radius);
+        let step = normal_equations::solve(&normal, &gradient)?;
         cylinder = cylinder.moved(&step)?;
         if left((normal * step).dot(&step).abs() / (sigma * sigma), sums.weight) < SETTLED {
             profiles.iter_mut().for_each(|profile| profile.gradient += profile.normal * step);
@@ -107,14 +106,14 @@ pub(super) fn solve(problem: &Problem<'_>, start: &Settled) -> Option<Solution> 
                 Grouping::Given | Grouping::SharedX => sandwich,
                 Grouping::Slabs | Grouping::Chosen => over_runs,
             };
-            let Scatter { covariance, freedom } = clustered(&normal, &profiles, problem.hold)?;
+            let Scatter { covariance, freedom } = clustered(&normal, &profiles, problem.constraint)?;
             return Some(Solution { cylinder, sigma, covariance, freedom, profiles, inner, passes_count, field: None });
         }
     }
     None
 }
 
-/// What a step of the squared length `moved2` leaves, both in standard deviations, with the weight Σw.
+/// The error that a step of the squared length `moved2` leaves, both in standard deviations, with the weight Σw.
 fn left(moved2: f64, weight: f64) -> f64 {
     (CURVED * moved2 / weight.max(1.0).sqrt()).min(moved2.sqrt())
 }
@@ -127,7 +126,7 @@ fn serving<'a>(problem: &Problem<'a>) -> Vec<&'a Station> {
 /// Mean x of some points on the start, where position and slopes are nearly uncorrelated, and the direction in which the
 /// axis sees them.
 fn whereabouts(scan: &Scan, stations: &[&Station], start: &Settled) -> (f64, [f64; 2]) {
-    let reach = robust::TUKEY_C * start.sigma;
+    let reach = statistics::TUKEY_C * start.sigma;
     let (mut x, mut count, mut towards) = (0.0, 0.0, [0.0; 2]);
     for station in spread(stations.len(), SEEN_PROFILES).filter_map(|index| stations.get(index)) {
         let slice = start.cylinder.slice(station.x);
@@ -145,27 +144,27 @@ fn whereabouts(scan: &Scan, stations: &[&Station], start: &Settled) -> (f64, [f6
 
 /// One step over some of the profiles, evenly spread; `None` where that would not pay or not help.
 fn nearer(problem: &Problem<'_>, stations: &[&Station], view: View, sigma: f64) -> Option<Cylinder> {
-    let Problem { scan, hold, .. } = *problem;
+    let Problem { scan, constraint, .. } = *problem;
     let points_count: usize = stations.iter().map(|station| station.end - station.start).sum();
     let share = FEW / (points_count as f64).sqrt();
     let few = ((stations.len() as f64 * share).ceil() as usize).max(FEW_PROFILES_MIN);
     if 2 * few > stations.len() {
         return None;
     }
-    let cut_off_squared = robust::cut_off_squared(sigma);
+    let cut_off_squared = statistics::cut_off_squared(sigma);
     let profile = |station: &&Station| ProfilePoints::of(scan, station).sums(&view, cut_off_squared, Curvature::Slope);
     let chosen: Vec<&Station> = spread(stations.len(), few).filter_map(|index| stations.get(index).copied()).collect();
     let each: Vec<Sums> = chosen.par_iter().map(profile).collect();
     let mut sums = Sums::zero();
     each.iter().for_each(|profile| sums.add(profile));
-    let (normal, gradient) = step::system(&view.unturned(&sums), hold, sigma, view.cylinder().radius);
-    let step: Vector5<f64> = step::solve(&normal, &gradient)?;
+    let (normal, gradient) = normal_equations::system(&view.unturned(&sums), constraint, sigma, view.cylinder().radius);
+    let step: Vector5<f64> = normal_equations::solve(&normal, &gradient)?;
     view.cylinder().moved(&step)
 }
 
 /// One pass over all points.
 fn pass(problem: &Problem<'_>, view: &View, sigma: f64, progress: Option<&Progress>) -> (Vec<Sums>, Vec<Inner>) {
-    let cut_off_squared = robust::cut_off_squared(sigma);
+    let cut_off_squared = statistics::cut_off_squared(sigma);
     let profile = |station: &Station| {
         let points = ProfilePoints::of(problem.scan, station);
         let (sums, inner) = points.sums_and_inner(view, cut_off_squared, problem.epsilon);

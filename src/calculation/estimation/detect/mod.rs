@@ -9,15 +9,12 @@
 //! A result is the start of the joint fit, not the measurement: it lies within a few standard deviations of the noise. The
 //! draws come from fixed seeds, and the result does not depend on the number of threads.
 
-mod patch;
 mod sample;
-mod score;
 mod search;
 mod settle;
 mod surface;
 #[cfg(test)]
 mod tests;
-mod tree;
 
 use super::settings::NOMINAL_REACH;
 use nalgebra::Vector3;
@@ -25,7 +22,7 @@ use sample::Sample;
 use search::{Found, Search};
 use settle::Radii;
 
-/// What is looked for.
+/// The request of a detection.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Request {
     /// The radius, where it is known; in the unit of the points.
@@ -73,7 +70,7 @@ pub fn detect(points: &[[f64; 3]], request: &Request) -> Vec<Detected> {
     detection.map_or_else(Vec::new, |mut detection| detection.cylinders(request.along, request.most))
 }
 
-/// A detection that goes on where it stopped when it is asked for more.
+/// A detection that can be continued for more cylinders.
 pub(super) struct Detection {
     search: Search,
     origin: Vector3<f64>,

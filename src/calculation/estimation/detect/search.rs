@@ -1,20 +1,17 @@
 //! One surface after the other: the best supported is found, refined and taken out of the sample, until enough cylinders
-//! are found. Planes take part, so that a floor is out of the way before a part that holds fewer points is looked for.
+//! are found. Planes take part, so that a support is removed before a part with fewer points is searched.
 
-use super::patch;
-use super::sample::quantile;
-use super::score::{Score, score, significant};
-use super::settle::{Radii, Settled, settle};
-use super::surface::{Cylinder, Surface};
-use super::tree::Tree;
-use crate::estimation::robust;
+use super::sample::{Tree, quantile};
+use super::settle::{self, Radii, Settled, settle};
+use super::surface::{Cylinder, Score, Surface, score, significant};
+use crate::estimation::statistics;
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 
-/// A cylinder with what its points say.
+/// A cylinder with the support by its points.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Found {
     pub(super) cylinder: Cylinder,
@@ -44,11 +41,11 @@ const RESOLUTION_POINTS: usize = 96;
 const RESOLUTION_NEIGHBOURS: usize = 8;
 /// Least share of the mean squared distance that must be scatter among neighbours.
 const RESOLVED: f64 = 1.0 / 25.0;
-/// A scatter below this share of the size of the cloud is rounding and says nothing.
+/// A scatter below this share of the size of the cloud is rounding.
 const ROUNDING: f64 = 1e-7;
 /// The search itself leaves the radius free: with a known one it would settle on the flanks of other surfaces.
 const FREE: Radii = Radii([0.0, f64::INFINITY]);
-/// Points for the first look at a surface.
+/// Points for the first test of a surface.
 const SIEVE_POINTS: usize = 1024;
 /// Surfaces of a round that are refined, with these rounds of re-weighting.
 const REFINED: usize = 6;
@@ -68,7 +65,7 @@ const CYLINDERS_MAX: usize = 16;
 const OTHERS_MAX: usize = 6;
 /// A shorter arc, rad (11°), is a bent plane: profiles are refused below 15°.
 const ARC_MIN: f64 = 0.2;
-/// A tube that is rougher than this share of its radius is a bundle of points, and says nothing of a radius;
+/// A tube that is rougher than this share of its radius is a bundle of points and has no radius;
 const ROUGHNESS_MAX: f64 = 0.25;
 /// up to this roughness it is a rod whose radius may be known,
 const ROD_ROUGHNESS_MAX: f64 = 0.5;
@@ -129,7 +126,7 @@ impl Search {
         }
         self.taken.push(report(&best, &self.rest, self.radii));
         // Generously, so that the rim of the noise is not taken for a surface of its own.
-        let reach = 2.0 * robust::TUKEY_C * best.settled.sigma;
+        let reach = 2.0 * statistics::TUKEY_C * best.settled.sigma;
         let before = self.rest.len();
         self.rest.retain(|point| best.settled.surface.distance(point).abs() >= reach);
         (self.rest.len() < before).then_some(())
@@ -203,19 +200,19 @@ fn draw_surfaces(points: &[Vector3<f64>], levels: &[Tree], chance: &mut ChaCha8R
         }
         patch.truncate(kept);
     }
-    let surfaces = patch::surfaces(&patch, FREE);
+    let surfaces = settle::surfaces(&patch, FREE);
     let wider: Vec<Vec<Vector3<f64>>> =
         levels.iter().skip(first + 1).map(|level| level.nearest(seed, GROWN_POINTS)).collect();
     surfaces.into_iter().map(|settled| grow(settled, &wider)).collect()
 }
 
-/// The surface settled on wider and wider patches, as long as it holds half of them: a direction that is known poorly from
+/// The surface settled on wider and wider patches, as long as half of them lie on it: a direction that is known poorly from
 /// the first patch becomes known well enough for the whole surface.
 fn grow(mut settled: Settled, wider: &[Vec<Vector3<f64>>]) -> Settled {
     for patch in wider {
-        let window = 2.0 * robust::TUKEY_C * settled.sigma;
+        let window = 2.0 * statistics::TUKEY_C * settled.sigma;
         let Some(next) = settle(settled.surface, patch, [window, 0.0], FREE, GROWING_ROUNDS) else { break };
-        let reach = robust::TUKEY_C * next.sigma;
+        let reach = statistics::TUKEY_C * next.sigma;
         let on = patch.iter().filter(|point| next.surface.distance(point).abs() < reach).count();
         if 2 * on < patch.len() {
             break;
@@ -235,7 +232,7 @@ fn is_hollow(settled: &Settled, points: &[Vector3<f64>]) -> bool {
     if settled.sigma <= ROUGHNESS_MAX * cylinder.radius {
         return true;
     }
-    let on = near(&settled.surface, points, robust::TUKEY_C * settled.sigma);
+    let on = near(&settled.surface, points, statistics::TUKEY_C * settled.sigma);
     let [low, high] = shortest(on.iter().map(|point| cylinder.along(point)).collect());
     settled.sigma <= ROD_ROUGHNESS_MAX * cylinder.radius && high - low >= ROD_LENGTH_MIN * cylinder.radius
 }
@@ -243,7 +240,7 @@ fn is_hollow(settled: &Settled, points: &[Vector3<f64>]) -> bool {
 /// Whether a surface is as fine as its points. Where neighbours agree far better with each other than with the surface, it
 /// is an envelope of other surfaces: seen coarsely enough, everything is a plane or a large cylinder.
 fn is_resolved(settled: &Settled, sieve: &[Vector3<f64>], all: &Tree) -> bool {
-    let reach = robust::TUKEY_C * settled.sigma;
+    let reach = statistics::TUKEY_C * settled.sigma;
     let (mut local, mut freedom, mut total, mut count) = (0.0, 0.0, 0.0, 0.0);
     let on = sieve.iter().filter(|point| settled.surface.distance(point).abs() < reach);
     for point in on.take(RESOLUTION_POINTS) {
@@ -260,7 +257,7 @@ fn is_resolved(settled: &Settled, sieve: &[Vector3<f64>], all: &Tree) -> bool {
 
 /// Settled on some of the points near it.
 fn refine(one: &Scored, points: &[Vector3<f64>]) -> Option<Scored> {
-    let window = (2.0 * one.score.tolerance).min(3.0 * robust::TUKEY_C * one.settled.sigma);
+    let window = (2.0 * one.score.tolerance).min(3.0 * statistics::TUKEY_C * one.settled.sigma);
     let mut near = near(&one.settled.surface, points, 2.0 * window);
     near.truncate(SIEVE_POINTS);
     let settled = settle(one.settled.surface, &near, [window, 0.0], FREE, REFINING_ROUNDS)?;
@@ -292,11 +289,11 @@ fn near(surface: &Surface, points: &[Vector3<f64>], reach: f64) -> Vec<Vector3<f
     points.iter().filter(|point| surface.distance(point).abs() < reach).copied().collect()
 }
 
-/// What else the points on a surface could be: the plane of a cylinder, the cylinders of a plane.
+/// The other surfaces that the points could lie on: the plane of a cylinder, the cylinders of a plane.
 fn rivals(best: &Scored, points: &[Vector3<f64>]) -> Vec<Scored> {
     let mut on = near(&best.settled.surface, points, 2.0 * best.score.tolerance);
     on.truncate(SIEVE_POINTS / 4);
-    let surfaces = patch::surfaces(&on, FREE).into_iter();
+    let surfaces = settle::surfaces(&on, FREE).into_iter();
     let is_plane = |surface: &Surface| matches!(surface, Surface::Plane(_));
     let others = surfaces.filter(|other| is_plane(&other.surface) != is_plane(&best.settled.surface));
     let scored = |settled: Settled| Scored { settled, score: score(&settled.surface, points) };
@@ -310,19 +307,19 @@ fn with_wanted_radius(best: &Scored, points: &[Vector3<f64>], radii: Radii) -> O
     if (least..=most).contains(&cylinder.radius) {
         return Some(best.settled);
     }
-    let reach = robust::TUKEY_C * best.settled.sigma;
+    let reach = statistics::TUKEY_C * best.settled.sigma;
     let on = near(&best.settled.surface, points, reach);
     let middle = on.iter().sum::<Vector3<f64>>() / on.len().max(1) as f64;
-    let start = Surface::Cylinder(patch::with_radius_within(cylinder, middle, radii));
+    let start = Surface::Cylinder(settle::with_radius_within(cylinder, middle, radii));
     let settled = settle(start, &on, [2.0 * reach, 0.0], radii, SETTLING_ROUNDS)?;
     (settled.sigma <= MISFIT_MAX * best.settled.sigma).then_some(settled)
 }
 
-/// What is reported of a surface, where it is a cylinder that is looked for.
+/// The result for a surface, where it is a cylinder with an allowed radius.
 fn report(best: &Scored, points: &[Vector3<f64>], radii: Radii) -> Option<Found> {
     let Settled { surface, sigma } = with_wanted_radius(best, points, radii)?;
     let Surface::Cylinder(cylinder) = surface else { return None };
-    let reach = robust::TUKEY_C * sigma;
+    let reach = statistics::TUKEY_C * sigma;
     let on: Vec<&Vector3<f64>> = points.iter().filter(|point| cylinder.distance(point).abs() < reach).collect();
     let middle = quantile(on.iter().map(|point| cylinder.along(point)), 0.5)?;
     let cylinder = Cylinder { point: cylinder.point + cylinder.direction * middle, ..cylinder };
@@ -340,7 +337,7 @@ fn report(best: &Scored, points: &[Vector3<f64>], radii: Radii) -> Option<Found>
     found.then_some(Found { cylinder, sigma, count: on.len(), extent, arc, evidence: best.score.evidence })
 }
 
-/// The shortest interval that holds nearly all values, widened by what the left out ones would take of it.
+/// The shortest interval that contains nearly all values, widened by what the left out ones would take of it.
 fn shortest(mut values: Vec<f64>) -> [f64; 2] {
     values.sort_by(f64::total_cmp);
     let span = ((COVERED * values.len() as f64).ceil() as usize).max(1);
@@ -353,7 +350,7 @@ fn shortest(mut values: Vec<f64>) -> [f64; 2] {
     })
 }
 
-/// The arc that holds nearly all angles, rad.
+/// The arc that contains nearly all angles, rad.
 fn arc(angles: impl Iterator<Item = f64>) -> f64 {
     let mut angles: Vec<f64> = angles.collect();
     angles.sort_by(f64::total_cmp);

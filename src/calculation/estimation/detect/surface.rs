@@ -1,6 +1,14 @@
-//! The surfaces that the search compares: cylinders in any direction, and the planes that it must not take for cylinders.
+//! The surfaces that the search compares (cylinders in any direction, and the planes that it must not take for cylinders), and the
+//! score by which it compares them: how unlikely it is that the points lie on a surface by chance. This compares a rough surface of
+//! many points with a smooth one of few, and a plane with a cylinder, without a tolerance that the user would have to know.
+//!
+//! Of n points spread evenly over the volume of the cloud, each lies within t of the surface with the probability
+//! p(t) = 2 t · area / volume. The probability that k or more do is at most exp(−n·KL(k/n, p)) (Chernoff's bound of the
+//! binomial tail); the points that determine the surface are not counted. The score is the greatest −log over t
+//! (the a-contrario criterion of Desolneux, Moisan and Morel, as in AC-RANSAC).
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use std::f64::consts::{FRAC_PI_2, PI};
 
 /// A circular cylinder without ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,7 +33,7 @@ pub(super) enum Surface {
     Plane(Plane),
 }
 
-/// The largest turn of an axis in one step, rad: beyond it the linearisation says nothing.
+/// The largest turn of an axis in one step, rad: beyond it the linearisation does not hold.
 const TURN_MAX: f64 = 0.5;
 
 impl Cylinder {
@@ -109,5 +117,122 @@ pub(super) fn principal(moments: SMatrix<f64, 3, 3>) -> Option<[Vector3<f64>; 3]
     match axes.as_slice() {
         [(_, a), (_, b), (_, c)] => Some([*a, *b, *c]),
         _ => None,
+    }
+}
+
+/// Half octaves of the distance between the smallest and the size of the cloud, which is 1.
+const BINS: usize = 56;
+/// The first bin ends here: 2⁻²⁷, below the resolution of single-precision coordinates.
+const FIRST_BIN: u64 = (1023 - 28) << 1;
+/// Volume of the ball whose diameter is the size of the cloud.
+const VOLUME: f64 = PI / 6.0;
+/// Area of a plane through the middle of the ball.
+const PLANE_AREA: f64 = PI / 4.0;
+
+/// Bins of an octave.
+const OCTAVE: usize = 2;
+/// On a surface the points are denser than beside it, on either side and as wide.
+const DENSER: usize = 2;
+/// Widest tolerance of a cylinder, in radii.
+const TOLERANCE_RADII: f64 = 0.6;
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Score {
+    /// −ln of the probability of so much agreement by chance.
+    pub(super) evidence: f64,
+    /// The distance at which it is greatest.
+    pub(super) tolerance: f64,
+    /// The points within this distance.
+    pub(super) count: usize,
+}
+
+/// Coordinates that determine a surface: a point takes one of them.
+fn freedom(surface: &Surface) -> f64 {
+    match surface {
+        Surface::Cylinder(_) => 5.0,
+        Surface::Plane(_) => 3.0,
+    }
+}
+
+/// p(t)/t: a thin tube takes less of the volume than a plane, so points are on it by chance less often.
+fn chance_per_distance(surface: &Surface) -> f64 {
+    let area = match surface {
+        Surface::Cylinder(cylinder) => (2.0 * PI * cylinder.radius).min(FRAC_PI_2),
+        Surface::Plane(_) => PLANE_AREA,
+    };
+    2.0 * area / VOLUME
+}
+
+/// The score of a surface over points of a cloud of size 1.
+pub(super) fn score(surface: &Surface, points: &[Vector3<f64>]) -> Score {
+    let mut bins = [0_usize; BINS];
+    let mut count = |distance: f64| {
+        let place = (distance.abs().to_bits() >> 51).saturating_sub(FIRST_BIN);
+        if let Some(bin) = usize::try_from(place).ok().and_then(|place| bins.get_mut(place)) {
+            *bin += 1;
+        }
+    };
+    match surface {
+        Surface::Cylinder(cylinder) => points.iter().for_each(|point| count(cylinder.distance(point))),
+        Surface::Plane(_) => points.iter().for_each(|point| count(surface.distance(point))),
+    }
+    // The points near a thin tube's axis, inside and outside of it alike, are a bundle and no surface.
+    let widest = match surface {
+        Surface::Cylinder(cylinder) => TOLERANCE_RADII * cylinder.radius,
+        Surface::Plane(_) => 1.0,
+    };
+    let (taken, per_distance) = (freedom(surface), chance_per_distance(surface));
+    let within: Vec<usize> = bins
+        .iter()
+        .scan(0, |count, bin| {
+            *count += bin;
+            Some(*count)
+        })
+        .collect();
+    let mut best = Score { evidence: 0.0, tolerance: 0.0, count: 0 };
+    for (place, &count) in within.iter().enumerate() {
+        let tolerance = f64::from_bits((FIRST_BIN + place as u64 + 1) << 51);
+        if tolerance > widest {
+            break;
+        }
+        let beside = within.get(place + OCTAVE).or(within.last()).map_or(0, |both| both - count);
+        let evidence = evidence(count as f64 - taken, points.len() as f64 - taken, per_distance * tolerance);
+        if count >= DENSER * beside && evidence > best.evidence {
+            best = Score { evidence, tolerance, count };
+        }
+    }
+    best
+}
+
+/// The evidence above which a surface among so many points is no chance: as many surfaces pass through points as there are
+/// ways to choose those that determine one.
+pub(super) fn significant(surface: &Surface, points_count: usize) -> f64 {
+    let taken = freedom(surface);
+    let choices = |i: u32| ((points_count as f64 - f64::from(i)) / f64::from(i + 1)).max(1.0).ln();
+    (0..taken as u32).map(choices).sum()
+}
+
+/// −ln of the bound of the probability that `count` or more of `all` points have a property of probability `chance`.
+fn evidence(count: f64, all: f64, chance: f64) -> f64 {
+    if count <= 0.0 || count <= all * chance {
+        return 0.0;
+    }
+    let others = all - count;
+    let of_others = if others > 0.0 { others * (others / (all * (1.0 - chance))).ln() } else { 0.0 };
+    count * (count / (all * chance)).ln() + of_others
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn evidence_bounds_the_binomial_tail() {
+        // P(k >= 8 of 10 with p = 0.1) = Σ C(10, k) 0.1^k 0.9^(10−k) = 3.7e-7.
+        let exact = -(3.736_1e-7_f64).ln();
+        let bound = evidence(8.0, 10.0, 0.1);
+        assert!(bound < exact && bound > exact - 10.0_f64.ln(), "{bound} {exact}");
+        assert_eq!(evidence(1.0, 10.0, 0.1), 0.0);
+        assert!((evidence(10.0, 10.0, 0.1) - 10.0 * 10.0_f64.ln()).abs() < 1e-12);
     }
 }

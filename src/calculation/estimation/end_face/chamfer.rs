@@ -1,11 +1,11 @@
-//! What follows below the end of the surface: a chamfer, which is part of the part, a shaft or support, which is not, or a
-//! slant of which the scan does not show the end.
+//! Distinguishes what follows below the end of the surface: a chamfer, which belongs to the part, a shaft or support, which does not,
+//! or a slant of which the scan does not show the end.
 //!
 //! Spacing by spacing outward from the end of the surface, the places below it are followed as long as they get deeper no
 //! faster than a chamfer does. A support farther below is not reached that way.
 
 use super::occupancy::{CELLS_MIN, Cells, DEPTH_MAX, LOST_MAX, SHARE_MIN, Slant};
-use crate::estimation::conclude::median;
+use crate::estimation::statistics::median;
 
 /// Steepest slope that is followed: chamfers of 30°, 45° and 60° are usual (tan 60° = 1.7).
 const SLOPE_MAX: f64 = 2.0;
@@ -14,7 +14,7 @@ const SLOPE_MIN: f64 = 0.1;
 /// Share of the points, the deepest ones, whose mean fixes the line: the end plane lies there.
 const DEEPEST_SHARE: f64 = 0.1;
 
-/// What lies below the end of the surface.
+/// The surface below the end of the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Beneath {
     /// Nothing, or something too far below to belong to the part.
@@ -38,7 +38,7 @@ impl Beneath {
     }
 }
 
-/// What continues below a surface that ends at `surface_end`, give or take half a spacing.
+/// The continuation below a surface that ends at `surface_end`, give or take half a spacing.
 pub(super) fn beneath(cells: &Cells, surface_end: f64, spacing: f64, tolerance: f64) -> Beneath {
     let start = surface_end - 0.5 * spacing;
     let mut bins: Vec<(f64, Option<f64>)> =

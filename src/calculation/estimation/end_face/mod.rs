@@ -7,32 +7,30 @@
 //!
 //! ```text
 //! points --unroll--> (angle, place, height) --occupancy--> observations of presence --chamfer--> what belongs to the part
-//!        --likelihood--> of a plane --motions, marginalise--> over the poses --posterior--> place and uncertainty
+//!        --likelihood--> of a plane --marginalise--> over the poses --posterior--> place and uncertainty
 //! ```
 
 mod chamfer;
 mod likelihood;
 mod marginalise;
-mod motions;
 mod occupancy;
 mod posterior;
 mod unroll;
 
 use super::estimate::{EndFace, EndFaces, Estimate, Outcome, Pose};
-use super::settings::{End, Settings};
+use super::settings::{End, Settings, TypeB};
 use super::type_b;
-use super::type_b::TypeB;
 use super::warning::Warning;
 use crate::scan::{Grouping, Scan};
 use chamfer::Beneath;
 use likelihood::Likelihood;
-use motions::Motions;
+use marginalise::Motions;
 use nalgebra::Matrix5;
 use occupancy::{Cells, Observation, Slant};
 use posterior::Posterior;
 use unroll::{Columns, Plane, Unrolled, View};
 
-/// Points of a plane, columns and planes of the coarse look. Four points a column bear a quarter of drop-outs.
+/// Points of a plane, columns and planes of the coarse search. Four points a column tolerate a quarter of drop-outs.
 const COARSE_POINTS_MAX: usize = 64;
 const COARSE_COLUMNS: usize = 16;
 const COARSE_PLANES_MAX: usize = 4096;
@@ -91,7 +89,7 @@ fn relative_to_scan(pose: &Pose, type_b: &TypeB) -> Matrix5<f64> {
     pose.uncertainty.without(&whole)
 }
 
-/// What is known before an end is sought.
+/// The inputs of the search for an end.
 struct Search<'a> {
     scan: &'a Scan,
     pose: &'a Pose,
@@ -102,7 +100,7 @@ struct Search<'a> {
     type_b: &'a TypeB,
 }
 
-/// What the coarse look finds. Lengths in mm along the axis.
+/// The result of the coarse search. Lengths in mm along the axis.
 struct About {
     /// End of the last spacing that shows the surface.
     last: f64,
@@ -191,7 +189,7 @@ impl Search<'_> {
     }
 }
 
-/// Columns of the points on the surface at the places that are wanted, as many as `columns_count` says for these points.
+/// Columns of the points on the surface at the places that are wanted, as many as `columns_count` returns for these points.
 fn columns(
     points: &[Unrolled],
     view: &View,

@@ -4,7 +4,7 @@
 
 use super::unroll::{Column, Columns, Plane, Unrolled};
 
-/// What lies deeper below the surface than this share of the radius is not the part: a slant that deep is a cone, not a
+/// Points deeper below the surface than this share of the radius are not the part: a slant that deep is a cone, not a
 /// chamfer. The deepest chamfer of the tests has a quarter.
 pub(super) const DEPTH_MAX: f64 = 0.5;
 /// Runs of missing cells are distinguished up to this length.
@@ -16,7 +16,7 @@ pub(super) const CELLS_MIN: usize = 4;
 pub(super) const LOST_MAX: usize = 1;
 const UNDECIDED_MAX: usize = 3;
 
-/// What a cell shows.
+/// The content of a cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Seen {
     Nothing,
@@ -66,7 +66,7 @@ pub(super) struct Cells {
 pub(super) struct Slant {
     pub(super) from: f64,
     pub(super) to: f64,
-    /// What lies deeper there is not part of it.
+    /// Points deeper there are not part of it.
     pub(super) depth_max: f64,
     /// A place on it, and how deep it is there, mm.
     pub(super) at: f64,

@@ -1,7 +1,6 @@
 //! The place of the end plane with its uncertainty, from the pieces that every pose contributes.
 
-use super::marginalise::{Piece, largest};
-use super::motions::Motions;
+use super::marginalise::{Motions, Piece, largest};
 use super::occupancy::Observation;
 use super::unroll::Columns;
 use std::f64::consts::{FRAC_1_SQRT_2, PI, SQRT_2};
@@ -92,7 +91,7 @@ impl Posterior {
         self.pieces.iter().map(share).fold([0.0; 2], |[all, growth], [share, by]| [all + share, growth + by])
     }
 
-    /// What to add to half of the half-width. Two flanks of the part that meet the plane at different phases of the raster
+    /// The amount to add to half of the half-width. Two flanks of the part that meet the plane at different phases of the raster
     /// show how far the pose has moved them against each other. Where both meet it alike, they show one interval, which the
     /// posterior takes for the intersection of two: each of its ends falls short by about that motion, and by no more than
     /// the interval is wide.

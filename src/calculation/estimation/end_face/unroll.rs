@@ -4,9 +4,9 @@
 //! With dx = x − x_ref, u and w from the axis in the plane of the profile and n² = 1 + p² + q² a point lies at
 //! t = ±(n·dx + (p·u + q·w)/n); its squared distance from the axis is u² + w² − (p·u + q·w)²/n².
 
-use crate::estimation::conclude::median;
 use crate::estimation::estimate::Pose;
 use crate::estimation::settings::End;
+use crate::estimation::statistics::median;
 use crate::geometry::AxisLine;
 use crate::scan::{Scan, Station};
 use nalgebra::{Matrix5, Vector4, Vector5};
@@ -183,7 +183,7 @@ pub(super) fn thin(planes: &[Plane], planes_max: usize) -> Vec<Plane> {
     planes.iter().step_by(planes.len().div_ceil(planes_max).max(1)).cloned().collect()
 }
 
-/// Divides the angles about the axis into columns that hold equally many points of the part.
+/// Divides the angles about the axis into columns that contain equally many points of the part.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Columns {
     /// Where each column but the first begins, radians.

@@ -1,238 +1,102 @@
-//! The Gaussian associated cylinder of points (ISO 22432): the least sum of squared orthogonal distances over all points,
-//! each with the weight one, in any direction and to the precision of the numbers.
-//!
-//! ```text
-//! points --sample--> at most 1024 --starts--> cylinders --descend--> minima --descend, all points--> GaussianCylinder
-//!            (directions over the half sphere)                (Newton)
-//! ```
+//! The method `least_squares`: the Gaussian associated cylinder of all points of a scan, none of which is judged.
 
-mod axis;
-mod descent;
-mod error;
-pub(super) mod method;
+mod cylinder;
+mod fit;
 mod points;
 mod starts;
 
-pub use error::LeastSquaresError;
+pub use fit::{GaussianCylinder, LeastSquaresError, basis, least_squares_cylinder};
 
+use super::budget::Line;
+use super::estimate::{Conditioning, EndFaces, Estimate, Outcome, Pose, Profile, RadiusSource, Residuals, Uncertainty};
 use super::progress::Progress;
-use axis::{Cylinder, basis_of};
-use descent::{Minimum, descend};
-use nalgebra::{Matrix5, Vector3, Vector5};
-use points::{Lanes, Points, Terms};
-use rayon::prelude::*;
+use super::refusal::Refusal;
+use super::section_cut::SectionCut;
+use super::settings::Settings;
+use super::warning::Warning;
+use super::{checks, type_b};
+use crate::geometry::{Axis, AxisLine};
+use crate::scan::{Scan, Station};
+use fit::cylinder_of;
+use nalgebra::{Matrix3, Matrix5, Vector3, Vector5};
 
-/// One more than there are parameters, so that the scatter shows.
-const POINTS_MIN: usize = 6;
-const PARAMETERS: usize = 5;
-/// Squares of coordinates up to here are far from infinite.
-const COORDINATE_MAX: f64 = 1e100;
-/// Half a unit in the last place of a number between 1 and 2.
-const ROUNDING: f64 = f64::EPSILON / 2.0;
-/// The rounding of a sum of 4096 terms, relative to its largest: that of one term times √4096. A matrix of such sums whose
-/// least eigenvalue is smaller may be singular.
-const SINGULAR: f64 = 64.0 * f64::EPSILON;
-const SWEEPS_MAX: usize = 64;
-/// Minima nearer than this are one: a descent ends some eight digits below it.
-const SAME: f64 = 1e-5;
-/// Minima of the sample that are compared over all points at most.
-const COMPARED_MAX: usize = 8;
-
-/// The cylinder of least squares and its uncertainty.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GaussianCylinder {
-    /// The point of the axis that is nearest to the centroid of the points, mm.
-    pub point: [f64; 3],
-    /// Of length one; its component of largest magnitude is positive.
-    pub direction: [f64; 3],
-    /// Radius, mm.
-    pub radius: f64,
-    /// Standard deviation of the points about the cylinder, mm: √(Σ d²/(n − 5)). A fit of five parameters takes five degrees of
-    /// freedom from the distances, whose sum of squares is (n − 5) σ² on average where the points scatter with σ.
-    pub sigma: f64,
-    /// Covariance σ² (JᵀJ)⁻¹ of (tilt of the direction towards e1, tilt towards e2, shift of `point` along e1, shift along e2,
-    /// radius) in rad and mm, where e1 and e2 are the [`basis`] of `direction`. It holds where the errors of the points are
-    /// independent of one another.
-    pub covariance: [[f64; 5]; 5],
-}
-
-/// Two unit vectors square to a direction and to each other, the second being direction × first: the basis of the covariance
-/// of a [`GaussianCylinder`].
-#[must_use]
-pub fn basis(direction: [f64; 3]) -> [[f64; 3]; 2] {
-    let direction = Vector3::from(direction).try_normalize(0.0).unwrap_or_else(Vector3::x);
-    basis_of(&direction).map(Into::into)
-}
-
-/// The Gaussian associated cylinder of all points given, in mm. The result does not depend on the number of threads.
-///
-/// # Errors
-/// [`LeastSquaresError`] where the points determine no cylinder, or more than one.
-pub fn least_squares_cylinder(points: &[[f64; 3]]) -> Result<GaussianCylinder, LeastSquaresError> {
-    cylinder_of(points, &Progress::default())
-}
-
-fn cylinder_of(points: &[[f64; 3]], progress: &Progress) -> Result<GaussianCylinder, LeastSquaresError> {
-    let points_count = points.len();
-    let (low, high) = bounds(points)?;
-    let distinct_count = count_distinct(points);
-    if distinct_count < POINTS_MIN {
-        return Err(LeastSquaresError::TooFewPoints { points_count, distinct_count });
-    }
-    let middle = (low + high) * 0.5;
-    let magnification = power_of_two_below((high - low).amax()).recip();
-    let about_middle = Points::new(points, middle, magnification);
-    let centroid = middle + Vector3::from(about_middle.sum(&Coordinates)) / (points_count as f64 * magnification);
-    let all = Points::new(points, centroid, magnification);
-    let rounding = ROUNDING * (low.abs().sup(&high.abs()).amax() * magnification);
-
-    let sampled = starts::sample(&all);
-    let sample = Points::new(&sampled, Vector3::zeros(), 1.0);
-    if dimensions(&sample, rounding) < 3 {
-        match dimensions(&all, rounding) {
-            0 | 1 => return Err(LeastSquaresError::Collinear { points_count }),
-            2 => return Err(LeastSquaresError::Coplanar { points_count }),
-            _ => {}
+/// The whole measurement.
+pub(super) fn measure(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
+    let points: Vec<[f64; 3]> = scan.stations().iter().flat_map(|station| scan.points_of(station)).collect();
+    let (outcome, residuals, axial_length) = match cylinder_of(&points, progress) {
+        Err(error) => {
+            let refusal = Refusal::PointsUndetermined { points_count: points.len(), detail: error.to_string() };
+            (Outcome::Refused(refusal), None, 0.0)
         }
-    }
-    let minima =
-        distinct(starts::starts(&sample).par_iter().filter_map(|start| descend(&sample, start, progress)).collect());
-    // Over all points another of the minima may be the least: the sum of squares of a sample scatters by √(2/count), which
-    // is 5 of these standard deviations at most.
-    let scatter = if all.count() > sample.count() { 5.0 * (2.0 / sample.count() as f64).sqrt() } else { 0.0 };
-    let least = minima.first().map_or(0.0, |least| least.sums.squares);
-    let margin = |minimum: &&Minimum| {
-        minimum.sums.squares <= least * (1.0 + scatter) + 2.0 * uncertainty_of_sum(minimum, &sample, rounding)
+        Ok(found) => {
+            let extent = extent(&points, &found);
+            let residuals = Residuals { sigma: found.sigma, inlier_ratio: 1.0 };
+            (outcome(&found, points.len(), extent, settings), Some(residuals), extent[1] - extent[0])
+        }
     };
-    let compared = minima.iter().filter(margin).take(COMPARED_MAX);
-    let minima = distinct(compared.filter_map(|minimum| descend(&all, &minimum.cylinder, progress)).collect());
-    let best = minima.first().ok_or(LeastSquaresError::NoCurvature { points_count })?;
-    // Newton's steps that stop to shrink at this size creep along a valley.
-    let settled = best.step < SAME;
-    let inverse =
-        inverse(&best.sums.normal).filter(|_| settled).ok_or(LeastSquaresError::Undetermined { points_count })?;
-    let tolerance = 2.0 * uncertainty_of_sum(best, &all, rounding);
-    let equal = |minimum: &&Minimum| minimum.sums.squares <= best.sums.squares + tolerance;
-    let cylinders_count = minima.iter().filter(equal).count();
-    if cylinders_count > 1 {
-        return Err(LeastSquaresError::Ambiguous { points_count, cylinders_count });
-    }
-    Ok(result(best, &inverse, &all, centroid, magnification))
+    let is_silent = settings.type_b.is_stated() || matches!(outcome, Outcome::Refused(_));
+    let warnings = if is_silent { Vec::new() } else { vec![Warning::CalibrationNotStated] };
+    let conditioning = Conditioning { arc: None, axial_length, warnings };
+    let profiles = scan.stations().iter().map(unjudged).collect();
+    Estimate { method: settings.method, outcome, profiles, conditioning, residuals }
 }
 
-/// The cylinder in the coordinates of the points.
-fn result(
-    best: &Minimum,
-    inverse: &Matrix5<f64>,
-    points: &Points<'_>,
-    centroid: Vector3<f64>,
-    magnification: f64,
-) -> GaussianCylinder {
-    let Cylinder { foot, direction, radius } = best.cylinder;
-    let size = magnification.recip();
-    let variance = best.sums.squares / (points.count() - PARAMETERS) as f64;
-    let units = Matrix5::from_diagonal(&Vector5::new(1.0, 1.0, size, size, size));
-    GaussianCylinder {
-        point: (centroid + foot * size).into(),
-        direction: direction.into(),
-        radius: radius * size,
-        sigma: variance.sqrt() * size,
-        covariance: (units * inverse * units * variance).into(),
-    }
+/// All points of every profile count.
+fn unjudged(station: &Station) -> Profile {
+    let points_count = station.end - station.start;
+    Profile { x: station.x, points_count, rejected: None, section: None, offset: None }
 }
 
-/// The corners of the box of the points.
-fn bounds(points: &[[f64; 3]]) -> Result<(Vector3<f64>, Vector3<f64>), LeastSquaresError> {
-    let mut low = Vector3::from_element(f64::INFINITY);
-    let mut high = -low;
-    for (index, point) in points.iter().enumerate() {
-        // Written so that NaN fails it, too.
-        if !point.iter().all(|value| value.abs() <= COORDINATE_MAX) {
-            return Err(LeastSquaresError::Coordinate { index });
-        }
-        let point = Vector3::from(*point);
-        (low, high) = (low.inf(&point), high.sup(&point));
+fn outcome(found: &GaussianCylinder, points_count: usize, extent: [f64; 2], settings: &Settings) -> Outcome {
+    let axis = Axis { point_mm: found.point, direction: found.direction };
+    let cut = SectionCut::about(&axis, found.radius, extent);
+    let Some((cut, covariance)) = cut.and_then(|cut| Some((cut, in_frame(found, &cut)?))) else {
+        return Outcome::Refused(Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm });
+    };
+    let along_x = AxisLine { p: 0.0, q: 0.0, y0: 0.0, z0: 0.0 };
+    let freedom = (points_count as f64 - 5.0).max(1.0);
+    let repeatability =
+        Line::of_slopes(Line::REPEATABILITY, &covariance, &along_x).with_freedom(Vector5::repeat(freedom));
+    let rotation = cut.frame.rotation().unwrap_or_else(|_| Matrix3::identity());
+    let origin = (rotation * -Vector3::from(cut.frame.origin_mm)).into();
+    let in_cut = type_b::Found { axis: along_x, x_ref: 0.0, radius: found.radius, origin };
+    let lines: Vec<Line> = std::iter::once(repeatability).chain(settings.type_b.of_whole_scan(&in_cut)).collect();
+    let uncertainty = Uncertainty::of(&lines, &along_x, 0.0);
+    if let Some(refusal) = checks::undetermined(&uncertainty, found.radius, settings) {
+        return Outcome::Refused(refusal);
     }
-    Ok((low, high))
+    Outcome::Accepted(Box::new(Pose {
+        axis: along_x,
+        x_ref: 0.0,
+        cut: Some(cut),
+        radius: found.radius,
+        radius_source: RadiusSource::Fitted,
+        uncertainty,
+        end_faces: EndFaces::default(),
+    }))
 }
 
-/// How many different points there are, as far as [`POINTS_MIN`].
-fn count_distinct(points: &[[f64; 3]]) -> usize {
-    let mut found: Vec<[f64; 3]> = Vec::with_capacity(POINTS_MIN);
-    for point in points {
-        if !found.contains(point) {
-            found.push(*point);
-        }
-        if found.len() == POINTS_MIN {
-            break;
-        }
-    }
-    found.len()
+/// Where the points begin and end along the axis, from its point, mm.
+fn extent(points: &[[f64; 3]], found: &GaussianCylinder) -> [f64; 2] {
+    let (origin, direction) = (Vector3::from(found.point), Vector3::from(found.direction));
+    let ends = |[first, last]: [f64; 2], point: &[f64; 3]| {
+        let along = (Vector3::from(*point) - origin).dot(&direction);
+        [first.min(along), last.max(along)]
+    };
+    points.iter().fold([f64::INFINITY, f64::NEG_INFINITY], ends)
 }
 
-struct Coordinates;
-
-impl Terms<3> for Coordinates {
-    #[inline(always)]
-    fn of(&self, x: Lanes, y: Lanes, z: Lanes) -> [Lanes; 3] {
-        [x, y, z]
-    }
-}
-
-/// Dividing by a power of two does not round. Of a length too small for that the least normal number is taken.
-fn power_of_two_below(length: f64) -> f64 {
-    f64::from_bits(length.max(f64::MIN_POSITIVE).to_bits() & 0x7ff0_0000_0000_0000)
-}
-
-/// The dimensions that points span beyond the rounding of their coordinates: from the farthest point a line, from the point
-/// farthest off it a plane. Two roundings of three coordinates each, of a point and of the plane, add up to less than eight.
-fn dimensions(points: &Points<'_>, rounding: f64) -> usize {
-    let tolerance = 8.0 * (rounding + ROUNDING);
-    let (first, length) = points.farthest(Vector3::norm);
-    if length <= tolerance {
-        return 0;
-    }
-    let along = first / length;
-    let off_line = |point: &Vector3<f64>| (point - along * along.dot(point)).norm();
-    let (second, height) = points.farthest(off_line);
-    if height <= tolerance {
-        return 1;
-    }
-    let across = (second - along * along.dot(&second)) / height;
-    let normal = along.cross(&across);
-    let (_, depth) = points.farthest(|point| normal.dot(point).abs());
-    if depth <= tolerance { 2 } else { 3 }
-}
-
-/// Sorts minima and leaves out what was found before.
-fn distinct(mut minima: Vec<Minimum>) -> Vec<Minimum> {
-    minima.sort_by(|one, other| one.sums.squares.total_cmp(&other.sums.squares));
-    let mut found: Vec<Minimum> = Vec::new();
-    for minimum in minima {
-        if found.iter().all(|known| known.cylinder.distance(&minimum.cylinder) > SAME) {
-            found.push(minimum);
-        }
-    }
-    found
-}
-
-/// What rounding does to a sum of squared distances at most: a distance is made of three rounded coordinates and a rounded
-/// radius, and Σ (d + δ)² − Σ d² is at most 2 δ √(n Σ d²) + n δ².
-fn uncertainty_of_sum(minimum: &Minimum, points: &Points<'_>, rounding: f64) -> f64 {
-    let delta = 4.0 * (rounding + ROUNDING * minimum.cylinder.radius.max(1.0));
-    let count = points.count() as f64;
-    2.0 * delta * (count * minimum.sums.squares).sqrt() + count * delta * delta
-}
-
-/// The inverse of JᵀJ, or `None` where it may be singular as far as its rounding shows.
-fn inverse(normal: &Matrix5<f64>) -> Option<Matrix5<f64>> {
-    // Scaled to a unit diagonal, as the columns of J have different units.
-    let scale: Vector5<f64> = normal.diagonal().map(|value| value.sqrt().recip());
-    let scale = Matrix5::from_diagonal(&scale);
-    let scaled = scale * normal * scale;
-    if !scaled.iter().all(|value| value.is_finite()) {
-        return None;
-    }
-    let least = scaled.try_symmetric_eigen(f64::EPSILON, SWEEPS_MAX)?.eigenvalues.min();
-    (least > SINGULAR).then_some(scale * scaled.cholesky()?.inverse() * scale)
+/// The covariance in the axes y and z of a frame along the axis.
+fn in_frame(found: &GaussianCylinder, cut: &SectionCut) -> Option<Matrix5<f64>> {
+    let rotation = cut.frame.rotation().ok()?;
+    let [first, second] = basis(found.direction).map(|axis| rotation * Vector3::from(axis));
+    #[rustfmt::skip]
+    let turn = Matrix5::new(
+        first.y, second.y, 0.0, 0.0, 0.0,
+        first.z, second.z, 0.0, 0.0, 0.0,
+        0.0, 0.0, first.y, second.y, 0.0,
+        0.0, 0.0, first.z, second.z, 0.0,
+        0.0, 0.0, 0.0, 0.0, 1.0,
+    );
+    Some(turn * Matrix5::from(found.covariance) * turn.transpose())
 }

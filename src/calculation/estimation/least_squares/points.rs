@@ -75,7 +75,7 @@ fn add<const N: usize>(total: &mut [f64; N], terms: &[f64; N]) {
     }
 }
 
-/// What is added up of points whose coordinates lie side by side.
+/// Terms of a sum over points whose coordinates lie side by side.
 pub(super) trait Terms<const N: usize>: Sync {
     /// The terms of [`LANES`] points.
     fn of(&self, x: Lanes, y: Lanes, z: Lanes) -> [Lanes; N];

@@ -1,7 +1,7 @@
 //! The cylinders from which the fit starts, so that the least of all minima is found. For a given direction the best circle
 //! by Kåsa's criterion follows from moments of the points to the fourth order (Eberly), without another look at the points.
 
-use super::axis::{Cylinder, basis_of, circle};
+use super::cylinder::{Cylinder, basis_of, circle};
 use super::points::Points;
 use nalgebra::{Matrix2, Matrix3, Matrix3x6, Matrix6, Vector2, Vector3, Vector6};
 

@@ -1,5 +1,5 @@
-//! Several parts in one scan, one behind the other on the rail: the scan is cut along x, and each piece is estimated as if it
-//! had come alone. Knows scan; must not know where a rule came from.
+//! Several parts in one scan, one behind the other on the rail: the scan is cut along x, and each piece is estimated as a
+//! scan of its own.
 //!
 //! ```text
 //! Scan --windows or gap--> ranges of stations --Scan::part--> Scans that share its points --estimate--> Estimate, each
@@ -7,24 +7,23 @@
 
 mod gap;
 mod rule;
-mod shows;
 
 pub use rule::{ByGap, PARTS_MAX, PartRule, PartsError, Window};
 
-use super::estimate;
-use super::estimate::{Conditioning, Estimate, Outcome, Profile, Reason};
+use super::checks::unusable;
+use super::estimate::{Conditioning, Estimate, Outcome, Profile};
+use super::orientation;
 use super::progress::Progress;
-use super::refusal::Refusal;
+use super::refusal::{Reason, Refusal};
 use super::settings::{Orientation, Settings};
-use super::unusable::unusable;
 use super::warning::Warning;
 use crate::scan::{Grouping, Scan};
 use std::ops::Range;
 
-/// What was found in a scan.
+/// The result for a scan.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ScanEstimate {
-    /// Of all of it, where no parts were asked for.
+    /// Of all of it, where no parts were requested.
     Whole(Estimate),
     /// Of its parts.
     Parts(Parts),
@@ -35,7 +34,7 @@ pub enum ScanEstimate {
 pub struct Parts {
     /// In order of x.
     pub parts: Vec<PartEstimate>,
-    /// Why the scan is not one of such parts, whatever each of them says.
+    /// Why the scan as a whole is refused, whatever the result of each part.
     pub refusal: Option<Refusal>,
     /// The profiles that belong to no part, in station order.
     pub outside: Vec<Profile>,
@@ -44,13 +43,13 @@ pub struct Parts {
 /// One part.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PartEstimate {
-    /// What it is called.
+    /// Its name.
     pub name: String,
     /// Its window along x, or where its first and last profile lie, mm.
     pub x_mm: [f64; 2],
     /// Its profiles among those of the scan.
     pub stations: Range<usize>,
-    /// What was found, as if the part had come alone.
+    /// The result, as for a scan of the part alone.
     pub estimate: Estimate,
 }
 
@@ -67,7 +66,7 @@ impl ScanEstimate {
 }
 
 impl Parts {
-    /// What became of every profile of the scan, in station order.
+    /// The verdict on every profile of the scan, in station order.
     #[must_use]
     pub fn profiles(&self) -> Vec<Profile> {
         let mut outside = self.outside.iter().cloned();
@@ -92,12 +91,12 @@ struct Piece {
     blanks: Vec<f64>,
 }
 
-/// The measurement of every part that the rule tells of. The result does not depend on the number of threads, and that of a
+/// The measurement of every part by the rule. The result does not depend on the number of threads, and that of a
 /// part not on the others.
 #[must_use]
 pub fn estimate_parts(scan: &Scan, settings: &Settings, rule: &PartRule, progress: &Progress) -> ScanEstimate {
     match rule {
-        PartRule::One => ScanEstimate::Whole(estimate(scan, settings, progress)),
+        PartRule::One => ScanEstimate::Whole(orientation::measure(scan, settings, progress)),
         PartRule::Windows(windows) => {
             ScanEstimate::Parts(measure(scan, &in_windows(scan, settings, windows), progress))
         }
@@ -142,10 +141,10 @@ fn between_gaps(scan: &Scan, settings: &Settings, rule: &ByGap, progress: &Progr
         pieces.clear();
     }
     let mut parts = measure(scan, &pieces, progress);
-    // What shows no part may be told why in plainer words.
+    // A scan without a part may have a refusal that names the cause better.
     parts.refusal = if found.is_empty() { unusable(scan, settings).or(wrong_count) } else { wrong_count };
     if let Some(refusal) = &parts.refusal {
-        // Which of them is which cannot be told, so none of the poses may be used.
+        // It is unknown which of them is which, so none of the poses may be used.
         parts.parts.iter_mut().for_each(|part| part.estimate.outcome = Outcome::Refused(refusal.clone()));
     }
     parts
@@ -177,7 +176,7 @@ fn measure(scan: &Scan, pieces: &[Piece], progress: &Progress) -> Parts {
                 };
                 let part = part.with_blanks(piece.blanks.clone()).with_grouping(grouping);
                 let settings = Settings { orientation: Orientation::Rail, ..piece.settings };
-                estimate(&part, &settings, progress)
+                orientation::measure(&part, &settings, progress)
             }
             None => empty(piece),
         },

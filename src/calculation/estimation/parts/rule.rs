@@ -1,4 +1,4 @@
-//! How a scan is told to be of several parts, and whether that can be.
+//! The rule by which a scan is divided into several parts, and its checks.
 //!
 //! In a recipe: `"one"`, `{"by_gap": {"gap_min_mm": 20, "count": 2}}` or `{"windows": [{"name": …, "x_min_mm": …, …}]}`.
 
@@ -31,7 +31,7 @@ pub enum PartRule {
 pub struct ByGap {
     /// A stretch of the rail at least this long without a profile that shows a part divides two parts.
     pub gap_min_mm: f64,
-    /// How many parts there must be; 1 to [`PARTS_MAX`] where nobody says.
+    /// How many parts there must be; 1 to [`PARTS_MAX`] by default.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub count: Option<u32>,
 }
@@ -40,13 +40,13 @@ pub struct ByGap {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Window {
-    /// What the part is called.
+    /// The name of the part.
     pub name: String,
     /// Least x, included.
     pub x_min_mm: f64,
     /// Largest x, included; where the next window begins there, a profile at the bound is of this one.
     pub x_max_mm: f64,
-    /// The radius that the drawing of this part gives; that of the settings where nobody says.
+    /// The radius that the drawing of this part gives; that of the settings by default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub nominal_radius_mm: Option<f64>,
 }
@@ -57,19 +57,19 @@ pub enum PartsError {
     /// A gap that is no length.
     #[error("by_gap.gap_min_mm must be a length above 0 and at most 100000 mm, got {value}")]
     Gap {
-        /// What was given.
+        /// The given value.
         value: f64,
     },
     /// No number of parts that a scan may have.
     #[error("by_gap.count must be between 1 and {PARTS_MAX}, got {value}")]
     Count {
-        /// What was given.
+        /// The given value.
         value: u32,
     },
     /// No window, or more than a scan may have parts.
     #[error("windows must be a list of 1 to {PARTS_MAX}, got {windows_count}")]
     WindowsCount {
-        /// What was given.
+        /// The given value.
         windows_count: usize,
     },
     /// A name that is none.
@@ -80,7 +80,7 @@ pub enum PartsError {
     Name {
         /// Position in the list, from 0.
         index: usize,
-        /// What was given.
+        /// The given value.
         name: String,
     },
     /// A name that an earlier window has.
@@ -91,7 +91,7 @@ pub enum PartsError {
         /// The name.
         name: String,
     },
-    /// Bounds that hold nothing.
+    /// Bounds that contain nothing.
     #[error(
         "windows[{index}] ({name}): x_min_mm must be below x_max_mm and both within ±1000000, got {x_min_mm} and {x_max_mm}"
     )]
@@ -100,9 +100,9 @@ pub enum PartsError {
         index: usize,
         /// The window's name.
         name: String,
-        /// What was given.
+        /// The given value.
         x_min_mm: f64,
-        /// What was given.
+        /// The given value.
         x_max_mm: f64,
     },
     /// Two windows that claim the same profiles.
@@ -128,7 +128,7 @@ pub enum PartsError {
         index: usize,
         /// The window's name.
         name: String,
-        /// What does not.
+        /// The setting.
         source: SettingError,
     },
 }
@@ -155,7 +155,7 @@ impl Default for ByGap {
 }
 
 impl Window {
-    /// What its part is estimated with.
+    /// The settings for its part.
     #[must_use]
     pub fn settings(&self, settings: &Settings) -> Settings {
         Settings { nominal_radius_mm: self.nominal_radius_mm.or(settings.nominal_radius_mm), ..*settings }
@@ -163,7 +163,7 @@ impl Window {
 }
 
 impl PartRule {
-    /// The settings to be checked beside the rule: those of the first part, since the nominal radius may be said there only.
+    /// The settings to be checked beside the rule: those of the first part, since the nominal radius may be declared only there.
     #[must_use]
     pub fn settings(&self, settings: &Settings) -> Settings {
         match self {

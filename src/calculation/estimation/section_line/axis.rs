@@ -1,17 +1,23 @@
-//! A robust straight line through the centres of the sections, and how well it is known.
+//! A robust straight line through the centres of the sections, its covariance, and its response to errors of the sensor.
 //!
 //! y = y_ref + p·(x − x_ref) and z likewise, each by weighted least squares, re-weighted by Tukey on the distance of the centre
-//! from the line, |P_i P_0 × T| / |T|, until it settles. The covariance is the sandwich B (Σ G_i G_iᵀ) Bᵀ with the profile as
-//! the cluster: whatever the points of a profile share is in its centre, so nothing is assumed about them. In: centres and
-//! radii of profiles. Out: axis, radius, covariance, weights.
+//! from the line, |P_i P_0 × T| / |T|, until the weights settle. The covariance is the sandwich B (Σ G_i G_iᵀ) Bᵀ with the profile as
+//! the cluster: errors common to the points of a profile are in its centre, so nothing is assumed about them.
+//!
+//! The response to a shift in z of the points at each place of the laser line, in all profiles at once, is calculated by fitting some
+//! sections again with the points of a patch shifted; each of them represents its neighbours.
 
-use crate::estimation::robust;
-use crate::estimation::student::{TWO_SIGMA, coverage_ratio};
-use crate::estimation::type_b::Influence;
-use crate::geometry::AxisLine;
-use nalgebra::{Matrix2, Matrix5, Vector2, Vector5};
+use super::section::Workspace;
+use crate::estimation::estimate::Profile;
+use crate::estimation::settings::Settings;
+use crate::estimation::statistics::{self, TWO_SIGMA, coverage_ratio};
+use crate::estimation::type_b::{Influence, PatchInfluence, Patches};
+use crate::geometry::{AxisLine, SectionEllipse};
+use crate::scan::{Scan, Station};
+use nalgebra::{Matrix2, Matrix5, Matrix5x2, Vector2, Vector5};
+use rayon::prelude::*;
 
-/// What one profile says about the axis, mm.
+/// The centre and radius of one profile, mm.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Centre {
     pub(super) x: f64,
@@ -31,18 +37,18 @@ pub(super) struct Fit {
     pub(super) freedom: f64,
     /// One a centre; 0 where it lies off the axis.
     pub(super) weights: Vec<f64>,
-    /// How the line answers to the shift of a centre; one for each with a weight.
+    /// How the line responds to the shift of a centre; one for each with a weight.
     pub(super) influences: Vec<Influence>,
 }
 
-/// Whether centres that do not agree lose their say.
+/// Whether centres that do not agree lose their weight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Reweighting {
     Tukey,
     None,
 }
 
-/// No centre has all of the say, or nothing could be told of its error.
+/// Largest leverage of a centre; with more its error could not be estimated.
 const LEVERAGE_MAX: f64 = 0.95;
 const ROUNDS_MAX: usize = 100;
 /// Where y_ref and, behind it, z_ref stand among the parameters.
@@ -62,10 +68,11 @@ pub(super) fn fit(centres: &[Centre], reweighting: Reweighting) -> Option<Fit> {
         for _ in 0..ROUNDS_MAX {
             let squared: Vec<f64> = centres.iter().map(|c| axis.distance([c.x, c.y, c.z]).powi(2)).collect();
             let size = centres.iter().fold(0.0_f64, |size, c| size.max(c.y.abs()).max(c.z.abs()).max(c.radius));
-            let sigma = robust::sigma(&squared, &mut Vec::new()).max(SPREAD_FLOOR * size).max(f64::MIN_POSITIVE.sqrt());
-            cut_off = robust::cut_off_squared(sigma);
+            let sigma =
+                statistics::sigma(&squared, &mut Vec::new()).max(SPREAD_FLOOR * size).max(f64::MIN_POSITIVE.sqrt());
+            cut_off = statistics::cut_off_squared(sigma);
             let before = weights;
-            weights = squared.iter().map(|&r2| robust::weight(r2, cut_off)).collect();
+            weights = squared.iter().map(|&r2| statistics::weight(r2, cut_off)).collect();
             axis = line(centres, &weights, middle)?;
             if weights.iter().zip(&before).all(|(now, before)| (now - before).abs() < SETTLED) {
                 break;
@@ -103,7 +110,7 @@ fn line(centres: &[Centre], weights: &[f64], middle: f64) -> Option<AxisLine> {
     [axis.p, axis.q, axis.y0, axis.z0].iter().all(|v| v.is_finite()).then_some(axis)
 }
 
-/// What the scatter of the centres does to the line, and what a shift of each would.
+/// The covariance of the line by the scatter of the centres, and its response to a shift of each.
 fn sensitivity(
     centres: &[Centre],
     weights: &[f64],
@@ -147,4 +154,74 @@ fn sensitivity(
     let influence = |(x, block): (f64, Matrix5<f64>)| Influence { x, effect: bread * block.fixed_columns::<2>(Y_REF) };
     let influences = blocks.into_iter().map(influence).collect();
     matrix.iter().all(|v| v.is_finite()).then_some((matrix, influences))
+}
+
+/// Sections that are fitted again. The response of a section to a patch changes slowly along the part, as its arc does.
+const SECTIONS: usize = 16;
+const RADIUS: usize = 4;
+
+/// Neighbouring sections, of which the middle one represents the others.
+struct Group {
+    ellipse: SectionEllipse,
+    y: Vec<f64>,
+    z: Vec<f64>,
+    /// How the axis responds to a shift of all their centres,
+    by_centre: Matrix5x2<f64>,
+    /// and the radius to that of all their radii.
+    by_radius: f64,
+}
+
+/// A section, its profile, and the responses of the axis to a shift of its centre and of the radius to that of its own.
+type Section<'a> = (SectionEllipse, &'a Station, Matrix5x2<f64>, f64);
+
+/// The response to each patch; empty where there is none.
+pub(super) fn influences(scan: &Scan, profiles: &[Profile], fit: &Fit, settings: &Settings) -> Vec<PatchInfluence> {
+    let groups = groups(scan, profiles, fit);
+    // Points beside the part have no influence.
+    let on_part = |group: &Group, y: f64| (y - group.ellipse.centre_y).abs() <= group.ellipse.semi_major;
+    let places = groups.iter().flat_map(|group| group.y.iter().copied().filter(|y| on_part(group, *y)));
+    let Some(patches) = Patches::over(places) else {
+        return Vec::new();
+    };
+    let heights: Vec<f64> = groups.iter().map(|group| group.ellipse.centre_z).collect();
+    let middle = heights.iter().sum::<f64>() / heights.len() as f64;
+    let responses: Vec<Vec<Vector5<f64>>> =
+        groups.into_par_iter().map(|group| response(group, patches, settings)).collect();
+    let mut effects = vec![[Vector5::zeros(); 2]; Patches::count()];
+    for (response, height) in responses.into_iter().zip(heights) {
+        for ([effect, slope], by) in effects.iter_mut().zip(response) {
+            *effect += by;
+            *slope += by * (height - middle);
+        }
+    }
+    patches.influences(effects)
+}
+
+fn groups(scan: &Scan, profiles: &[Profile], fit: &Fit) -> Vec<Group> {
+    // The fit has an influence for each centre with a weight, and profiles without one have been rejected since.
+    let valid = profiles.iter().zip(scan.stations()).filter(|(profile, _)| profile.rejected.is_none());
+    let fitted = valid.filter_map(|(profile, station)| Some((profile.section?.ellipse, station)));
+    let weights: Vec<f64> = fit.weights.iter().copied().filter(|weight| *weight > 0.0).collect();
+    let weight: f64 = weights.iter().sum();
+    let sections: Vec<Section<'_>> = fitted
+        .zip(fit.influences.iter().zip(&weights))
+        .map(|((ellipse, station), (influence, own))| (ellipse, station, influence.effect, own / weight))
+        .collect();
+    let group = |sections: &[Section<'_>]| {
+        let (ellipse, station, ..) = sections.get(sections.len() / 2)?;
+        let (mut y, mut z) = (Vec::new(), Vec::new());
+        scan.load(**station, &mut y, &mut z);
+        let by_centre = sections.iter().map(|(.., effect, _)| effect).sum();
+        Some(Group { ellipse: *ellipse, y, z, by_centre, by_radius: sections.iter().map(|(.., share)| share).sum() })
+    };
+    sections.chunks(sections.len().div_ceil(SECTIONS).max(1)).filter_map(group).collect()
+}
+
+/// The change of (p, q, y_ref, z_ref, radius) by a shift of each patch in the sections of a group.
+fn response(group: Group, patches: Patches, settings: &Settings) -> Vec<Vector5<f64>> {
+    let Group { y, z, by_centre, by_radius, .. } = group;
+    let mut workspace = Workspace::default();
+    (workspace.y, workspace.z) = (y, z);
+    let effect = |[y, z, radius]: [f64; 3]| by_centre * Vector2::new(y, z) + Vector5::ith(RADIUS, by_radius * radius);
+    workspace.responses(settings, &patches).into_iter().map(effect).collect()
 }

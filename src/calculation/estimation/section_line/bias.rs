@@ -1,10 +1,9 @@
-//! How far a free ellipse on a part of its arc is pulled from the truth. The direct fit is biased along the viewing direction,
-//! more on shorter arcs and rougher surfaces, and no number of profiles removes that; so it belongs into the budget. Found by a
-//! parametric bootstrap: profiles are made on the fitted ellipse with the fitted spread, and noise that is as like from point
-//! to point as the residuals are (speckle), and fitted again; what they are off on average is the bias. The draws come from a
-//! fixed seed.
+//! The bias of a free ellipse on a part of its arc. The direct fit is biased along the viewing direction, more on shorter arcs and
+//! rougher surfaces, and no number of profiles removes that; so it belongs into the budget. It is found by a parametric bootstrap:
+//! profiles are simulated on the fitted ellipse with the fitted spread, and with noise that is as correlated from point to point as
+//! the residuals are (speckle), and fitted again; their mean error is the bias. The draws come from a fixed seed.
 
-use super::section::Bench;
+use super::section::Workspace;
 use crate::estimation::estimate::Section;
 use crate::estimation::settings::Settings;
 use crate::geometry::SectionEllipse;
@@ -23,32 +22,34 @@ pub(super) struct Bias {
     pub(super) radius_scatter: f64,
 }
 
-/// Profiles made: the bias is then known to a sixteenth of a profile's scatter.
+/// Simulated profiles: the bias is then known to a sixteenth of a profile's scatter.
 const DRAWS: u64 = 256;
-/// Rounds, and profiles of each, that tell the noise from what of it shows.
+/// Rounds, and profiles of each, in which the noise is found that makes residuals like those observed.
 const CALIBRATIONS: usize = 3;
 const CALIBRATION_DRAWS: u64 = 48;
-/// More points than this are thinned out, and their noise with them: bias and scatter depend on both alike.
+/// More points than this are thinned out, and their noise with them: bias and scatter depend equally on both.
 const POINTS_MAX: usize = 640;
-/// Noise that is more alike than this is none.
-const LIKENESS_MAX: f64 = 0.99;
+/// Largest correlation of the noise.
+const CORRELATION_MAX: f64 = 0.99;
 
-/// The bias of a profile whose points (y, z) gave `section`. Zero where nothing can be made of them.
+/// The bias of a profile whose points (y, z) gave `section`. Zero where it cannot be determined.
 pub(super) fn bias(section: &Section, y: &[f64], z: &[f64], settings: &Settings) -> Bias {
     let stride = y.len().div_ceil(POINTS_MAX).max(1);
     let places: Vec<Place> = y.iter().zip(z).step_by(stride).map(|(&y, &z)| place(&section.ellipse, y, z)).collect();
     let seen = Seen { section, points: places.iter().map(|p| section.ellipse.point(p.parameter)).collect(), settings };
-    let shown = Noise { sigma: section.sigma, alike: likeness(&places, settings.epsilon_mm) };
+    let shown = Noise { sigma: section.sigma, correlation: correlation(&places, settings.epsilon_mm) };
     let mut noise = shown;
-    // A fit hides some of the noise, most of what is alike over the arc: what made profiles show must be what this one shows.
+    // A fit absorbs some of the noise, most of that which is correlated over the arc: simulated profiles must have the residuals of
+    // this one.
     for _ in 0..CALIBRATIONS {
-        let made = seen.refits(&noise, CALIBRATION_DRAWS);
-        let (sigma, alike) = (mean(&made, |refit| refit.noise.sigma), mean(&made, |refit| refit.noise.alike));
+        let simulated = seen.refits(&noise, CALIBRATION_DRAWS);
+        let (sigma, correlation) =
+            (mean(&simulated, |refit| refit.noise.sigma), mean(&simulated, |refit| refit.noise.correlation));
         if sigma <= 0.0 || sigma.is_nan() {
             return Bias::default();
         }
         noise.sigma *= shown.sigma / sigma;
-        noise.alike = (noise.alike + shown.alike - alike).clamp(0.0, LIKENESS_MAX);
+        noise.correlation = (noise.correlation + shown.correlation - correlation).clamp(0.0, CORRELATION_MAX);
     }
     let refits = seen.refits(&noise, DRAWS);
     let radius = mean(&refits, |refit| refit.radius);
@@ -66,10 +67,10 @@ struct Noise {
     /// Standard deviation in y and in z, mm.
     sigma: f64,
     /// Correlation from point to point.
-    alike: f64,
+    correlation: f64,
 }
 
-/// How far off a made profile was fitted, mm, and what noise its residuals show.
+/// The error of the fit of a simulated profile, mm, and the noise of its residuals.
 struct Refit {
     y: f64,
     z: f64,
@@ -85,29 +86,29 @@ struct Seen<'a> {
 }
 
 impl Seen<'_> {
-    /// Fits of so many profiles that are made with this noise, in order, so that no sum depends on threads.
+    /// Fits of so many profiles that are simulated with this noise, in order, so that no sum depends on threads.
     fn refits(&self, noise: &Noise, draws: u64) -> Vec<Refit> {
         (0..draws).into_par_iter().filter_map(|draw| self.refit(noise, draw)).collect()
     }
 
     fn refit(&self, noise: &Noise, draw: u64) -> Option<Refit> {
         let normal = Normal::new(0.0, noise.sigma).ok()?;
-        let (alike, fresh) = (noise.alike, (1.0 - noise.alike * noise.alike).sqrt());
-        let (mut chance, mut bench) = (ChaCha8Rng::seed_from_u64(draw), Bench::default());
+        let (kept, fresh) = (noise.correlation, (1.0 - noise.correlation * noise.correlation).sqrt());
+        let (mut chance, mut workspace) = (ChaCha8Rng::seed_from_u64(draw), Workspace::default());
         let mut off = [normal.sample(&mut chance), normal.sample(&mut chance)];
         for [y, z] in &self.points {
-            bench.y.push(y + off[0]);
-            bench.z.push(z + off[1]);
-            off = off.map(|off| alike * off + fresh * normal.sample(&mut chance));
+            workspace.y.push(y + off[0]);
+            workspace.z.push(z + off[1]);
+            off = off.map(|off| kept * off + fresh * normal.sample(&mut chance));
         }
-        let section = bench.fit(&Settings { points_min: 6, ..*self.settings }).ok()?;
-        let (found, made) = (section.ellipse, self.section.ellipse);
-        let places: Vec<Place> = bench.y.iter().zip(&bench.z).map(|(&y, &z)| place(&found, y, z)).collect();
+        let section = workspace.fit(&Settings { points_min: 6, ..*self.settings }).ok()?;
+        let (found, simulated) = (section.ellipse, self.section.ellipse);
+        let places: Vec<Place> = workspace.y.iter().zip(&workspace.z).map(|(&y, &z)| place(&found, y, z)).collect();
         Some(Refit {
-            y: found.centre_y - made.centre_y,
-            z: found.centre_z - made.centre_z,
-            radius: found.semi_minor - made.semi_minor,
-            noise: Noise { sigma: section.sigma, alike: likeness(&places, self.settings.epsilon_mm) },
+            y: found.centre_y - simulated.centre_y,
+            z: found.centre_z - simulated.centre_z,
+            radius: found.semi_minor - simulated.semi_minor,
+            noise: Noise { sigma: section.sigma, correlation: correlation(&places, self.settings.epsilon_mm) },
         })
     }
 }
@@ -128,8 +129,8 @@ fn place(ellipse: &SectionEllipse, y: f64, z: f64) -> Place {
     Place { parameter: across.atan2(along), off: u.hypot(w) * (1.0 - 1.0 / reach) }
 }
 
-/// Correlation of neighbours' distances, 0 to [`LIKENESS_MAX`]; points farther than ε say nothing.
-fn likeness(places: &[Place], epsilon: f64) -> f64 {
+/// Correlation of neighbours' distances, 0 to [`CORRELATION_MAX`]; points farther than ε are ignored.
+fn correlation(places: &[Place], epsilon: f64) -> f64 {
     let (mut product, mut square) = (0.0, 0.0);
     for pair in places.windows(2) {
         if let [a, b] = pair
@@ -140,5 +141,5 @@ fn likeness(places: &[Place], epsilon: f64) -> f64 {
             square += 0.5 * (a.off * a.off + b.off * b.off);
         }
     }
-    if square > 0.0 { (product / square).clamp(0.0, LIKENESS_MAX) } else { 0.0 }
+    if square > 0.0 { (product / square).clamp(0.0, CORRELATION_MAX) } else { 0.0 }
 }

@@ -7,17 +7,15 @@
 
 mod axis;
 mod bias;
-mod conic;
-mod linearity;
 mod section;
 mod verdict;
 
-use super::Found;
-use super::conclude::median;
+use super::conclude::Found;
 use super::estimate::{Outcome, Profile, Section};
 use super::progress::Progress;
 use super::refusal::Refusal;
 use super::settings::{Method, Settings};
+use super::statistics::median;
 use crate::geometry::AxisLine;
 use crate::scan::{Scan, Station};
 use axis::{Centre, Reweighting};
@@ -83,18 +81,18 @@ fn load(scan: &Scan, station: &Station, along: Slopes, y: &mut Vec<f64>, z: &mut
 }
 
 fn fit_sections(scan: &Scan, along: Slopes, settings: &Settings, progress: &Progress) -> Vec<Profile> {
-    let fit = |bench: &mut section::Bench, station: &Station| {
+    let fit = |workspace: &mut section::Workspace, station: &Station| {
         if progress.is_stopped() {
-            bench.y.clear();
-            bench.z.clear();
+            workspace.y.clear();
+            workspace.z.clear();
         } else {
-            load(scan, station, along, &mut bench.y, &mut bench.z);
+            load(scan, station, along, &mut workspace.y, &mut workspace.z);
         }
-        let section = bench.fit(settings);
+        let section = workspace.fit(settings);
         progress.advance();
         verdict::profile(station, section, settings)
     };
-    scan.stations().par_iter().map_init(section::Bench::default, fit).collect()
+    scan.stations().par_iter().map_init(section::Workspace::default, fit).collect()
 }
 
 /// Draws the axis through the valid centres; marks those that lie off it. The axis is known also where the scan is refused.
@@ -113,7 +111,7 @@ fn fit_axis(scan: &Scan, along: Slopes, profiles: &mut [Profile], settings: &Set
         Some(refusal) => Outcome::Refused(refusal),
         None => {
             let patches = match settings.type_b.sensor_linearity_mm > 0.0 {
-                true => linearity::influences(scan, profiles, &fit, settings),
+                true => axis::influences(scan, profiles, &fit, settings),
                 false => Vec::new(),
             };
             Outcome::Accepted(Box::new(verdict::pose(&fit, bias, &patches, scan.origin(), settings)))

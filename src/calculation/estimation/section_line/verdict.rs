@@ -1,17 +1,15 @@
-//! What is accepted and what is refused: each profile by its section, the scan by its valid profiles. Decides from
-//! numbers that others calculated; must not fit anything itself.
+//! Decides what is accepted and what is refused: each profile by its section, the scan by its valid profiles.
 
 use super::axis::{Centre, Fit};
 use super::bias::Bias;
 use crate::estimation::budget::Line;
-use crate::estimation::conclude::{axial_length, median};
-use crate::estimation::estimate::{EndFaces, Pose, Profile, RadiusSource, Reason, Section, Uncertainty};
-use crate::estimation::linearity::PatchInfluence;
-use crate::estimation::refusal::Refusal;
-use crate::estimation::robust;
+use crate::estimation::checks::unusable;
+use crate::estimation::conclude::axial_length;
+use crate::estimation::estimate::{EndFaces, Pose, Profile, RadiusSource, Section, Uncertainty};
+use crate::estimation::refusal::{Reason, Refusal};
 use crate::estimation::settings::{Method, Settings};
-use crate::estimation::type_b::Found;
-use crate::estimation::unusable::unusable;
+use crate::estimation::statistics::{self, median};
+use crate::estimation::type_b::{Found, PatchInfluence};
 use crate::geometry::AxisLine;
 use crate::scan::{Scan, Station};
 use nalgebra::Vector5;
@@ -40,7 +38,7 @@ pub(super) fn profile(station: &Station, section: Result<Section, Reason>, setti
     Profile { x: station.x, points_count: station.end - station.start, rejected, section: section.ok(), offset: None }
 }
 
-/// A valid profile's say in the axis.
+/// The contribution of a valid profile to the axis.
 pub(super) fn centre(profile: &Profile) -> Option<Centre> {
     let section = profile.section.filter(|_| profile.rejected.is_none())?;
     let ellipse = section.ellipse;
@@ -80,7 +78,7 @@ fn disagreement(profiles: &[Profile], bias: Bias) -> Option<Refusal> {
     let radii = || profiles.iter().filter_map(centre).map(|centre| centre.radius);
     let radius_mm = median(radii())?;
     let squared: Vec<f64> = radii().map(|radius| (radius - radius_mm).powi(2)).collect();
-    let radius_spread_mm = robust::sigma(&squared, &mut Vec::new());
+    let radius_spread_mm = statistics::sigma(&squared, &mut Vec::new());
     let limit = (RADIUS_SPREAD * radius_mm).max(RADIUS_SCATTERS * bias.radius_scatter);
     (radius_spread_mm > limit).then_some(Refusal::SectionsDisagree { radius_mm, radius_spread_mm })
 }
@@ -125,8 +123,8 @@ pub(super) fn mark_off_axis(profiles: &mut [Profile], fit: &Fit) {
     }
 }
 
-/// The pose with what is known of its uncertainty: the scatter of the profiles, what all of them are off alike, and what
-/// no scan shows of itself.
+/// The pose with its uncertainty: the scatter of the profiles, the bias common to all of them, and the errors that no scan
+/// shows.
 pub(super) fn pose(fit: &Fit, bias: Bias, patches: &[PatchInfluence], origin: [f64; 3], settings: &Settings) -> Pose {
     let Fit { axis, x_ref, radius, .. } = *fit;
     // Position and radius are off together: the ellipse shrinks away from where it is seen.

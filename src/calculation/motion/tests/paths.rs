@@ -1,11 +1,10 @@
 //! What every planned path keeps, seen from its set-points alone or from its course by finite differences.
 
-use super::course::Course;
-use super::progress::Progress;
 use super::*;
-use crate::motion::run_on::slowed;
+use crate::motion::course::{Course, Progress};
+use crate::motion::strain::slowed;
 
-/// What rounding adds to a distance of a metre.
+/// The effect of rounding on a distance of a metre.
 const ROUNDING_MM: f64 = 1e-9;
 
 /// A raw move that strains a little: both go alike, but for what is allowed.
@@ -260,4 +259,43 @@ fn a_turn_at_its_limit_does_not_hold_up_a_part_that_is_not_to_roll() {
         let off = apart(&predicted.axis, &target);
         assert!((off - left_mm).abs() < 1e-7, "{off} mm");
     }
+}
+
+const ORIGIN: Pair<Position> =
+    Pair { m1: Position { x: 0.0, y: 0.0, z: 0.0, c: 0.0 }, m2: Position { x: 0.0, y: 0.0, z: 0.0, c: 0.0 } };
+
+fn path(run_on_max_mm: f64) -> Path {
+    let arrangement = crate::motion::Arrangement { run_on_max_mm, ..arrangement() };
+    let to = Some(Axes { x: None, y: Some(20.0), z: Some(15.0), c: Some(0.1) });
+    plan_move(&arrangement, &ORIGIN, &Pair { m1: to, m2: to }, 1.0).expect("allowed").path
+}
+
+/// The largest travel of a clamp in 0.1 s and while it brakes, calculated independently.
+fn run_on_mm(path: &Path) -> f64 {
+    let limits = arrangement().supports.m1.limits;
+    let of = |speeds: &Position, axis: Axis| {
+        let speed = *speeds.get(axis);
+        0.1 * speed + speed * speed / (2.0 * limits.get(axis).acceleration)
+    };
+    let ways = path.waypoints.iter().flat_map(|waypoint| Carrier::ALL.map(|carrier| *waypoint.speeds.get(carrier)));
+    ways.map(|speeds| of(&speeds, Axis::X).hypot(of(&speeds, Axis::Y)).hypot(of(&speeds, Axis::Z))).fold(0.0, f64::max)
+}
+
+#[test]
+fn a_path_is_slowed_down_until_it_keeps_the_run_on_and_no_further() {
+    let (fast, slow) = (path(1000.0), path(0.5));
+    assert!(run_on_mm(&fast) > 1.0, "{} mm", run_on_mm(&fast));
+    // The greatest speed is kept on the whole of the middle, which a set-point's mean over its step comes near to.
+    let run_on = run_on_mm(&slow);
+    assert!(run_on <= 0.5 + 1e-9 && run_on > 0.2, "{run_on} mm");
+    let end = |path: &Path| path.waypoints.last().map(|last| last.targets);
+    assert_eq!(end(&fast), end(&slow));
+}
+
+#[test]
+fn a_path_that_would_run_on_too_far_is_refused_before_it_is_executed() {
+    let strict = crate::motion::Arrangement { run_on_max_mm: 0.5, ..arrangement() };
+    let refused = check_path(&strict, &ORIGIN, &path(1000.0)).expect_err("too fast");
+    assert!(matches!(refused, MotionRefusal::RunsOn { unit: "mm", max, .. } if max == 0.5), "{refused}");
+    assert_eq!(check_path(&strict, &ORIGIN, &path(0.5)), Ok(()));
 }

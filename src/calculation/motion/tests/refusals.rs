@@ -1,4 +1,4 @@
-//! Each reason not to move, and that nothing else comes of nonsense.
+//! Each reason for a refusal, and that invalid input is always refused.
 
 use super::*;
 

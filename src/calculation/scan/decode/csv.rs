@@ -1,33 +1,31 @@
-//! Tables in text: CSV, TXT, XYZ, ASC, TSV, PTS, DS; rows of points, or a matrix of heights with declared pitches. From lines to a
-//! cloud; must not know about sections or frames.
+//! Tables in text: CSV, TXT, XYZ, ASC, TSV, PTS, DS; rows of points, or a matrix of heights with declared pitches.
 //!
 //! | taken as it comes | how |
 //! |---|---|
 //! | separator | `;`, tab, `,` or blanks, from the first row of numbers |
 //! | decimals | point, or comma where the comma does not separate; thousands separators as in [`number`](super::number) |
-//! | header | names with x, y, z; up to 1000 lines before it are passed over; also in the last comment before the rows |
+//! | header | names with x, y, z; up to 1000 lines before it are skipped; also in the last comment before the rows |
 //! | units | in the names, in a row below them, or in a comment (`unit: mm`) |
 //! | no header | three columns are x y z; four are profile x y z where the first counts runs that share the second |
-//! | names of points | without a header, in the first of four columns or more: words, or numbers that count up; passed over, as are columns behind x y z |
-//! | number of points | a whole number alone in the first line; then columns behind x y z (intensity, r, g, b) are passed over |
+//! | names of points | without a header, in the first of four columns or more: words, or numbers that count up; skipped, as are columns behind x y z |
+//! | number of points | a whole number alone in the first line; then columns behind x y z (intensity, r, g, b) are skipped |
 //! | comments | lines that begin with `#` or `//` |
 //! | line ends | LF, CR LF, or CR alone |
 //! | no point | a coordinate that is empty, `nan`, `-`, `null`, `n/a` |
 //! | behind the rows | a line that states their number, `END`, and NUL |
-//! | the header again | passed over |
+//! | the header again | skipped |
 
 use super::error::DecodeError;
 use super::fields::Separator;
 use super::format::Format;
-use super::gather::Gather;
-use super::gather::Precision;
+use super::gather::{Gather, Precision};
 use super::hints::{NumberHint, shorten};
 use super::lines::{Lines, is_fill};
 use super::matrix::Matrix;
 use super::names;
 use super::number::Numbers;
+use super::request::{Request, settle_unit};
 use super::table::{Line, Sample, Table, check_columns, is_comment, lone_count};
-use super::{Request, settle_unit};
 use crate::scan::cloud::{Cloud, Labels};
 
 /// Reads a table.
@@ -97,7 +95,7 @@ struct Rows<'a> {
     numbers: Numbers,
     gather: Gather<'a>,
     announced: Option<u64>,
-    /// The line that says that the rows are over.
+    /// The line that ends the rows.
     end: Option<Line>,
 }
 
@@ -170,7 +168,7 @@ fn strip_fill(line: &[u8]) -> &[u8] {
     line.get(..kept).unwrap_or_default()
 }
 
-/// Whether a line says, in words, how many rows stand above it, or that there is the end.
+/// Whether a line states, in words, the number of rows above it, or marks the end.
 fn ends_table(line: &[u8], rows_count: u64) -> bool {
     const COUNT_WORDS: [&str; 14] = [
         "total", "count", "point", "punkt", "anzahl", "row", "line", "zeile", "summe", "sample", "record", "number",
@@ -249,7 +247,7 @@ mod tests {
         read_in(text, None)
     }
 
-    /// What every well-formed spelling below holds.
+    /// The points of every well-formed spelling below.
     fn expected() -> (Vec<Stripe>, Columns) {
         let stripes = vec![Stripe { label: 0.0, x: 1.5, end: 2 }, Stripe { label: 0.0, x: -2.0, end: 3 }];
         (stripes, Columns::F64 { y: vec![2.5, 0.25, 7.0], z: vec![3.0, 4.0, 8.0] })
@@ -446,7 +444,7 @@ mod tests {
             let points = points(&text);
             assert_eq!((points.len(), points[3]), (10, [1.5, 3.25, 3.5]), "{text:.40}");
         }
-        // A coordinate that rises by one has decimals as the others have, and a table of whole numbers tells nothing.
+        // A coordinate that rises by one has decimals as the others have, and a table of whole numbers shows nothing.
         let steps: String = (0..10).map(|i| format!("{i}.0,1.5,{i}.25,3.5\n")).collect();
         let whole: String = (0..10).map(|i| format!("{i},1,2,3\n")).collect();
         for text in [steps, whole] {

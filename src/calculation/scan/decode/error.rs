@@ -2,7 +2,7 @@
 
 use super::format::Format;
 use super::hints::{NumberHint, Pitches, json_hint};
-use super::unit::Unit;
+use crate::scan::cloud::Unit;
 use std::io::{self, ErrorKind};
 
 /// Why a file does not become a cloud.
@@ -11,15 +11,15 @@ pub enum DecodeError {
     /// Not one byte.
     #[error("the file is empty; send the bytes of a scan")]
     Empty,
-    /// Neither declaration, bytes nor name tell the format.
+    /// Neither declaration, bytes nor name show the format.
     #[error("the format of the file is not known; name it: {}", Format::ALL.map(Format::name).join(", "))]
     UnknownFormat,
     /// Two declarations, or a declaration and the bytes, contradict each other.
     #[error("the file is declared as {declared} but is {found}; declare the right format or none")]
     FormatConflict {
-        /// What was said.
+        /// The declaration.
         declared: Format,
-        /// What the bytes (or the other declaration) say.
+        /// The format of the bytes, or the other declaration.
         found: Format,
     },
     /// The first bytes are not those of the format.
@@ -36,7 +36,7 @@ pub enum DecodeError {
         /// Whole points found.
         found: u64,
     },
-    /// A section of a Gocator file says how many frames it has, and the file ends before.
+    /// A section of a Gocator file states how many frames it has, and the file ends before.
     #[error(
         "the section that begins in line {line} announces {expected} frames and the file ends after {found}; send the whole file"
     )]
@@ -54,7 +54,7 @@ pub enum DecodeError {
         /// The format it is read as.
         format: Format,
     },
-    /// A line of the header does not say what its first word promises.
+    /// A line of the header does not have the content that its first word announces.
     #[error("line {line} of the {format} header cannot be understood as {field}; write the file again")]
     HeaderLine {
         /// The format it is read as.
@@ -87,7 +87,7 @@ pub enum DecodeError {
         format: Format,
         /// The statement.
         field: &'static str,
-        /// What it says.
+        /// Its text.
         stated: u64,
         /// What the rest of the file makes of it.
         expected: u64,
@@ -130,7 +130,7 @@ pub enum DecodeError {
     /// Bytes that contradict themselves where nothing more is known.
     #[error("the file is damaged or ends early; send it again")]
     DamagedFile,
-    /// More entries than are looked at.
+    /// More entries than are examined.
     #[error("the archive has {found} entries, at most {limit} are allowed; leave out what is not the scan")]
     TooManyEntries {
         /// Entries found.
@@ -160,7 +160,7 @@ pub enum DecodeError {
         /// Most bytes of a line.
         limit: usize,
     },
-    /// More columns, properties or fields than are looked at.
+    /// More columns, properties or fields than are examined.
     #[error("there are more than {limit} columns; leave out what is not a coordinate")]
     TooManyColumns {
         /// Most columns.
@@ -191,7 +191,7 @@ pub enum DecodeError {
         /// The other.
         second: String,
     },
-    /// No header, and a number of columns that has more than one reading.
+    /// No header, and a number of columns that can be interpreted in several ways.
     #[error(
         "a table of {columns} columns needs a header that names x, y and z, e.g. profile,x_mm,y_mm,z_mm; a matrix of heights \
          needs x_pitch_mm and y_pitch_mm"
@@ -224,7 +224,7 @@ pub enum DecodeError {
         /// What to do about it.
         hint: NumberHint,
     },
-    /// A number with two readings.
+    /// A number with two possible values.
     #[error(
         "line {line}, column {column}: {text:?} is {as_point} with a decimal point and {as_comma} with a decimal comma; declare \
          which: decimal=point or decimal=comma"
@@ -268,7 +268,7 @@ pub enum DecodeError {
     PositionMissing {
         /// Number of the row, from 1.
         row: usize,
-        /// The coordinate that the column should hold.
+        /// The coordinate that the column should contain.
         axis: &'static str,
     },
     /// A text whose line ends are gone.
@@ -283,9 +283,9 @@ pub enum DecodeError {
     /// The file states another unit than the caller, or two units.
     #[error("the unit is declared as {declared} but the file says {found}; declare {found} or none")]
     UnitConflict {
-        /// What the caller (or another place of the file) says.
+        /// The unit declared by the caller, or in another place of the file.
         declared: Unit,
-        /// What the file says.
+        /// The unit stated in the file.
         found: Unit,
     },
     /// A Gocator file without points.
@@ -301,7 +301,7 @@ pub enum DecodeError {
         /// What is missing.
         field: &'static str,
     },
-    /// A Gocator frame that does not say where along the travel it was taken.
+    /// A Gocator frame without its place along the travel.
     #[error("line {line}: the frame has no Y (travel); export with encoder or travel speed set, or send x, y, z rows")]
     TravelMissing {
         /// Number of the line, from 1.
@@ -379,7 +379,7 @@ pub enum DecodeError {
 impl From<io::Error> for DecodeError {
     /// Takes out again what a reader below had to wrap to pass it through `std::io`.
     ///
-    /// Of these kinds is what the bytes say, never how the file of a store fails.
+    /// Errors of these kinds are about the content of the file, never about the store that holds it.
     fn from(error: io::Error) -> Self {
         use ErrorKind as K;
         match error.downcast::<Self>() {
@@ -444,4 +444,9 @@ impl DecodeError {
             Self::Io(_) => "read_failed",
         }
     }
+}
+
+/// What a failure to read a part of fixed size means.
+pub(super) fn ends_early(error: std::io::Error, format: Format) -> DecodeError {
+    if error.kind() == std::io::ErrorKind::UnexpectedEof { DecodeError::EndsEarly { format } } else { error.into() }
 }

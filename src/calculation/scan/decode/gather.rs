@@ -1,13 +1,10 @@
-//! The one place where points enter a cloud: scales them, drops the missing, refuses the impossible, codes the stripes. Comes
-//! from every reader; goes out as a [`Cloud`].
+//! The one place where points enter a cloud, from every reader: it scales them, leaves out missing points, refuses coordinates that
+//! are out of range, and run-length encodes label and x.
 
 use super::error::DecodeError;
 use super::limits::Limits;
-use super::packed::{Packed, Run};
-use super::unit::Unit;
-use crate::scan::cloud::{Cloud, Labels, Stripe};
-use crate::scan::columns::Columns;
-use crate::scan::huge_pages;
+use crate::scan::cloud::{Cloud, Labels, Stripe, Unit};
+use crate::scan::columns::{self, Columns};
 use std::collections::HashSet;
 
 /// How precise a file's coordinates are.
@@ -51,18 +48,18 @@ impl<'a> Gather<'a> {
         }
     }
 
-    /// Makes room for `points` more, which the caller has seen in the input; not exactly that much, as there may be many
+    /// Reserves space for `points` more, which the caller has seen in the input; not exactly that much, as there may be many
     /// such calls.
     pub(super) fn reserve(&mut self, points: usize) {
         let points = points.min(self.limits.points_max);
         match &mut self.columns {
             Columns::F32 { y, z } => {
-                huge_pages::reserve(y, points);
-                huge_pages::reserve(z, points);
+                columns::reserve(y, points);
+                columns::reserve(z, points);
             }
             Columns::F64 { y, z } => {
-                huge_pages::reserve(y, points);
-                huge_pages::reserve(z, points);
+                columns::reserve(y, points);
+                columns::reserve(z, points);
             }
         }
     }
@@ -104,7 +101,7 @@ impl<'a> Gather<'a> {
     }
 
     /// Takes `count` points at once: `fill` writes those that are there, finite and within [`Self::plain_limit`], in
-    /// millimetres, to the start of the room made for all, and says how many. False, and nothing taken, where it finds one
+    /// millimetres, to the start of the space reserved for all, and returns their number. Returns false, and takes nothing, where it finds one
     /// to be refused, or they are too many.
     pub(super) fn fill<P: Packed>(
         &mut self,
@@ -193,6 +190,68 @@ impl<'a> Gather<'a> {
             _ => self.stripes.push(Stripe { label, x, end }),
         }
     }
+}
+
+/// The columns of y and z.
+pub(super) type Both<'a, R> = (&'a mut Vec<R>, &'a mut Vec<R>);
+
+/// A record of three floats and nothing else.
+pub(super) trait Packed: Copy {
+    /// The float.
+    type Real: Copy + Default + PartialEq + Into<f64>;
+    /// x, y, z.
+    fn point(&self) -> [Self::Real; 3];
+    /// Whether no value is NaN or of a magnitude above `limit`.
+    fn all_within(values: &[Self::Real], limit: f64) -> bool;
+    /// The columns, where they are of this float.
+    fn columns(columns: &mut Columns) -> Option<Both<'_, Self::Real>>;
+}
+
+impl Packed for [u8; 12] {
+    type Real = f32;
+
+    #[inline]
+    fn point(&self) -> [f32; 3] {
+        let (words, _) = self.as_chunks::<4>();
+        let [x, y, z] = words else { return [f32::NAN; 3] };
+        [f32::from_le_bytes(*x), f32::from_le_bytes(*y), f32::from_le_bytes(*z)]
+    }
+
+    fn all_within(values: &[f32], limit: f64) -> bool {
+        let limit = limit as f32;
+        values.iter().fold(true, |all, value| all & (value.abs() <= limit))
+    }
+
+    fn columns(columns: &mut Columns) -> Option<Both<'_, f32>> {
+        if let Columns::F32 { y, z } = columns { Some((y, z)) } else { None }
+    }
+}
+
+impl Packed for [u8; 24] {
+    type Real = f64;
+
+    #[inline]
+    fn point(&self) -> [f64; 3] {
+        let (words, _) = self.as_chunks::<8>();
+        let [x, y, z] = words else { return [f64::NAN; 3] };
+        [f64::from_le_bytes(*x), f64::from_le_bytes(*y), f64::from_le_bytes(*z)]
+    }
+
+    fn all_within(values: &[f64], limit: f64) -> bool {
+        values.iter().fold(true, |all, value| all & (value.abs() <= limit))
+    }
+
+    fn columns(columns: &mut Columns) -> Option<Both<'_, f64>> {
+        if let Columns::F64 { y, z } = columns { Some((y, z)) } else { None }
+    }
+}
+
+/// Points that share a label and an x, as they follow each other.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Run {
+    pub(super) label: f64,
+    pub(super) x: f64,
+    pub(super) count: usize,
 }
 
 #[cfg(test)]

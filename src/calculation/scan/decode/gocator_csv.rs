@@ -3,7 +3,7 @@
 //! | section | points |
 //! |---|---|
 //! | Profile, Ranges | a row per frame: X from the header row, Z in the cells |
-//! | RawProfile | two rows per frame, X and Z, told apart by the column Axis |
+//! | RawProfile | two rows per frame, X and Z, distinguished by the column Axis |
 //! | Part, Surface | a grid: X from the row that begins with `Y\X`, Y in the first column, Z in the cells |
 //! | SurfacePointCloud | rows of X, Y, Z |
 //!
@@ -14,14 +14,12 @@
 use super::error::DecodeError;
 use super::fields::{Fields, Separator};
 use super::format::Format;
-use super::gather::Gather;
-use super::gather::Precision;
+use super::gather::{Gather, Precision};
 use super::hints::shorten;
 use super::lines::Lines;
 use super::number::{Numbers, parse_number};
-use super::unit::Unit;
-use super::{Request, settle_unit};
-use crate::scan::cloud::{Cloud, Labels};
+use super::request::{Request, settle_unit};
+use crate::scan::cloud::{Cloud, Labels, Unit};
 use std::io::BufRead;
 
 const COMMA: Separator = Separator::Byte(b',');
@@ -93,7 +91,7 @@ struct Section<'s, 'a> {
     announced: Announced,
 }
 
-/// How many rows a section says that it has: in the cell below this name.
+/// The number of rows that a section states: in the cell below this name.
 #[derive(Debug)]
 struct Announced {
     name: &'static [u8],
@@ -121,7 +119,7 @@ impl<'s, 'a> Section<'s, 'a> {
         Self { lines, start, closed: false, announced }
     }
 
-    /// Refuses a section that the file ends in before all rows are there; `is_cut` says that its last row is not whole.
+    /// Refuses a section that the file ends in before all rows are there; `is_cut` is set where its last row is incomplete.
     fn check_whole(&self, found: u64, is_cut: bool) -> Result<(), DecodeError> {
         let Some(expected) = self.announced.count.filter(|_| !self.closed) else { return Ok(()) };
         if found < expected || is_cut {
@@ -133,7 +131,7 @@ impl<'s, 'a> Section<'s, 'a> {
 
     /// The next line that is not blank.
     fn next_line(&mut self) -> Result<Option<(u64, &[u8])>, DecodeError> {
-        // Twice, as a line that was looked at cannot be handed out by the same borrow.
+        // Twice, as a line that was examined cannot be handed out by the same borrow.
         loop {
             let number = self.lines.number() + 1;
             let Some(is_blank) = self.lines.next_line()?.map(is_blank) else { return Ok(None) };

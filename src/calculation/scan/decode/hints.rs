@@ -1,4 +1,4 @@
-//! What a message shows of a file, and what it says is to be done about it.
+//! The part of a file that a message shows, and the remedy that it states.
 
 use std::fmt;
 

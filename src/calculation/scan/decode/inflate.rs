@@ -131,7 +131,7 @@ impl<R: BufRead> BufRead for Counted<R> {
     }
 }
 
-/// A decompressor whose output is counted against the limits. `packed` says how much has gone in so far.
+/// A decompressor whose output is counted against the limits. `packed` counts the bytes that went in so far.
 pub(super) struct Capped<R, F> {
     inner: R,
     packed: F,
@@ -166,7 +166,7 @@ pub(super) fn check_ratio(unpacked: u64, packed: u64, ratio_max: u64) -> Result<
     Ok(())
 }
 
-/// Tells damage, which decompressors report under these kinds, from a source that failed.
+/// Distinguishes damage, which decompressors report under these kinds, from a source that failed.
 fn name_damage(error: io::Error) -> io::Error {
     match error.kind() {
         ErrorKind::InvalidInput | ErrorKind::InvalidData | ErrorKind::UnexpectedEof | ErrorKind::Other => {
@@ -229,7 +229,7 @@ mod tests {
     #[test]
     fn a_reader_that_meets_a_bomb_gives_its_reason() {
         let limits = Limits::default();
-        let request = crate::scan::decode::Request::new(&limits);
+        let request = crate::scan::decode::request::Request::new(&limits);
         let packed = gzip(&b"0 1 2\n".repeat(1 << 20));
         for (format, code) in [(Format::Csv, "inflate_ratio"), (Format::Npz, "inflate_ratio")] {
             let mut reader = inflate(Encoding::Gzip, packed.as_slice(), &limits, &Sent::default()).expect("begins");

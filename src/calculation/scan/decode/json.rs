@@ -1,15 +1,13 @@
 //! JSON profiles, `{"profiles": [{"x_mm": 0.0, "points": [[y, z], …]}]}`, read as a stream. From bytes to a cloud.
 //!
 //! A profile may have `"y_mm": […], "z_mm": […]` in place of `points`. `null` stands for a point, or a coordinate, that
-//! is missing. Other fields are refused, so nothing nests deeper than this shape does; one profile is held at a time.
+//! is missing. Other fields are refused, so nothing nests deeper than this shape does; one profile is in memory at a time.
 
 use super::error::DecodeError;
-use super::gather::Gather;
-use super::gather::Precision;
+use super::gather::{Gather, Precision};
 use super::hints::shorten;
-use super::unit::Unit;
-use super::{Request, settle_unit};
-use crate::scan::cloud::{Cloud, Labels};
+use super::request::{Request, settle_unit};
+use crate::scan::cloud::{Cloud, Labels, Unit};
 use serde::Deserialize;
 use serde::de::{DeserializeSeed, Deserializer, Error, MapAccess, SeqAccess, Visitor};
 use serde_json::error::Category;
@@ -205,7 +203,7 @@ struct Points {
     z: Vec<f64>,
 }
 
-// By hand and not by derive, which would hold five times the memory while a profile is read.
+// By hand and not by derive, which would take five times the memory while a profile is read.
 impl<'de> Deserialize<'de> for Numbers {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         deserializer.deserialize_seq(NumbersVisitor)
@@ -256,7 +254,7 @@ impl<'de> Visitor<'de> for PointsVisitor {
     }
 }
 
-/// `[y, z]`; NaN for null. Not an array of two, of which serde_json says "syntax" where it finds three.
+/// `[y, z]`; NaN for null. Not an array of two, for which serde_json reports "syntax" where it finds three.
 struct Pair(f64, f64);
 
 impl<'de> Deserialize<'de> for Pair {

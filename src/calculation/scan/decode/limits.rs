@@ -1,10 +1,10 @@
-//! What a scan may cost at most. Every reader asks here before it believes a number that a file states.
+//! The limits of a scan. Every reader checks them before it uses a number that a file states.
 
 use serde::{Deserialize, Serialize};
 
 /// Bounds on files and on what comes out of them; a setting left out keeps its default.
 ///
-/// There is none for the nesting of JSON: its reader knows one shape, four levels deep, and refuses any other.
+/// There is none for the nesting of JSON: its reader accepts one shape, four levels deep, and refuses any other.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Limits {

@@ -12,12 +12,10 @@
 
 use super::error::DecodeError;
 use super::format::Format;
-use super::gather::Gather;
-use super::gather::Precision;
+use super::gather::{Gather, Precision};
 use super::hints::Pitches;
-use super::unit::Unit;
-use super::{Request, settle_unit};
-use crate::scan::cloud::{Cloud, Labels};
+use super::request::{Request, settle_unit};
+use crate::scan::cloud::{Cloud, Labels, Unit};
 
 /// Columns from which numbers without a header are a matrix: points have x, y, z and a few attributes.
 pub(super) const COLUMNS_MIN: usize = 9;
@@ -25,45 +23,6 @@ pub(super) const COLUMNS_MIN: usize = 9;
 const STEP_DEVIATION_MAX: f64 = 0.02;
 /// The label of profiles that are columns.
 const COLUMN_LABEL: &str = "column";
-
-/// Where the cells of a matrix lie.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Grid {
-    /// Distance between profiles, mm.
-    pub x_pitch_mm: Option<f64>,
-    /// Distance between the points of a profile, mm.
-    pub y_pitch_mm: Option<f64>,
-    /// Where both are given: whether a column is a profile, and not a row.
-    pub columns_are_profiles: bool,
-}
-
-impl Grid {
-    /// Whether anything is declared, so that the file is taken for a matrix.
-    #[must_use]
-    pub const fn is_declared(&self) -> bool {
-        self.x_pitch_mm.is_some() || self.y_pitch_mm.is_some()
-    }
-
-    /// Refuses pitches for a file of points.
-    pub(super) fn check_unused(&self, format: Format) -> Result<(), DecodeError> {
-        if self.is_declared() { Err(DecodeError::PitchUnused { format }) } else { Ok(()) }
-    }
-
-    /// Whether every column, or every column but the first, is a profile.
-    const fn has_profiles_in_columns(&self) -> bool {
-        match (self.x_pitch_mm, self.y_pitch_mm) {
-            (Some(_), None) => true,
-            (Some(_), Some(_)) => self.columns_are_profiles,
-            (None, _) => false,
-        }
-    }
-
-    /// Most columns of a matrix.
-    pub(super) fn columns_max(&self, request: &Request<'_>) -> usize {
-        let limits = request.limits;
-        1 + if self.has_profiles_in_columns() { limits.profiles_max } else { limits.points_per_profile_max }
-    }
-}
 
 /// What has to be declared for a matrix that begins with these rows.
 pub(super) fn pitches_wanted(first_column: &[f64]) -> Pitches {
@@ -93,7 +52,7 @@ impl Matrix {
     /// The points of the cells.
     ///
     /// # Errors
-    /// [`DecodeError::PitchNeeded`] where nothing is declared, [`DecodeError::PositionMissing`] where the first column should hold
+    /// [`DecodeError::PitchNeeded`] where nothing is declared, [`DecodeError::PositionMissing`] where the first column should contain
     /// positions and does not, and whatever a point may be refused for.
     pub(super) fn into_cloud(self, request: &Request<'_>) -> Result<Cloud, DecodeError> {
         let unit = settle_unit(request.unit, self.unit)?;
@@ -157,7 +116,7 @@ fn push_row(gather: &mut Gather<'_>, row: usize, x: f64, y_pitch: f64, cells: &[
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scan::decode::Limits;
+    use crate::scan::decode::{Grid, Limits};
 
     fn read(grid: Grid, unit: Option<Unit>) -> Result<Vec<[f64; 3]>, DecodeError> {
         let cells = vec![-1.0, 5.0, 6.0, 0.0, 7.0, f64::NAN];

@@ -1,8 +1,8 @@
 //! What the names of columns, properties and fields mean: a coordinate (perhaps with its unit) or the profile.
 
 use super::error::DecodeError;
-use super::unit::Unit;
-use super::{Request, settle_unit};
+use super::request::{Request, settle_unit};
+use crate::scan::cloud::Unit;
 
 /// Names, without case, under which a column counts the profiles.
 const PROFILE_NAMES: [&str; 25] = [
@@ -33,7 +33,7 @@ const PROFILE_NAMES: [&str; 25] = [
     "zeilennummer",
 ];
 
-/// Words that a coordinate's name may bear besides its axis and its unit.
+/// Words that the name of a coordinate may contain besides its axis and its unit.
 const POSITION_WORDS: [&str; 40] = [
     "pos",
     "position",
@@ -135,7 +135,7 @@ pub(super) fn is_axis(name: &str) -> bool {
     read_axis(name).is_some()
 }
 
-/// The unit of a cell that holds one and nothing else: `mm`, `[mm]`, `(inch)`.
+/// The unit of a cell that contains one and nothing else: `mm`, `[mm]`, `(inch)`.
 pub(super) fn unit_of_cell(cell: &[u8]) -> Option<Unit> {
     Unit::from_name(text_of(cell).trim().trim_matches(['[', ']', '(', ')', '<', '>', '{', '}']))
 }

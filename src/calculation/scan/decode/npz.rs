@@ -1,7 +1,7 @@
 //! NPZ, numpy arrays in a zip archive: x, y and z of equal shape or x along the rows and y along the columns of z, or one array as in
 //! NPY. From bytes to a cloud.
 //!
-//! What the archive's directory says about sizes is not believed; bytes are counted as they inflate. Every entry that is read is read
+//! The sizes in the directory of the archive are not trusted; bytes are counted while they are decompressed. Every entry that is read is read
 //! to its end, where its checksum is compared.
 
 use super::error::DecodeError;
@@ -10,14 +10,12 @@ use super::gather::Gather;
 use super::hints::shorten;
 use super::inflate::Capped;
 use super::limits::Limits;
-use super::npy::{self, Array};
-use super::npy_header::read_header;
-use super::{Request, settle_unit};
+use super::npy::{self, Array, read_header};
+use super::request::{Request, settle_unit};
 use crate::scan::cloud::{Cloud, Labels};
 use std::io::{self, BufRead, BufReader, Cursor, Read};
-use zip::CompressionMethod;
-use zip::ZipArchive;
 use zip::result::ZipError;
+use zip::{CompressionMethod, ZipArchive};
 
 const FORMAT: Format = Format::Npz;
 /// Names that a message lists.
@@ -69,7 +67,7 @@ fn open(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<Archive, Deco
     Ok(Archive { zip, sent_bytes })
 }
 
-/// What the reader of archives says, in our words: none of it is the store's matter, for the archive is in memory.
+/// An error of the archive reader as a decode error: the archive is in memory, so it is never a failure of the store.
 fn refuse(error: &ZipError) -> DecodeError {
     let unsupported = |what| DecodeError::Unsupported { format: FORMAT, what };
     match error {
@@ -107,7 +105,7 @@ fn check_places(archive: &mut Archive) -> Result<(), DecodeError> {
     let ends_early = places.iter().any(|(_, end)| *end > end_of_entries);
     let overlap = places.windows(2).any(|pair| matches!(pair, [(_, end), (next, _)] if end > next));
     match (ends_early, overlap) {
-        (true, _) => Err(DecodeError::DamagedArchive { what: "an entry is longer than the room it has" }),
+        (true, _) => Err(DecodeError::DamagedArchive { what: "an entry is longer than the space it has" }),
         (_, true) => Err(DecodeError::DamagedArchive { what: "two entries share bytes" }),
         (false, false) => Ok(()),
     }

@@ -1,6 +1,6 @@
-//! Numbers in text: what a cell says, and which of `.` and `,` stands before the decimals.
+//! Numbers in text: the value of a cell, and which of `.` and `,` stands before the decimals.
 //!
-//! `1,000` is one in Berlin and a thousand in Boston, `1.000` the other way round. Where nobody declares the sign, the cells of
+//! `1,000` is one in Berlin and a thousand in Boston, `1.000` the other way round. Where the sign is not declared, the cells of
 //! the file decide together:
 //!
 //! | cell | what it shows |
@@ -10,7 +10,7 @@
 //! | `1.234` | nothing: a decimal point, unless another cell shows that the comma stands before decimals |
 //! | `1,234` | nothing: a decimal comma only where another cell shows that it is one, and none shows that the point is |
 //!
-//! A file with a cell that keeps two readings is refused with both of them.
+//! A file with a cell that can still be read in two ways is refused with both values.
 
 use super::error::DecodeError;
 use super::hints::{NumberHint, shorten};
@@ -63,7 +63,7 @@ impl Decimal {
     }
 }
 
-/// A cell with two readings.
+/// A cell with two possible values.
 #[derive(Debug)]
 struct Doubtful {
     line: u64,
@@ -99,7 +99,7 @@ impl Numbers {
         Self { declared, point: Shown::default(), comma: Shown::default() }
     }
 
-    /// The value of a cell; NaN where it says that there is none. `column` counts from 0.
+    /// The value of a cell; NaN where it is marked as missing. `column` counts from 0.
     ///
     /// # Errors
     /// [`DecodeError::BadNumber`] with the place and the text.
@@ -123,7 +123,7 @@ impl Numbers {
     /// To be called behind the last number.
     ///
     /// # Errors
-    /// [`DecodeError::AmbiguousNumber`] where a cell has kept two readings.
+    /// [`DecodeError::AmbiguousNumber`] where a cell still has two possible values.
     pub(super) fn finish(self) -> Result<(), DecodeError> {
         let Self { point, comma, .. } = self;
         let of_point = point.doubtful.filter(|_| comma.is_decimal);
@@ -153,7 +153,7 @@ impl Numbers {
         })
     }
 
-    /// The value of a cell that has one reading.
+    /// The value of a cell that has one possible value.
     fn read_certain(&mut self, cell: &[u8]) -> Option<f64> {
         for (sign, shown) in [(Decimal::Point, &mut self.point), (Decimal::Comma, &mut self.comma)] {
             if let Some(value) = parse_as(cell, sign) {
@@ -165,7 +165,7 @@ impl Numbers {
     }
 }
 
-/// Whether a cell reads as a number or as a word for "no value", whatever the decimals: tells rows from other lines.
+/// Whether a cell reads as a number or as a word for "no value", whatever the decimals; it distinguishes rows from other lines.
 pub(super) fn parse_number(cell: &[u8]) -> Option<f64> {
     let missing = || is_missing(cell).then_some(f64::NAN);
     let with_care = || Decimal::ALL.into_iter().rev().find_map(|sign| parse_as(cell, sign));

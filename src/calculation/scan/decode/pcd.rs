@@ -1,23 +1,21 @@
 //! PCD of the point cloud library, text, binary and compressed. Rows of an organised cloud become labels.
-//! From bytes to a cloud.
 //!
-//! The reader is our own: the crate for this format reserves whatever two numbers of the compressed body ask for, which
-//! no caller can catch.
+//! The reader is our own: the crate for this format reserves as much memory as two numbers of the compressed body ask for, which
+//! no caller can catch. The bodies are compressed with LZF: a control byte below 32 announces that many literals and one; any other a
+//! copy from the bytes already written: three bits of length (7: the next byte adds to it) and thirteen bits of distance.
 
-use super::error::DecodeError;
+use super::error::{DecodeError, ends_early};
 use super::format::Format;
 use super::gather::Gather;
 use super::hints::shorten;
 use super::inflate::check_ratio;
-use super::lines::{Lines, words};
-use super::lzf;
+use super::limits::Limits;
+use super::lines::{Lines, text, words};
 use super::names::{self, ColumnMap};
 use super::number::Numbers;
-use super::pcd_header::{Body, Field, Header, read_header};
-use super::records::{Layout, Place, read_records, take_points};
-use super::scalar::{Endian, Scalar};
-use super::{Request, ends_early, settle_unit};
-use crate::scan::cloud::{Cloud, Labels};
+use super::records::{Endian, Kind, Layout, Place, Scalar, read_records, take_points};
+use super::request::{Request, settle_unit};
+use crate::scan::cloud::{Cloud, Labels, Unit};
 use std::io::{BufRead, Read};
 
 const FORMAT: Format = Format::Pcd;
@@ -41,7 +39,7 @@ pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<
             read_records(lines.into_reader(), &layout, header.stride(), header.points(), &mut gather)?;
         }
         Body::Compressed => {
-            let unpacked = unpack(lines.into_reader(), &header, request)?;
+            let unpacked = decompress_body(lines.into_reader(), &header, request)?;
             take_points(&unpacked, &layout, header.points(), &mut gather)?;
         }
     }
@@ -102,8 +100,8 @@ fn read_lines(
     Ok(())
 }
 
-/// The unpacked body of a compressed file; reserves what the packed bytes that are really there can become.
-fn unpack(reader: &mut dyn BufRead, header: &Header, request: &Request<'_>) -> Result<Vec<u8>, DecodeError> {
+/// The decompressed body of a compressed file; reserves only what the bytes that were received can become.
+fn decompress_body(reader: &mut dyn BufRead, header: &Header, request: &Request<'_>) -> Result<Vec<u8>, DecodeError> {
     let packed_size = read_size(reader)?;
     let stated = read_size(reader)?;
     let expected = (header.points() as u64).saturating_mul(header.stride() as u64);
@@ -119,13 +117,232 @@ fn unpack(reader: &mut dyn BufRead, header: &Header, request: &Request<'_>) -> R
         return Err(DecodeError::Truncated { expected: header.points() as u64, found: 0 });
     }
     check_ratio(stated, request.sent_bytes(packed_size), request.limits.inflate_ratio_max)?;
-    lzf::unpack(&packed, size).ok_or(DecodeError::DamagedPoints { format: FORMAT })
+    decompress_lzf(&packed, size).ok_or(DecodeError::DamagedPoints { format: FORMAT })
 }
 
 fn read_size(reader: &mut dyn BufRead) -> Result<u64, DecodeError> {
     let mut bytes = [0; 4];
     reader.read_exact(&mut bytes).map_err(|error| ends_early(error, FORMAT))?;
     Ok(u64::from(u32::from_le_bytes(bytes)))
+}
+
+/// Numbers of one field; more than any descriptor in use has.
+const COUNT_MAX: usize = 4096;
+
+/// How the points are stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Body {
+    /// One point a line.
+    Ascii,
+    /// Point after point.
+    Binary,
+    /// Field after field, LZF.
+    Compressed,
+}
+
+/// One field of every point.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Field {
+    pub(super) name: String,
+    /// The kind of its numbers.
+    pub(super) kind: Kind,
+    /// How many numbers it has.
+    pub(super) count: usize,
+}
+
+impl Field {
+    /// Bytes of the field in one point.
+    pub(super) fn size(&self) -> usize {
+        self.kind.size() * self.count
+    }
+}
+
+/// A whole header.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Header {
+    pub(super) fields: Vec<Field>,
+    /// Points of a row.
+    pub(super) width: usize,
+    /// Rows; 1 where the points are not organised.
+    pub(super) height: usize,
+    pub(super) body: Body,
+    /// What a comment such as `unit: mm` states.
+    pub(super) unit: Option<Unit>,
+}
+
+impl Header {
+    /// All points, missing ones included.
+    pub(super) fn points(&self) -> usize {
+        self.width.saturating_mul(self.height)
+    }
+
+    /// Bytes of a point.
+    pub(super) fn stride(&self) -> usize {
+        self.fields.iter().map(Field::size).sum()
+    }
+}
+
+/// The contents of the header lines, before they are compared.
+#[derive(Default)]
+struct Statements {
+    names: Vec<String>,
+    sizes: Vec<usize>,
+    types: Vec<u8>,
+    counts: Vec<usize>,
+    width: Option<u64>,
+    height: Option<u64>,
+    points: Option<u64>,
+    unit: Option<Unit>,
+}
+
+/// Reads up to and with the line `DATA`.
+pub(super) fn read_header(lines: &mut Lines<'_>, limits: &Limits) -> Result<Header, DecodeError> {
+    let mut said = Statements::default();
+    for _ in 0..limits.header_lines_max {
+        let number = lines.number() + 1;
+        let bad = |field| DecodeError::HeaderLine { format: FORMAT, line: number, field };
+        let Some(line) = lines.next_line()? else { return Err(DecodeError::EndsEarly { format: FORMAT }) };
+        if let Some(comment) = line.trim_ascii_start().strip_prefix(b"#") {
+            said.unit = said.unit.or(names::unit_of_comment(comment));
+            continue;
+        }
+        let mut parts = words(line);
+        let keyword = parts.next().unwrap_or_default();
+        let values: Vec<&[u8]> = parts.take(limits.columns_max + 1).collect();
+        if values.len() > limits.columns_max {
+            return Err(DecodeError::TooManyColumns { limit: limits.columns_max });
+        }
+        let first = values.first().copied().unwrap_or_default();
+        match keyword {
+            b"FIELDS" | b"COLUMNS" => said.names = values.iter().map(|word| text(word).to_owned()).collect(),
+            b"SIZE" => said.sizes = numbers(&values).ok_or(bad("SIZE"))?,
+            b"TYPE" => said.types = values.iter().filter_map(|word| word.first().copied()).collect(),
+            b"COUNT" => said.counts = numbers(&values).ok_or(bad("COUNT"))?,
+            b"WIDTH" => said.width = Some(text(first).parse().map_err(|_| bad("WIDTH"))?),
+            b"HEIGHT" => said.height = Some(text(first).parse().map_err(|_| bad("HEIGHT"))?),
+            b"POINTS" => said.points = Some(text(first).parse().map_err(|_| bad("POINTS"))?),
+            b"DATA" => return said.check(body_of(first).ok_or(bad("DATA"))?, limits),
+            b"VERSION" | b"VIEWPOINT" | b"" => {}
+            _ if number == 1 => return Err(DecodeError::NotThisFormat { format: FORMAT }),
+            _ => return Err(bad("FIELDS, SIZE, TYPE, COUNT, WIDTH, HEIGHT, VIEWPOINT, POINTS or DATA")),
+        }
+    }
+    Err(DecodeError::HeaderTooLong { format: FORMAT, limit: limits.header_lines_max })
+}
+
+fn body_of(word: &[u8]) -> Option<Body> {
+    match word {
+        b"ascii" => Some(Body::Ascii),
+        b"binary" => Some(Body::Binary),
+        b"binary_compressed" => Some(Body::Compressed),
+        _ => None,
+    }
+}
+
+fn numbers(words: &[&[u8]]) -> Option<Vec<usize>> {
+    words.iter().map(|word| text(word).parse().ok()).collect()
+}
+
+impl Statements {
+    /// Holds the lines against each other.
+    fn check(self, body: Body, limits: &Limits) -> Result<Header, DecodeError> {
+        let missing = |field| DecodeError::HeaderMissing { format: FORMAT, field };
+        // Before version 0.7 a header states neither.
+        let unorganised = self.points.filter(|_| self.width.is_none() && self.height.is_none());
+        let width = self.width.or(unorganised).ok_or(missing("WIDTH"))?;
+        let height = self.height.or(unorganised.map(|_| 1)).ok_or(missing("HEIGHT"))?;
+        // The product may be beyond u64 where the header lies.
+        let expected = width.saturating_mul(height);
+        if let Some(stated) = self.points.filter(|stated| *stated != expected) {
+            return Err(DecodeError::SizeMismatch { format: FORMAT, field: "POINTS", stated, expected });
+        }
+        let limit = limits.points_max;
+        if usize::try_from(expected).is_ok_and(|points| points > limit) {
+            return Err(DecodeError::TooManyPoints { limit });
+        }
+        let fields = self.fields()?;
+        let size = |value| usize::try_from(value).map_err(|_| DecodeError::TooManyPoints { limit });
+        Ok(Header { fields, width: size(width)?, height: size(height)?, body, unit: self.unit })
+    }
+
+    fn fields(&self) -> Result<Vec<Field>, DecodeError> {
+        let missing = |field| DecodeError::HeaderMissing { format: FORMAT, field };
+        if self.names.is_empty() {
+            return Err(missing("FIELDS"));
+        }
+        let mut fields = Vec::with_capacity(self.names.len());
+        for (position, name) in self.names.iter().enumerate() {
+            let size = self.sizes.get(position).ok_or(missing("SIZE of every field"))?;
+            let letter = self.types.get(position).ok_or(missing("TYPE of every field"))?;
+            // COUNT may be left out, and is 1 then.
+            let count = if self.counts.is_empty() { Some(1) } else { self.counts.get(position).copied() };
+            let count = count.filter(|count| *count <= COUNT_MAX).ok_or(missing("COUNT of every field"))?;
+            let kind = kind_of(*letter, *size).ok_or(missing("a known TYPE and SIZE of every field"))?;
+            fields.push(Field { name: name.clone(), kind, count });
+        }
+        Ok(fields)
+    }
+}
+
+fn kind_of(letter: u8, size: usize) -> Option<Kind> {
+    Some(match (letter, size) {
+        (b'F', 4) => Kind::F32,
+        (b'F', 8) => Kind::F64,
+        (b'I', 1) => Kind::I8,
+        (b'I', 2) => Kind::I16,
+        (b'I', 4) => Kind::I32,
+        (b'I', 8) => Kind::I64,
+        (b'U', 1) => Kind::U8,
+        (b'U', 2) => Kind::U16,
+        (b'U', 4) => Kind::U32,
+        (b'U', 8) => Kind::U64,
+        _ => return None,
+    })
+}
+
+/// Most bytes that one byte of input can become: three make a copy of 264.
+const RATIO_MAX: usize = 88;
+
+/// Decompresses `packed` into exactly `size` bytes; `None` where it contains more, fewer, or invalid data.
+fn decompress_lzf(packed: &[u8], size: usize) -> Option<Vec<u8>> {
+    if size > packed.len().saturating_mul(RATIO_MAX) {
+        return None;
+    }
+    let mut out = Vec::with_capacity(size);
+    let mut input = packed.iter();
+    while let Some(&control) = input.next() {
+        let control = usize::from(control);
+        if control < 32 {
+            let rest = input.as_slice();
+            out.extend_from_slice(rest.get(..=control)?);
+            input = rest.get(control + 1..)?.iter();
+        } else {
+            let length = match control >> 5 {
+                7 => 7 + usize::from(*input.next()?),
+                length => length,
+            } + 2;
+            let distance = ((control & 0x1f) << 8) + usize::from(*input.next()?) + 1;
+            copy_within(&mut out, distance, length)?;
+        }
+        if out.len() > size {
+            return None;
+        }
+    }
+    (out.len() == size).then_some(out)
+}
+
+/// Repeats `length` bytes from `distance` before the end; the two may overlap, which repeats a pattern.
+fn copy_within(out: &mut Vec<u8>, distance: usize, length: usize) -> Option<()> {
+    let start = out.len().checked_sub(distance)?;
+    if distance >= length {
+        out.extend_from_within(start..start + length);
+    } else {
+        for at in start..start + length {
+            let byte = *out.get(at)?;
+            out.push(byte);
+        }
+    }
+    Some(())
 }
 
 #[cfg(test)]
@@ -217,5 +434,27 @@ mod tests {
             let cloud = read(text.as_bytes()).unwrap_or_else(|error| panic!("{error}"));
             assert_eq!(cloud.points().collect::<Vec<_>>(), [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
         }
+    }
+}
+
+#[cfg(test)]
+mod lzf_tests {
+    use super::*;
+
+    #[test]
+    fn literals_and_overlapping_copies_unpack() {
+        // "abc", then 9 bytes from 3 back: the pattern three times more.
+        let packed = [2, b'a', b'b', b'c', 7 << 5, 0, 2];
+        assert_eq!(decompress_lzf(&packed, 12).as_deref(), Some(&b"abcabcabcabc"[..]));
+        assert_eq!(decompress_lzf(&[0, b'x', 1 << 5, 0], 4).as_deref(), Some(&b"xxxx"[..]));
+    }
+
+    #[test]
+    fn nonsense_is_refused() {
+        assert_eq!(decompress_lzf(&[5, 1, 2], 6), None, "literals beyond the end");
+        assert_eq!(decompress_lzf(&[0, 1, 32, 9], 4), None, "copy from before the start");
+        assert_eq!(decompress_lzf(&[0, 1], 2), None, "too few");
+        assert_eq!(decompress_lzf(&[1, 1, 1], 1), None, "too many");
+        assert_eq!(decompress_lzf(&[0, 1], usize::MAX), None, "a size that no such input can have");
     }
 }

@@ -1,21 +1,20 @@
 //! How the rows of a text table are built: its separator, its header, its columns, from the first lines.
 
 use super::error::DecodeError;
-use super::fields::Separator;
+use super::fields::{NamedRows, Separator};
 use super::format::Format;
 use super::hints::shorten;
 use super::limits::Limits;
 use super::lines::{Lines, is_fill};
 use super::matrix;
-use super::named::NamedRows;
 use super::names::{self, ColumnMap};
 use super::number::parse_number;
-use super::unit::Unit;
-use super::{Request, settle_unit};
+use super::request::{Request, settle_unit};
+use crate::scan::cloud::Unit;
 
-/// Lines that are looked at from the first that could belong to the table.
+/// Lines that are examined from the first that could belong to the table.
 const SAMPLE_LINES: usize = 64;
-/// Bytes of these lines, and of those before them, from which no more are looked at.
+/// Bytes of these lines, and of those before them, from which no more are examined.
 const SAMPLE_BYTES_MAX: usize = 4 << 20;
 /// Rows from which numbers that count up are names of points.
 const COUNTED_ROWS_MIN: usize = 8;
@@ -27,13 +26,13 @@ pub(super) fn is_comment(line: &[u8]) -> bool {
     line.starts_with(b"#") || line.starts_with(b"//")
 }
 
-/// The number of a line that holds a whole number and nothing else.
+/// The number of a line that contains a whole number and nothing else.
 pub(super) fn lone_count(line: &[u8]) -> Option<u64> {
     let digits = line.trim_ascii();
     digits.iter().all(u8::is_ascii_digit).then(|| str::from_utf8(digits).ok()?.parse().ok()).flatten()
 }
 
-/// What a comment says behind its sign.
+/// The text of a comment behind its sign.
 fn comment_text(line: &[u8]) -> &[u8] {
     let start = line.iter().position(|byte| !matches!(byte, b'#' | b'/' | b' ')).unwrap_or(line.len());
     line.get(start..).unwrap_or_default().trim_ascii()
@@ -332,7 +331,7 @@ fn separator_of_named(line: &[u8]) -> Option<Separator> {
     (count_columns(line, separator) >= 4 && separator.split(line).skip(1).all(is_number)).then_some(separator)
 }
 
-/// The units of x, y and z in a row that holds a unit in each of their cells.
+/// The units of x, y and z in a row that has a unit in each of their cells.
 fn units_of_row(line: &[u8], table: &Table) -> Option<[Unit; 3]> {
     let unit = |column: usize| names::unit_of_cell(table.separator.split(line).nth(column)?);
     let [x, y, z] = table.map.point.map(unit);
@@ -369,7 +368,7 @@ fn replace(line: &[u8], from: &[u8], to: &[u8]) -> Vec<u8> {
     replaced
 }
 
-/// Whether three columns bear names of coordinates.
+/// Whether three columns have names of coordinates.
 fn has_axes(names: &[String]) -> bool {
     names.iter().filter(|name| names::is_axis(name)).count() >= 3
 }

@@ -3,7 +3,7 @@
 //! Two signs, each with a chance of being wrong below [`CHANCE_MAX`] per scan:
 //! - The same (x, y, z) twice within a stretch: a sensor does not see one place twice in a row. Compared with how often
 //!   the other points of the scan do it, as clouds on a coarse lattice do.
-//! - A z that holds more of the points around it than noise of the scan's own standard deviation puts into one step of
+//! - A z with more of the points around it than noise of the scan's own standard deviation puts into one step of
 //!   the lattice of values, on whatever surface. Where the noise does not exceed the lattice (or there is none, as in
 //!   simulated scans), a level surface has one z as well; a value is then missing data only where single points jump there
 //!   and back, or where it lies beyond the depth that any sensor of that width has.
@@ -31,7 +31,7 @@ pub(super) enum Pattern {
     Z(f64),
 }
 
-/// Chance that a scan without missing values is told that it has one, for each sign.
+/// Probability that a missing value is reported for a scan without any, for each sign.
 const CHANCE_MAX: f64 = 1e-9;
 /// Successive points of a stretch: enough for differences along the profile, few enough to stay within one.
 const STRETCH: usize = 16;
@@ -60,7 +60,7 @@ pub(super) fn find(cloud: &Cloud) -> Vec<Pattern> {
 }
 
 /// The most that noise can put into one exact value of z, as a share of a level surface's points; 1 where noise is absent
-/// or not told from the shape.
+/// or cannot be distinguished from the shape.
 pub(super) fn most_of_one_value(cloud: &Cloud) -> f64 {
     let sample = Sample::draw(cloud);
     Noise::of(&sample, &candidates(&counts(&sample))).most_of_one_value()
@@ -221,7 +221,7 @@ fn repeated_heights(sample: &Sample) -> Vec<Pattern> {
     let is_missing = |candidate: &Candidate| {
         let count = candidate.count as f64;
         let (next, around) = beside(&values, candidate, 3.0 * noise.sigma);
-        // The neighbouring steps of a surface whose noise exceeds three quarters of a step hold more than it does, however
+        // The neighbouring steps of a surface whose noise exceeds three quarters of a step have more points than it has, however
         // quiet the surface: erf(q / (2√2 σ)) < 1/2.
         count > next as f64
             && (binomial_evidence(count, count + around.max(next) as f64, noise.most_of_one_value()) > needed

@@ -1,10 +1,16 @@
-//! Removes the points that match a pattern.
+//! Removes the points that match a pattern, and profiles that equal an earlier one bit for bit: delivered twice, or old content under a
+//! new x.
+//!
+//! Noise never gives the same profile again, a simulated scan without noise does. So a profile counts as a repeat only where
+//! the scan shows that two profiles agree by chance in few of their points.
 
-use super::find::Pattern;
-use super::{MissingKind, MissingValue, retain};
+use super::find::{Pattern, most_of_one_value};
 use crate::scan::cloud::{Cloud, Labels, Stripe};
-use crate::scan::columns::Columns;
+use crate::scan::columns::{Columns, Stretch};
+use crate::scan::decode::Unit;
 use std::collections::{HashMap, HashSet};
+use std::fmt;
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::ops::Range;
 
 /// x of the points that a pattern removed.
@@ -81,7 +87,7 @@ fn without(mut cloud: Cloud, keep: &[bool], codes: &[f64]) -> Cloud {
             _ => kept.push(Stripe { end, ..*stripe }),
         }
     }
-    // As while decoding: without labels the file does not say which points make a profile.
+    // As while decoding: without labels the file does not state which points make a profile.
     if cloud.labels != Labels::None && !emptied.is_empty() {
         let profiles = kept.chunk_by(|a, b| a.label == b.label).filter_map(|stripes| stripes.first());
         let full: HashSet<u64> = profiles.map(|stripe| stripe.label.to_bits()).collect();
@@ -104,7 +110,7 @@ fn without(mut cloud: Cloud, keep: &[bool], codes: &[f64]) -> Cloud {
 /// A pattern as the bits of this cloud's columns.
 struct Test {
     pattern: Pattern,
-    /// The values of a declared number: as it is, and as a file of single precision holds it.
+    /// The values of a declared number: as it is, and rounded to single precision.
     either: [f64; 2],
 }
 
@@ -130,7 +136,7 @@ impl Test {
         }
     }
 
-    /// Clears the flags of the stripe's points that match and were not cleared before, each told to `taken` with its x.
+    /// Clears the flags of the stripe's points that match and were not cleared before, and calls `taken` with the x of each.
     fn mark(
         &self,
         columns: &Columns,
@@ -157,5 +163,192 @@ impl Test {
             Pattern::Point { y, z } => mark(&|index| at(index) == [y, z]),
             Pattern::Z(z) => mark(&|index| at(index)[1] == z),
         }
+    }
+}
+
+/// A value that stands for missing points, mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum MissingKind {
+    /// A declared value in x, y or z.
+    Declared(f64),
+    /// The same whole point. `x` where it was the same everywhere, too.
+    Point {
+        /// x of all the points that were removed; `None` where they differ.
+        x: Option<f64>,
+        /// y.
+        y: f64,
+        /// z.
+        z: f64,
+    },
+    /// The same z under different y.
+    Z(f64),
+}
+
+/// A value that was taken as missing data, and how many points it removed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MissingValue {
+    /// The value, mm.
+    pub kind: MissingKind,
+    /// The points removed.
+    pub count: u64,
+    /// The unit of the file.
+    pub unit: Unit,
+}
+
+impl fmt::Display for MissingValue {
+    /// The value in the unit of the file, e.g. `z = -9999`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // Single precision has seven digits; the scaling to mm and back must not add more.
+        let text = |value: f64| {
+            let rounded: f64 = format!("{:.6e}", value / self.unit.in_mm()).parse().unwrap_or(value);
+            rounded.to_string()
+        };
+        match self.kind {
+            MissingKind::Declared(value) => write!(f, "x, y or z = {}", text(value)),
+            MissingKind::Point { x: Some(x), y, z } => write!(f, "(x, y, z) = ({}, {}, {})", text(x), text(y), text(z)),
+            MissingKind::Point { x: None, y, z } => write!(f, "(y, z) = ({}, {})", text(y), text(z)),
+            MissingKind::Z(z) => write!(f, "z = {}", text(z)),
+        }
+    }
+}
+
+/// Removes the points of `keep` that are false, from both columns.
+pub(super) fn retain(columns: &mut Columns, keep: &[bool]) {
+    fn compact<T: Copy>(values: &mut Vec<T>, keep: &[bool]) {
+        let mut flags = keep.iter();
+        values.retain(|_| flags.next().copied().unwrap_or(true));
+    }
+    match columns {
+        Columns::F32 { y, z } => {
+            compact(y, keep);
+            compact(z, keep);
+        }
+        Columns::F64 { y, z } => {
+            compact(y, keep);
+            compact(z, keep);
+        }
+    }
+}
+
+/// Probability that repeats are reported for a scan without any.
+const CHANCE_MAX: f64 = 1e-9;
+/// Successive points that a profile's hash takes from each of two places.
+const HASHED: usize = 4;
+/// Different profiles of one hash that are kept for comparison: bounds the time where all begin alike.
+const ALIKE_MAX: usize = 8;
+/// Fewer points are never beyond chance; also keeps clouds whose points have an x each out of the search.
+const POINTS_MIN: usize = 8;
+
+/// The cloud without repeated profiles, how many they were, and of how many.
+pub(super) fn remove_repeats(cloud: Cloud) -> (Cloud, u64, u64) {
+    let (profiles, count) = profiles(&cloud);
+    let repeats = find_repeats(&cloud, &profiles);
+    if repeats.is_empty() {
+        return (cloud, 0, count);
+    }
+    let mut keep = vec![true; cloud.columns.len()];
+    for range in &repeats {
+        keep.get_mut(range.clone()).unwrap_or_default().fill(false);
+    }
+    let mut cloud = cloud;
+    retain(&mut cloud.columns, &keep);
+    let (mut start, mut end) = (0, 0);
+    let mut kept: Vec<Stripe> = Vec::with_capacity(cloud.stripes.len());
+    for stripe in &cloud.stripes {
+        let range = std::mem::replace(&mut start, stripe.end)..stripe.end;
+        let count = keep.get(range).unwrap_or_default().iter().filter(|keep| **keep).count();
+        end += count;
+        if count > 0 {
+            kept.push(Stripe { end, ..*stripe });
+        }
+    }
+    cloud.stripes = kept;
+    (cloud, repeats.len() as u64, count)
+}
+
+/// The profiles of [`POINTS_MIN`] points and more, as far as the file separates them, and the number of all: successive
+/// stripes of one label, or single stripes where there are none. A stripe whose halves are equal is two.
+fn profiles(cloud: &Cloud) -> (Vec<Range<usize>>, u64) {
+    let mut profiles = Vec::new();
+    let (mut start, mut count) = (0, 0);
+    let labelled = cloud.labels != Labels::None;
+    for pieces in cloud.stripes.chunk_by(|a, b| labelled && a.label == b.label) {
+        let end = pieces.last().map_or(start, |stripe| stripe.end);
+        let range = std::mem::replace(&mut start, end)..end;
+        count += 1;
+        if range.len() < POINTS_MIN {
+            continue;
+        }
+        let middle = range.start + range.len() / 2;
+        let halves = [range.start..middle, middle..range.end];
+        let [first, second] = &halves;
+        if range.len() % 2 == 0 && is_equal(&cloud.columns, first, second) {
+            count += 1;
+            profiles.extend(halves);
+        } else {
+            profiles.push(range);
+        }
+    }
+    (profiles, count)
+}
+
+fn find_repeats(cloud: &Cloud, profiles: &[Range<usize>]) -> Vec<Range<usize>> {
+    let columns = &cloud.columns;
+    let mut firsts: HashMap<u64, Vec<Range<usize>>> = HashMap::with_capacity(profiles.len());
+    let mut repeats = Vec::new();
+    for profile in profiles {
+        let same_hash = firsts.entry(hash(columns, profile)).or_default();
+        if same_hash.iter().any(|first| is_equal(columns, first, profile)) {
+            repeats.push(profile.clone());
+        } else if same_hash.len() < ALIKE_MAX {
+            same_hash.push(profile.clone());
+        }
+    }
+    if repeats.is_empty() {
+        return repeats;
+    }
+    let Some(agreeing) = agreeing_by_chance(columns, profiles) else { return Vec::new() };
+    let chance = agreeing.max(most_of_one_value(cloud));
+    let needed = (profiles.len() as f64 / CHANCE_MAX).ln();
+    repeats.retain(|profile| -(profile.len() as f64) * chance.ln() > needed);
+    repeats
+}
+
+/// The share of points that agree in y and z with the point of the same position in the profile before, over successive
+/// profiles that are not equal; `None` where all are equal.
+fn agreeing_by_chance(columns: &Columns, profiles: &[Range<usize>]) -> Option<f64> {
+    let (mut agreeing, mut count, mut pairs) = (0_u64, 0_u64, 0_u64);
+    for pair in profiles.windows(2) {
+        let [before, after] = pair else { continue };
+        if is_equal(columns, before, after) {
+            continue;
+        }
+        pairs += 1;
+        let both = before.clone().zip(after.clone());
+        agreeing += both.filter(|(a, b)| columns.get(*a) == columns.get(*b)).count() as u64;
+        count += before.len().min(after.len()) as u64;
+    }
+    // One of two more points agrees: a rate is not 0 because few points were seen (Laplace).
+    (pairs > 0).then(|| (agreeing + 1) as f64 / (count + 2) as f64)
+}
+
+/// A hash of a profile's first points and of those in its middle: places that the search for equal halves reads anyway, as
+/// every other place costs an access to memory of its own.
+fn hash(columns: &Columns, range: &Range<usize>) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    let middle = range.start + range.len() / 2;
+    range.len().hash(&mut hasher);
+    for index in (range.start..middle).take(HASHED).chain((middle..range.end).take(HASHED)) {
+        let [y, z] = columns.get(index).unwrap_or_default();
+        [y + 0.0, z + 0.0].map(f64::to_bits).hash(&mut hasher);
+    }
+    hasher.finish()
+}
+
+fn is_equal(columns: &Columns, a: &Range<usize>, b: &Range<usize>) -> bool {
+    match (columns.stretch(a.clone()), columns.stretch(b.clone())) {
+        (Stretch::F32 { y, z }, Stretch::F32 { y: other_y, z: other_z }) => y == other_y && z == other_z,
+        (Stretch::F64 { y, z }, Stretch::F64 { y: other_y, z: other_z }) => y == other_y && z == other_z,
+        _ => false,
     }
 }

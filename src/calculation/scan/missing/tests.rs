@@ -3,9 +3,9 @@
 #![expect(clippy::print_stdout, reason = "a test says what it skipped")]
 
 use super::*;
-use crate::scan::decode::{Format, FormatClaims, Limits, Request, decode, find_format};
+use crate::scan::decode::{Format, FormatClaims, Limits, Request, Unit, decode, find_format};
 use crate::scan::synthetic::{Part, Sampling, Surroundings, make};
-use crate::scan::{Labels, Scan, Stripe};
+use crate::scan::{Columns, Labels, Scan, Stripe};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::fs;
@@ -213,7 +213,7 @@ fn nothing_is_missing_in_simulated_scans() {
     println!("{count} scans");
 }
 
-/// The order of a file's points says nothing here: no neighbours, no noise.
+/// The order of the points of the file has no meaning here: no neighbours, no noise.
 #[test]
 fn nothing_is_missing_in_shuffled_scans() {
     for (name, part) in scenes() {

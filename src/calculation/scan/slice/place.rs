@@ -1,13 +1,13 @@
 //! Moves a cloud into the rail frame and cuts it to a region.
 
-use super::SliceError;
+use super::error::SliceError;
 use crate::geometry::Frame;
 use crate::scan::cloud::{Cloud, Stripe};
 use crate::scan::columns::Columns;
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// What is kept of a cloud, bounds included, in the rail frame; a bound left out keeps all.
+/// The region of a cloud that is kept, bounds included, in the rail frame; a bound left out keeps all.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Region {
@@ -28,7 +28,7 @@ pub struct RegionError {
 }
 
 impl Region {
-    /// Whether every bound is a range; a region with another holds no point.
+    /// Whether every bound is a range; a region with another contains no point.
     ///
     /// # Errors
     /// [`RegionError`] names the first that is not.

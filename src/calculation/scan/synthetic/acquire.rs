@@ -1,12 +1,12 @@
-//! Scans a part: profile after profile along the rail, and the truth of each.
+//! Scans a synthetic part: profile after profile along the rail with the truth of each, one profile by itself for a sensor that passes
+//! along the part, or several parts one behind the other. Beside the part the sensor sees the floor below it and a support.
 
-use super::edge::Prepared;
-use super::interference::Feature;
-use super::laser_plane::LaserPlane;
-use super::noise::Noise;
+use super::features::{Feature, Prepared};
+use super::noise::Stream;
+use super::part::{BLOCKS_COUNT, Part, SPIKE_MM, Surroundings};
+use super::sensor::LaserPlane;
 use super::travel::{Delivery, Stage};
 use super::truth::Truth;
-use super::{Part, SPIKE_MM, Stream};
 use crate::scan::columns::Columns;
 use crate::scan::{Scan, ScanError, Station};
 use rand::{RngExt, SeedableRng};
@@ -38,7 +38,7 @@ pub fn make(part: &Part) -> Result<(Scan, Truth), ScanError> {
     delivered.end()
 }
 
-/// One scan under way.
+/// A scan that is being simulated.
 struct Acquisition<'a> {
     part: &'a Part,
     edges: Prepared,
@@ -53,7 +53,7 @@ struct Taken {
     points: Vec<[f64; 3]>,
     /// How many of its points lie on the part.
     on_part_count: usize,
-    /// Their true places; none where the profile repeats another one, which says nothing new about the part.
+    /// Their true places; none where the profile repeats another one, which contains nothing new about the part.
     on_part: Vec<[f64; 3]>,
 }
 
@@ -75,7 +75,7 @@ impl<'a> Acquisition<'a> {
     fn start(part: &'a Part) -> Self {
         Self {
             part,
-            edges: part.edges.prepare(part),
+            edges: part.prepared_edges(),
             chance: ChaCha8Rng::seed_from_u64(part.seed),
             sensor_chance: Stream::Sensor.of(part.seed),
             stage: part.travel.start(part.seed),
@@ -85,7 +85,7 @@ impl<'a> Acquisition<'a> {
     fn next(&mut self, index: usize) -> Taken {
         let (part, plane) = (self.part, self.part.laser_plane);
         let x = self.stage.place(part.station_x(index, &mut self.chance));
-        let mut noise = Noise::begin(part, &mut self.chance);
+        let mut noise = part.noise(&mut self.chance);
         let mut taken =
             Taken { x, points: Vec::with_capacity(part.points_count), on_part_count: 0, on_part: Vec::new() };
         let on_part = (0..part.points_count).map(Seen::OnPart);
@@ -226,10 +226,137 @@ impl Seen {
                 let raised = part.interference.offset_mm(feature, place, angle, part.radius_mm);
                 let sight = plane.sight(&part.axis, x, direction);
                 let offset = edges.offset(&sight, column, part.side.sign() * raised + thrown)?;
-                let curl = part.sensor.curl.offset_mm(part, direction);
-                let at = |offset| sight.point(part, offset);
+                let curl = part.sensor.curl.offset_mm(part.facing(), direction);
+                let at = |offset| sight.point(&part.axis, part.radius_mm, offset);
                 Some(Place { point: at(offset), seen: at(offset + curl), is_on_part: offset == 0.0 })
             }
         }
+    }
+}
+
+/// The points (y, z) of the section of `part` by the plane at `x`, mm; those that dropped out, or that meet nothing, are
+/// left out. `along` is how far the plane is along the part, 0 at its near end to 1, and decides what sits there; the
+/// part's own number of profiles, their planes, its surroundings, the tilt of the laser plane, the travel and the export do not
+/// matter.
+#[must_use]
+pub fn make_profile(part: &Part, x: f64, along: f64, chance: &mut ChaCha8Rng) -> Vec<[f64; 2]> {
+    let edges = part.prepared_edges();
+    let feature = part.interference.feature((along * BLOCKS_COUNT as f64).rem_euclid(1.0));
+    let mut noise = part.noise(chance);
+    let mut points = Vec::with_capacity(part.points_count);
+    for column in 0..part.points_count {
+        if chance.random_bool(part.drop_out_ratio.clamp(0.0, 1.0)) {
+            continue;
+        }
+        let seen = Seen::OnPart(column);
+        let thrown = thrown(part, chance) + seen.reflected(part, chance);
+        let Some(place) = seen.place(part, &edges, (x, LaserPlane::default()), feature, thrown) else { continue };
+        points.push(place.measured(part, noise.next(chance)));
+    }
+    points
+}
+
+/// Scans parts that stand one behind the other; the truth of each, in their order. A part's profiles are those that [`make`]
+/// makes of it alone, to the bit.
+///
+/// # Errors
+/// [`ScanError`] where a part cannot be made, or does not lie behind the one before it.
+pub fn make_several(parts: &[Part]) -> Result<(Scan, Vec<Truth>), ScanError> {
+    let (mut y, mut z, mut stations, mut truths) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut blanks, mut own_x, mut is_planar) = (Vec::new(), Vec::new(), true);
+    for part in parts {
+        let (scan, truth) = make(part)?;
+        let before = y.len();
+        stations.extend(scan.stations().iter().map(|station| Station {
+            start: station.start + before,
+            end: station.end + before,
+            ..*station
+        }));
+        let (mut part_y, mut part_z) = (Vec::new(), Vec::new());
+        scan.columns().load(scan.points(), &mut part_y, &mut part_z);
+        own_x.extend(scan.stations().iter().flat_map(|station| scan.points_of(station)).map(|[x, ..]| x));
+        is_planar &= scan.is_planar();
+        y.append(&mut part_y);
+        z.append(&mut part_z);
+        blanks.extend_from_slice(scan.blanks());
+        truths.push(truth);
+    }
+    let scan = Scan::new(stations, Columns::F64 { y, z }, "synthetic".to_owned())?;
+    let scan = scan.with_blanks(blanks);
+    Ok((if is_planar { scan } else { scan.with_own_x(own_x)? }, truths))
+}
+
+/// Gap between the part and what stands beside it, in radii.
+const GAP: f64 = 0.05;
+/// Width of the floor on either side, in radii.
+const FLOOR_WIDTH: f64 = 0.75;
+/// Width of a level support, in radii,
+const SUPPORT_WIDTH: f64 = 0.4;
+/// and how far below the axis its face lies.
+const SUPPORT_DEPTH: f64 = 0.3;
+/// Half of the angle over which a round support is seen.
+const SUPPORT_HALF_RAD: f64 = 1.0;
+
+impl Surroundings {
+    /// The points left of the part (towards −Y) in the plane of the profile `index` at `x`, in order of y.
+    pub(super) fn left(&self, part: &Part, x: f64) -> Vec<[f64; 2]> {
+        let start = part.axis.at(x)[0] - part.radius_mm * (1.0 + GAP + FLOOR_WIDTH);
+        self.floor(part, start)
+    }
+
+    /// The points right of the part, in order of y but for the end of a support that hangs over the floor.
+    pub(super) fn right(&self, part: &Part, x: f64, index: usize) -> Vec<[f64; 2]> {
+        let [axis_y, axis_z] = part.axis.at(x);
+        let edge = axis_y + part.radius_mm * (1.0 + GAP);
+        let shown = (index as f64 + 0.5) / part.profiles_count as f64 % 0.25 < 0.25 * self.supports;
+        let count = if shown { (self.support * part.points_count as f64).round() as usize } else { 0 };
+        let support = (0..count).map(|i| (i as f64 + 0.5) / count as f64).map(|share| {
+            let own = self.support_radius_mm;
+            if own > 0.0 {
+                let (sin, cos) = ((2.0 * share - 1.0) * SUPPORT_HALF_RAD).sin_cos();
+                [edge + own * (1.0 + sin), axis_z + own * cos]
+            } else {
+                [edge + share * part.radius_mm * SUPPORT_WIDTH, axis_z - part.radius_mm * SUPPORT_DEPTH]
+            }
+        });
+        support.chain(self.floor(part, edge)).collect()
+    }
+
+    fn floor(&self, part: &Part, start: f64) -> Vec<[f64; 2]> {
+        let [_, middle_z] = part.axis.at(part.x_start_mm + part.length_mm / 2.0);
+        let count = (0.5 * self.floor * part.points_count as f64).round() as usize;
+        let step = part.radius_mm * FLOOR_WIDTH / count.max(1) as f64;
+        (0..count).map(|i| [start + (i as f64 + 0.5) * step, middle_z - self.floor_depth_mm]).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan::synthetic::make;
+    use rand::SeedableRng;
+
+    #[test]
+    fn without_noise_it_is_the_profile_of_the_whole_scan() {
+        let part = Part { noise_sigma_mm: 0.0, ..Part::with_interference(3) };
+        let (scan, _) = make(&part).expect("a scan");
+        let (mut y, mut z) = (Vec::new(), Vec::new());
+        for index in [0, 60, 100, 133, 250, 399] {
+            let station = scan.stations()[index];
+            scan.load(station, &mut y, &mut z);
+            let along = index as f64 / part.profiles_count as f64;
+            let points = make_profile(&part, station.x, along, &mut ChaCha8Rng::seed_from_u64(1));
+            assert_eq!(points, y.iter().zip(&z).map(|(y, z)| [*y, *z]).collect::<Vec<_>>(), "{index}");
+        }
+    }
+
+    #[test]
+    fn beyond_the_end_nothing_is_seen() {
+        let far = Some(crate::scan::synthetic::Edge { x_mm: 800.0, ..Default::default() });
+        let mut part = Part::smooth(3);
+        part.edges.far = far;
+        let seen = |x: f64| make_profile(&part, x, 0.99, &mut ChaCha8Rng::seed_from_u64(1)).len();
+        // Tilted by about a degree, the end plane spreads over 800 ± 4 mm.
+        assert_eq!((seen(795.0), seen(805.0)), (640, 0));
     }
 }

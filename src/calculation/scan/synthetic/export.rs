@@ -1,6 +1,6 @@
 //! What a sensor's software does to the points when it writes them: rounding, and numbers that stand for "no return".
 
-use super::Stream;
+use super::noise::Stream;
 use crate::scan::columns::Columns;
 use crate::scan::{Scan, ScanError, Station};
 use rand::RngExt;

@@ -1,7 +1,7 @@
-//! Noise of a synthetic scan: that of every point, that which neighbours along the laser line share (speckle), and that which a
-//! whole profile shares (vibration of the stage).
+//! Random numbers of a synthetic scan: a stream for each effect, and the noise of every point, the noise that neighbours along the laser
+//! line share (speckle), and the noise that a whole profile shares (vibration of the stage).
 
-use super::Part;
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal, StudentT};
 
@@ -21,15 +21,21 @@ pub(super) struct Noise {
 
 impl Noise {
     /// The noise of a new profile.
-    pub(super) fn begin(part: &Part, chance: &mut ChaCha8Rng) -> Self {
+    pub(super) fn begin(
+        sigma_mm: f64,
+        correlation: f64,
+        freedom: Option<f64>,
+        jitter_sigma_mm: f64,
+        chance: &mut ChaCha8Rng,
+    ) -> Self {
         // Drawn only where it is asked for, so that a part without it keeps its scan.
-        let shared = if part.jitter_sigma_mm > 0.0 {
-            [normal(chance) * part.jitter_sigma_mm, normal(chance) * part.jitter_sigma_mm]
+        let shared = if jitter_sigma_mm > 0.0 {
+            [normal(chance) * jitter_sigma_mm, normal(chance) * jitter_sigma_mm]
         } else {
             [0.0; 2]
         };
-        let tails = part.noise_freedom.and_then(tails);
-        Self { sigma_mm: part.noise_sigma_mm, tails, correlation: part.noise_correlation, shared, last: None }
+        let tails = freedom.and_then(tails);
+        Self { sigma_mm, tails, correlation, shared, last: None }
     }
 
     /// How far the next point is off in y and z.
@@ -64,20 +70,37 @@ pub(super) fn normal(chance: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(chance)
 }
 
+/// Random numbers of one effect, independent of those of the others.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Stream {
+    Edges = 1,
+    Sensor = 2,
+    Travel = 3,
+    Export = 4,
+}
+
+impl Stream {
+    pub(super) fn of(self, seed: u64) -> ChaCha8Rng {
+        let mut chance = ChaCha8Rng::seed_from_u64(seed);
+        chance.set_stream(self as u64);
+        chance
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::SeedableRng;
+    use crate::scan::synthetic::Part;
 
     #[test]
     fn correlated_noise_scatters_as_much_and_follows_its_neighbour() {
         let part = Part { noise_sigma_mm: 0.05, noise_correlation: 0.9, ..Part::smooth(1) };
         let mut chance = ChaCha8Rng::seed_from_u64(5);
-        let mut noise = Noise::begin(&part, &mut chance);
+        let mut noise = part.noise(&mut chance);
         let drawn: Vec<f64> = (0..200_000).map(|_| noise.next(&mut chance)[1]).collect();
         let moment =
             |lag: usize| drawn.iter().zip(&drawn[lag..]).map(|(a, b)| a * b).sum::<f64>() / (drawn.len() - lag) as f64;
-        // 19 points of it say as much as one independent point: 200 000 of them determine a moment to 1.4 %.
+        // 19 points of it contain as much information as one independent point: 200 000 of them determine a moment to 1.4 %.
         assert!((moment(0).sqrt() - 0.05).abs() < 0.05 * 0.03, "{}", moment(0).sqrt());
         assert!((moment(1) / moment(0) - 0.9).abs() < 0.01, "{}", moment(1) / moment(0));
     }
@@ -86,7 +109,7 @@ mod tests {
     fn heavy_tails_keep_the_standard_deviation() {
         let part = Part { noise_sigma_mm: 0.05, noise_freedom: Some(5.0), ..Part::smooth(1) };
         let mut chance = ChaCha8Rng::seed_from_u64(5);
-        let mut noise = Noise::begin(&part, &mut chance);
+        let mut noise = part.noise(&mut chance);
         let drawn: Vec<f64> = (0..200_000).flat_map(|_| noise.next(&mut chance)).collect();
         let moment = |power: i32| drawn.iter().map(|e| (e / 0.05).powi(power)).sum::<f64>() / drawn.len() as f64;
         // Student's t with ν = 5 has a kurtosis of 3 + 6/(ν − 4) = 9: 400 000 squares determine the variance to √(8/4e5),
@@ -101,9 +124,9 @@ mod tests {
     fn jitter_is_the_same_for_all_points_of_a_profile() {
         let part = Part { noise_sigma_mm: 0.0, jitter_sigma_mm: 0.03, ..Part::smooth(1) };
         let mut chance = ChaCha8Rng::seed_from_u64(5);
-        let mut noise = Noise::begin(&part, &mut chance);
+        let mut noise = part.noise(&mut chance);
         let first = noise.next(&mut chance);
         assert!(first[0] != 0.0 && first == noise.next(&mut chance));
-        assert!(first != Noise::begin(&part, &mut chance).next(&mut chance));
+        assert!(first != part.noise(&mut chance).next(&mut chance));
     }
 }

@@ -92,7 +92,7 @@ fn clamps_and_ends_stand_in_a_tilted_plane_as_in_a_square_one() {
         assert!(beyond < 1e-9);
         let is_on_chamfer = (off + beyond + 3.0).abs() < 1e-9 && off < 0.0;
         on_chamfer += usize::from(is_on_chamfer);
-        // The line of sight is up to 20° off square to the axis: a height of 25 mm along it is at least 23.4 mm square to it.
+        // The line of sight is up to 20° off perpendicular to the axis: a height of 25 mm along it is at least 23.4 mm perpendicular to it.
         let is_known = |height: f64| (off / height) > 0.93 && (off / height) < 1.0 + 1e-9;
         assert!(is_on_chamfer || off.abs() < 1e-9 || [25.0, -10.0, -20.0, -30.0].into_iter().any(is_known), "{off}");
     }

@@ -1,6 +1,6 @@
 //! The motion of the stage along the rail, the encoder that reports x, and which profiles arrive.
 
-use super::{Stream, noise};
+use super::noise::{self, Stream};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
@@ -30,7 +30,7 @@ pub enum RepeatedX {
     New,
 }
 
-/// What happens to a profile on its way.
+/// What happens to a profile between sensor and file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Delivery {
     Once,
