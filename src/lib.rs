@@ -1,28 +1,28 @@
-//! coaxis measures the pose of the axis of a cylindrical part from laser profile scans.
+//! coaxis measures the pose of the axis of a cylindrical part from laser profile scans, and moves the part to where it is wanted.
 //!
-//! The way of the data, each arrow one function in one file, each noun one type:
+//! The path of the data, each arrow one function in one file, each noun one type:
 //!
 //! ```text
 //! bytes -> Cloud -> Scan (profiles) -> Estimate (axis, diagnostics) -> Measurement (record) -> Plan -> move
 //!
 //!                  MES / PLC / curl / browser
 //!                             |
-//! http, cli ----------------- v ---- the edges: wire types, problems, commands
+//! http (server, wire, v1) --- v ---- the only module that knows HTTP;  cli: the same offline
 //!                             |
-//! service ------------------- v ---- the product's verbs; makes ids and times, owns the compute pool
+//! service   measuring | operating -- use cases; ids and times are made here
 //!          |             |             |               |                |
 //!          v             v             v               v                v
-//!       estimation     plot         motion (pure)     cell            store
-//!       scan           SVG, pure    kinematics,       lease, moves,   records, raw scans; SQLite
-//!       geometry (pure)             limits, plans     scans, stop
+//!       estimation     plot         motion           cell            store
+//!       scan           SVG          kinematics,      lease, moves,   records, raw scans; SQLite
+//!       geometry                    limits, plans    scans, stop
 //!                                                      |
 //!                                                     device: simulated | gocator | modbus | opcua
 //! ```
 //!
-//! Read them in the order in which data pass: geometry, scan, estimation, plot, motion, device, cell, store, config, service,
-//! http, cli. Nothing points back: `tests/architecture.rs` reads the imports and holds us to it. The first five are a crate of their own,
-//! `coaxis-calculation` in src/calculation, which is here under the same names: it neither waits, logs nor reads a clock, and
-//! chance comes from seeds.
+//! Read the modules in the order in which data pass: geometry, scan, estimation, plot, motion, device, cell, store, config, service,
+//! http, cli. None imports a later one, and no files import each other in a circle: `tests/architecture.rs` reads the imports. The
+//! first five are the crate `coaxis-calculation` in src/calculation, which is re-exported here: it neither waits, logs nor reads a
+//! clock, and random numbers come from seeds.
 
 pub mod cell;
 pub mod cli;

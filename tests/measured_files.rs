@@ -36,14 +36,14 @@ fn measured(path: &Path, recipe: &Value) -> Offline {
 }
 
 fn accepted(path: &Path, recipe: &Value) -> Pose {
-    match measured(path, recipe).measurement.findings.sole().expect("one part").outcome.clone() {
+    match measured(path, recipe).measurement.result.sole().expect("one part").outcome.clone() {
         Outcome::Accepted(pose) => *pose,
         Outcome::Refused(refusal) => panic!("{} with {recipe}: refused: {refusal}", path.display()),
     }
 }
 
 fn refusal(path: &Path, recipe: &Value) -> &'static str {
-    match measured(path, recipe).measurement.findings.sole().expect("one part").outcome.clone() {
+    match measured(path, recipe).measurement.result.sole().expect("one part").outcome.clone() {
         Outcome::Accepted(pose) => panic!("{} with {recipe}: accepted {pose:?}", path.display()),
         Outcome::Refused(refusal) => refusal.code(),
     }
@@ -165,6 +165,6 @@ fn a_mug_on_a_table_is_measured_by_its_recipe() {
     let [y, z] = pose.axis.at(pose.x_ref);
     assert!(y.hypot(z) < 3.0, "the frame's origin is in the mug, found ({y}, {z}) mm off");
     let found = measured(&mug, &recipe);
-    let warnings = &found.measurement.findings.sole().expect("one part").conditioning.warnings;
+    let warnings = &found.measurement.result.sole().expect("one part").conditioning.warnings;
     assert_eq!(warnings.iter().map(Warning::code).collect::<Vec<_>>(), ["calibration_not_stated"]);
 }

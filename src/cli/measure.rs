@@ -8,9 +8,9 @@ use crate::estimation::{EndFaceRule, Method, Orientation};
 use crate::http::{MeasurementDocument, profiles_csv};
 use crate::plot::Picture;
 use crate::scan::decode::Limits;
+use crate::service::in_words;
 use crate::service::{
-    Measurement, Offline, Origin, PictureRequest, Recipe, Resolved, Verdict, View, in_words, measure_offline,
-    without_mark,
+    Measurement, Offline, Origin, PictureRequest, Recipe, Resolved, Verdict, View, measure_offline, without_mark,
 };
 use std::collections::HashSet;
 use std::error::Error;
@@ -136,7 +136,7 @@ impl Arguments {
         let Offline { measurement, profiles, scan } = measured.map_err(|error| format!("{name}: {error}"))?;
         if let Some(place) = &self.profiles {
             let place = if self.files.len() > 1 { place.join(with_csv(own_name(path))) } else { place.clone() };
-            write(&place, &profiles_csv(&profiles, &measurement.findings))?;
+            write(&place, &profiles_csv(&profiles, &measurement.result))?;
         }
         if let Some(folder) = &self.plots {
             let folder = if self.files.len() > 1 { folder.join(own_name(path)) } else { folder.clone() };

@@ -1,9 +1,8 @@
 //! What every handler may use. Nothing here belongs to a single request.
 
-use super::connections::Connections;
-use super::listeners::Listeners;
-use super::metrics::Metrics;
-use super::shares::Shares;
+use super::server::connections::Connections;
+use super::server::metrics::Metrics;
+use super::server::shares::{Listeners, Shares};
 use crate::config::{Config, Limits, Timeouts};
 use crate::service::Service;
 use std::sync::Arc;
@@ -11,29 +10,29 @@ use tokio::sync::Semaphore;
 
 /// Shared by all requests; cheap to clone.
 #[derive(Debug, Clone)]
-pub(super) struct App {
+pub(in crate::http) struct App {
     /// The product's verbs.
-    pub(super) service: Arc<Service>,
+    pub(in crate::http) service: Arc<Service>,
     /// What is too much.
-    pub(super) limits: Arc<Limits>,
+    pub(in crate::http) limits: Arc<Limits>,
     /// What is too slow.
-    pub(super) timeouts: Arc<Timeouts>,
+    pub(in crate::http) timeouts: Arc<Timeouts>,
     /// Names under which the service is reached, besides its addresses and localhost.
-    pub(super) hosts: Arc<[String]>,
+    pub(in crate::http) hosts: Arc<[String]>,
     /// Places for connections.
-    pub(super) connections: Connections,
+    pub(in crate::http) connections: Connections,
     /// Health checks on reserved connections.
-    pub(super) health_places: Arc<Semaphore>,
+    pub(in crate::http) health_places: Arc<Semaphore>,
     /// Places for clients that wait for something.
-    pub(super) listeners: Listeners,
+    pub(in crate::http) listeners: Listeners,
     /// Places for bodies of scans that are coming in.
-    pub(super) uploads: Shares,
+    pub(in crate::http) uploads: Shares,
     /// What is counted.
-    pub(super) metrics: Arc<Metrics>,
+    pub(in crate::http) metrics: Arc<Metrics>,
 }
 
 impl App {
-    pub(super) fn new(config: &Config, service: Arc<Service>) -> Self {
+    pub(in crate::http) fn new(config: &Config, service: Arc<Service>) -> Self {
         let limits = &config.limits;
         // Half of the reserved places, so that health checks leave the other half to stops.
         let health_places = usize::try_from(limits.connections_reserved.div_ceil(2)).unwrap_or(Semaphore::MAX_PERMITS);

@@ -1,52 +1,24 @@
-//! The service over HTTP/1.1: the only room that knows it. Wire types, their documentation and handlers stand together, a
-//! file a resource; the route table is `router`, every refusal goes through `problem`.
+//! The service over HTTP/1.1: the only module that knows HTTP.
+//!
+//! * `server`: the listener, what happens to every request alike, the route table, the OpenAPI document, the metrics;
+//! * `wire`: between requests and values: extractors, bodies, numbers, paging, names, problems;
+//! * `v1`: a file for each resource, with its wire types, their documentation and its handlers.
 //!
 //! ```text
-//! connection --server--> request --edge (id, log, limits, panics)--> router --> handler --> service
+//! connection --listener--> request --edge (id, log, limits, panics)--> router --> handler --> service
 //!                                    <-- Problem, rendered at the edge <--
 //! ```
 
-mod accept;
-mod admission;
 mod app;
-mod axes;
-mod body;
-mod cell;
-mod command;
-mod connections;
-mod docs;
-mod edge;
-mod entry;
-mod events;
-mod extract;
-mod guarded;
-mod listeners;
-mod manipulators;
-mod measurements;
-mod metrics;
-mod moves;
-mod names;
-mod numbers;
-mod openapi;
-mod pace;
-mod paging;
-mod peer;
-mod plans;
-mod problem;
-mod receive;
-mod recipes;
-mod router;
-mod same_origin;
-mod scans;
 mod server;
-mod shares;
-mod status;
-mod times;
+mod v1;
+mod wire;
 
-pub use measurements::{
+pub use server::listener::{Server, Stopper};
+pub use server::openapi::COMMITTED;
+pub use server::router::openapi_json;
+pub use v1::measurements::{
     MeasurementDocument, PartDocument, PoseDocument, ProfileDocument, ReasonDocument, ScopeDocument, TallyDocument,
     UncertaintyDocument, VerdictName, profiles_csv,
 };
-pub use openapi::{COMMITTED, openapi_json};
-pub use problem::Code;
-pub use server::{Server, Stopper};
+pub use wire::problem::Code;

@@ -1,10 +1,7 @@
 //! When a scan was taken, in terms that no clock on the wall changes: how often something had moved by then, how long this instance
 //! had run, and where the manipulators were. Goes into the record of what is measured from the scan.
 
-use super::Service;
-use super::plans::Stale;
 use crate::motion::{Axis, Carrier, Pair, Position};
-use crate::service::side::CellSide;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
@@ -23,49 +20,36 @@ pub struct Acquisition {
     pub positions: Option<Pair<Position>>,
 }
 
-impl Service {
-    /// This moment.
-    pub(super) fn acquisition_now(&self) -> Acquisition {
-        Acquisition {
-            instance_id: self.instance_id.clone(),
-            motions_count: self.cell.as_ref().map_or(0, CellSide::motions_count),
-            uptime_ms: self.uptime.elapsed_ms(),
-            at: self.clock.now(),
-            positions: self.cell.as_ref().and_then(CellSide::positions),
-        }
-    }
-
-    /// Refuses a pose from before a restart, from before the end of the last motion, or from too long ago.
-    pub(super) fn check_fresh(&self, side: &CellSide, taken: Option<&Acquisition>) -> Result<(), Stale> {
-        // Records of earlier versions do not say; they are from before a restart.
-        let Some(taken) = taken.filter(|taken| taken.instance_id == self.instance_id) else {
-            return Err(Stale::Restarted);
-        };
-        if taken.motions_count != side.motions_count() {
-            return Err(Stale::MovedSince);
-        }
-        let age_ms = self.uptime.elapsed_ms().saturating_sub(taken.uptime_ms);
-        let max_s = side.config.plan_age_max_s;
-        if age_ms > max_s.saturating_mul(1000) {
-            return Err(Stale::TooOld { age_s: age_ms / 1000, max_s });
-        }
-        Ok(())
-    }
-}
-
-impl Acquisition {
-    /// Refuses where a manipulator is elsewhere than at that time, whoever moved it.
-    pub(super) fn check_in_place(&self, side: &CellSide, now: &Pair<Position>) -> Result<(), Stale> {
-        let Some(then) = &self.positions else { return Ok(()) };
-        for carrier in Carrier::ALL {
-            for axis in Axis::ALL {
-                let (then, now) = (*then.get(carrier).get(axis), *now.get(carrier).get(axis));
-                if (then - now).abs() > *side.arrangement.settle_tolerance.get(axis) {
-                    let (then, now) = (axis.outside(then), axis.outside(now));
-                    return Err(Stale::Displaced { carrier, axis, then, now });
-                }
-            }
-        }
-        Ok(())
-    }
+/// Why a plan, or a pose, no longer holds.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum Stale {
+    /// The pose is too old.
+    #[error("the part was scanned {age_s} s ago, and holds for {max_s} s; measure again")]
+    TooOld {
+        /// Since it was measured.
+        age_s: u64,
+        /// How long a pose holds.
+        max_s: u64,
+    },
+    /// Something was moved since the measurement.
+    #[error("something was moved since the part was measured; measure again")]
+    MovedSince,
+    /// The service was restarted since, and does not know what was moved meanwhile.
+    #[error("the service was restarted since the part was measured; measure again")]
+    Restarted,
+    /// A manipulator is not where it was when the part was measured.
+    #[error(
+        "axis {} of {} was at {then:.3} {unit} when the part was measured, and is at {now:.3} {unit}; measure again",
+        axis.name(), carrier.name(), unit = axis.unit()
+    )]
+    Displaced {
+        /// Which.
+        carrier: Carrier,
+        /// Which.
+        axis: Axis,
+        /// Where it was; mm or degrees.
+        then: f64,
+        /// Where it is; mm or degrees.
+        now: f64,
+    },
 }

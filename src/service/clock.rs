@@ -7,29 +7,29 @@ use uuid::{ContextV7, Uuid};
 
 /// The machine's clock and its source of ids.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Clock;
+pub(in crate::service) struct Clock;
 
 #[expect(clippy::disallowed_methods, reason = "service makes the times and ids that everybody else is given")]
 impl Clock {
     /// The time now, to the microsecond that the store keeps.
-    pub(super) fn now(self) -> Timestamp {
+    pub(in crate::service) fn now(self) -> Timestamp {
         let now = Timestamp::now();
         Timestamp::from_microsecond(now.as_microsecond()).unwrap_or(now)
     }
 
     /// A new id that sorts behind all earlier ones of this process, also where the clock was set back meanwhile.
-    pub(super) fn new_id(self, prefix: &str) -> String {
+    pub(in crate::service) fn new_id(self, prefix: &str) -> String {
         let ids = IDS.lock().unwrap_or_else(PoisonError::into_inner);
         format!("{prefix}{}", next_id(&ids, self.now()))
     }
 
     /// Now on the clock that the cell goes by.
-    pub(super) fn instant(self) -> tokio::time::Instant {
+    pub(in crate::service) fn instant(self) -> tokio::time::Instant {
         tokio::time::Instant::now()
     }
 
     /// A moment of the cell's clock on the wall's, to the microsecond.
-    pub(super) fn wall(self, at: tokio::time::Instant) -> Timestamp {
+    pub(in crate::service) fn wall(self, at: tokio::time::Instant) -> Timestamp {
         let now = self.instant();
         let (behind, ahead) = (now.saturating_duration_since(at), at.saturating_duration_since(now));
         let micros = |span: Duration| i64::try_from(span.as_micros()).unwrap_or(i64::MAX);
@@ -38,7 +38,7 @@ impl Clock {
     }
 
     /// Begins to measure a duration.
-    pub(super) fn start(self) -> Stopwatch {
+    pub(in crate::service) fn start(self) -> Stopwatch {
         Stopwatch(Instant::now())
     }
 }

@@ -1,11 +1,13 @@
 //! Examines what is kept in a folder: the database, its records, the files of the scans. Changes nothing, and may run beside a
 //! service.
 
+use super::document;
 use super::error::ServiceError;
-use super::jobs::{self, Kind};
-use super::moves::MoveOrder;
-use super::scan_order::SensorOrder;
-use super::{document, plans, recipes, records};
+use super::measuring::{measurements, recipes};
+use super::operating::job::Kind;
+use super::operating::moves::MoveOrder;
+use super::operating::scan_order::SensorOrder;
+use super::operating::{jobs, plans};
 use crate::store::{Checkup, Cursor, JobRow, Listing, Page, ScanCheck, ScanRow, Store, StoreError};
 use std::path::Path;
 
@@ -99,7 +101,7 @@ impl Doctor<'_> {
         let mut page = Some(first_page());
         while let Some(at) = page {
             let Listing { rows, next } = self.checkup.measurements(&at).await?;
-            rows.iter().for_each(|row| self.record(records::read_back(row)));
+            rows.iter().for_each(|row| self.record(measurements::read_back(row)));
             page = next.map(behind);
         }
         let mut page = Some(first_page());

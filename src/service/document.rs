@@ -5,7 +5,7 @@
 //! {"document_version": 1, "content": …}     what is written before there were versions is the content alone
 //! ```
 
-use super::error::ServiceError;
+use super::error::{ServiceError, Unreadable};
 use jiff::Timestamp;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -13,22 +13,6 @@ use std::sync::Arc;
 
 /// The version of the documents that this program writes, and the latest that it reads.
 const VERSION: u64 = 1;
-
-/// Why a stored document cannot be read.
-#[derive(Debug, Clone, thiserror::Error)]
-pub enum Unreadable {
-    /// A later program has written it.
-    #[error("it was written by a later version of coaxis (document version {found}; this one reads up to {known})")]
-    Later {
-        /// Version of the document.
-        found: u64,
-        /// The latest version that is read.
-        known: u64,
-    },
-    /// It is no document, or not of the kind that it should be.
-    #[error("it is damaged, or another version of coaxis has written it: {0}")]
-    Damaged(Arc<serde_json::Error>),
-}
 
 /// A record of a list.
 #[derive(Debug, Clone)]
@@ -55,7 +39,7 @@ impl<T> Entry<T> {
     ///
     /// # Errors
     /// Anything but that it cannot be read.
-    pub(super) fn of(read: Result<T, ServiceError>, created_at: Timestamp) -> Result<Self, ServiceError> {
+    pub(in crate::service) fn of(read: Result<T, ServiceError>, created_at: Timestamp) -> Result<Self, ServiceError> {
         match read {
             Ok(record) => Ok(Self::Record(record)),
             Err(ServiceError::RecordUnreadable { what, id, cause }) => {
@@ -87,7 +71,7 @@ struct Content<T> {
 ///
 /// # Errors
 /// [`ServiceError::RecordUnwritable`].
-pub(super) fn write<T: Serialize>(what: &'static str, content: &T) -> Result<String, ServiceError> {
+pub(in crate::service) fn write<T: Serialize>(what: &'static str, content: &T) -> Result<String, ServiceError> {
     serde_json::to_string(&Written { document_version: VERSION, content })
         .map_err(|source| ServiceError::RecordUnwritable { what, source: Arc::new(source) })
 }
@@ -96,7 +80,11 @@ pub(super) fn write<T: Serialize>(what: &'static str, content: &T) -> Result<Str
 ///
 /// # Errors
 /// [`ServiceError::RecordUnreadable`].
-pub(super) fn read<T: DeserializeOwned>(what: &'static str, id: &str, text: &str) -> Result<T, ServiceError> {
+pub(in crate::service) fn read<T: DeserializeOwned>(
+    what: &'static str,
+    id: &str,
+    text: &str,
+) -> Result<T, ServiceError> {
     parse(text).map_err(|cause| ServiceError::RecordUnreadable { what, id: id.to_owned(), cause })
 }
 

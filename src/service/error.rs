@@ -1,12 +1,11 @@
 //! Why the service could not do what it was asked.
 
+use super::acquisition::Stale;
 use super::compute::ComputeError;
-use super::document::Unreadable;
-use super::equipment::EquipmentError;
-use super::jobs::JobStanding;
-use super::measure::MeasureError;
-use super::plans::Stale;
-use super::recipe::RecipeError;
+use super::measuring::pipeline::MeasureError;
+use super::measuring::recipe::RecipeError;
+use super::operating::equipment::EquipmentError;
+use super::operating::job::JobStatus;
 use crate::cell::Refusal;
 use crate::motion::MotionRefusal;
 use crate::scan::decode::DecodeError;
@@ -73,7 +72,7 @@ pub enum ServiceError {
         /// Its id.
         id: String,
         /// How it ended.
-        standing: JobStanding,
+        standing: JobStatus,
         /// Why, in a short word.
         reason: String,
         /// Why, as an operator would say it.
@@ -230,4 +229,20 @@ impl From<MeasureError> for ServiceError {
     fn from(error: MeasureError) -> Self {
         Self::Content(ContentError::Scan(error))
     }
+}
+
+/// Why a stored document cannot be read.
+#[derive(Debug, Clone, thiserror::Error)]
+pub enum Unreadable {
+    /// A later program has written it.
+    #[error("it was written by a later version of coaxis (document version {found}; this one reads up to {known})")]
+    Later {
+        /// Version of the document.
+        found: u64,
+        /// The latest version that is read.
+        known: u64,
+    },
+    /// It is no document, or not of the kind that it should be.
+    #[error("it is damaged, or another version of coaxis has written it: {0}")]
+    Damaged(Arc<serde_json::Error>),
 }

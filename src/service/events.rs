@@ -1,18 +1,15 @@
 //! What has happened, for clients: what the cell tells, the progress of jobs and the ends of measurements in one numbered list
 //! of which the newest are kept. Times are those of the wall.
 
-use super::Service;
-use super::measurement::Verdict;
+use super::measuring::record::Verdict;
 use crate::cell::EventKind;
 use jiff::Timestamp;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
 use tokio::sync::watch;
-use tokio::time::timeout;
 
 /// How many events are kept.
-pub(super) const EVENTS_KEPT: usize = 1024;
+pub(in crate::service) const EVENTS_KEPT: usize = 1024;
 
 /// Something that has happened.
 #[derive(Debug, Clone, PartialEq)]
@@ -79,19 +76,19 @@ pub struct Events {
 
 /// The ring.
 #[derive(Debug)]
-pub(super) struct EventLog {
+pub(in crate::service) struct EventLog {
     kept: Mutex<VecDeque<Event>>,
-    newest: watch::Sender<u64>,
+    pub(in crate::service) newest: watch::Sender<u64>,
 }
 
 impl EventLog {
     /// Empty.
-    pub(super) fn new() -> Arc<Self> {
+    pub(in crate::service) fn new() -> Arc<Self> {
         Arc::new(Self { kept: Mutex::new(VecDeque::with_capacity(EVENTS_KEPT)), newest: watch::Sender::new(0) })
     }
 
     /// Adds one.
-    pub(super) fn add(&self, at: Timestamp, what: Happening) {
+    pub(in crate::service) fn add(&self, at: Timestamp, what: Happening) {
         let mut kept = self.kept();
         let number = kept.back().map_or(0, |event| event.number) + 1;
         if kept.len() == EVENTS_KEPT {
@@ -105,7 +102,7 @@ impl EventLog {
 
     /// At most `limit` of those behind `after`. A number that this instance has not come to is of another one: then all that
     /// are kept, and at least one missed.
-    pub(super) fn after(&self, after: After, limit: usize) -> Events {
+    pub(in crate::service) fn after(&self, after: After, limit: usize) -> Events {
         let kept = self.kept();
         let newest = kept.back().map_or(0, |event| event.number);
         let (foreign, after) = match after {
@@ -121,58 +118,6 @@ impl EventLog {
 
     fn kept(&self) -> MutexGuard<'_, VecDeque<Event>> {
         self.kept.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl Service {
-    /// At most `limit` of the events behind `after`; waits for the first of them, no longer than `wait` and no longer
-    /// than the service runs.
-    pub async fn events(&self, after: After, limit: usize, wait: Duration) -> Events {
-        let mut newest = self.events.newest.subscribe();
-        // Whoever names an event of another instance is told so at once.
-        let seen = *newest.borrow();
-        if after == After::Number(seen) && !wait.is_zero() {
-            let more = newest.wait_for(|newest| *newest != seen);
-            let _ = timeout(wait, async {
-                tokio::select! {
-                    _ = more => {}
-                    () = self.closing.wait() => {}
-                }
-            })
-            .await;
-        }
-        self.events.after(after, limit)
-    }
-
-    /// Whether the service is being shut down: nobody should wait any longer.
-    #[must_use]
-    pub fn is_closing(&self) -> bool {
-        self.closing.is_told()
-    }
-
-    /// Has a task hand on what the cell tells, as long as both live.
-    pub(super) fn follow_cell(&self) {
-        let Some(side) = &self.cell else { return };
-        let (cell, log, clock) = (side.cell.clone(), Arc::clone(&self.events), self.clock);
-        tokio::spawn(async move {
-            let mut newest = cell.newest_event();
-            let mut seen = 0;
-            loop {
-                newest.borrow_and_update();
-                for event in cell.events(seen).events {
-                    seen = event.number;
-                    log.add(clock.wall(event.at), Happening::Cell(event.kind));
-                }
-                if newest.changed().await.is_err() {
-                    return;
-                }
-            }
-        });
-    }
-
-    /// Tells of something that has happened now.
-    pub(super) fn tell(&self, what: Happening) {
-        self.events.add(self.clock.now(), what);
     }
 }
 

@@ -33,7 +33,7 @@ const UNPACKED_PER_POINT: u64 = 64;
 
 /// A share of the memory.
 #[derive(Debug, Clone)]
-pub(super) struct Memory {
+pub(in crate::service) struct Memory {
     free: Arc<Semaphore>,
     whole_mib: u32,
     /// Points for which all of it is enough, and no more than a scan may have.
@@ -45,15 +45,15 @@ pub(super) struct Memory {
 
 /// The shares.
 #[derive(Debug)]
-pub(super) struct MemoryShares {
-    pub(super) sensor: Memory,
-    pub(super) readers: Memory,
-    pub(super) rest: Memory,
+pub(in crate::service) struct MemoryShares {
+    pub(in crate::service) sensor: Memory,
+    pub(in crate::service) readers: Memory,
+    pub(in crate::service) rest: Memory,
 }
 
 /// Memory that is set aside for one request.
 #[derive(Debug)]
-pub(super) struct Claim {
+pub(in crate::service) struct Claim {
     permit: OwnedSemaphorePermit,
     points_max: usize,
     profiles_max: usize,
@@ -63,7 +63,7 @@ pub(super) struct Claim {
 
 impl MemoryShares {
     /// Of so many MiB, for scans within these limits.
-    pub(super) fn of(whole_mib: u64, limits: &Limits) -> Self {
+    pub(in crate::service) fn of(whole_mib: u64, limits: &Limits) -> Self {
         let (sensor_mib, readers_mib) = ((whole_mib / 8).max(SENSOR_MIB_MIN), whole_mib / 4);
         Self {
             sensor: Memory::new(sensor_mib, limits, true),
@@ -73,7 +73,7 @@ impl MemoryShares {
     }
 
     /// What is set aside now, bytes.
-    pub(super) fn taken_bytes(&self) -> u64 {
+    pub(in crate::service) fn taken_bytes(&self) -> u64 {
         [&self.sensor, &self.readers, &self.rest].map(Memory::taken_bytes).iter().sum()
     }
 }
@@ -93,7 +93,7 @@ impl Memory {
     }
 
     /// Sets aside what so many points need, as soon as it is free.
-    pub(super) async fn claim(&self, points_count: usize) -> Result<Claim, ComputeError> {
+    pub(in crate::service) async fn claim(&self, points_count: usize) -> Result<Claim, ComputeError> {
         let points_max = self.within(points_count);
         let free = Arc::clone(&self.free).acquire_many_owned(self.need_mib(points_max)).await;
         // It is never closed; should it be, nobody can be served.
@@ -101,14 +101,14 @@ impl Memory {
     }
 
     /// The same at once; `None` where it is not free.
-    pub(super) fn try_claim(&self, points_count: usize) -> Option<Claim> {
+    pub(in crate::service) fn try_claim(&self, points_count: usize) -> Option<Claim> {
         let points_max = self.within(points_count);
         let free = Arc::clone(&self.free).try_acquire_many_owned(self.need_mib(points_max)).ok()?;
         Some(self.claimed(free, points_max))
     }
 
     /// Sets aside all that is free, unless that is less than a quarter of the share.
-    pub(super) fn claim_free(&self) -> Option<Claim> {
+    pub(in crate::service) fn claim_free(&self) -> Option<Claim> {
         let quarters = [4, 3, 2, 1].map(|quarters| self.points_max / 4 * quarters);
         quarters.into_iter().find_map(|points_count| self.try_claim(points_count))
     }
@@ -133,23 +133,23 @@ impl Memory {
 
 impl Claim {
     /// What may be read within it.
-    pub(super) fn limits(&self, limits: &Limits) -> Limits {
+    pub(in crate::service) fn limits(&self, limits: &Limits) -> Limits {
         let inflated_bytes_max = limits.inflated_bytes_max.min(UNPACKED_PER_POINT * wide(self.points_max));
         Limits { points_max: self.points_max, inflated_bytes_max, ..limits.clone() }
     }
 
     /// Whether a file was refused only because less was set aside than may be.
-    pub(super) fn is_outgrown(&self, error: &DecodeError) -> bool {
+    pub(in crate::service) fn is_outgrown(&self, error: &DecodeError) -> bool {
         !self.is_most && matches!(error, DecodeError::TooManyPoints { .. } | DecodeError::InflatedTooLarge { .. })
     }
 
     /// How many points to claim for after this claim was too small.
-    pub(super) fn more(&self) -> usize {
+    pub(in crate::service) fn more(&self) -> usize {
         self.points_max.saturating_mul(MORE)
     }
 
     /// Gives back what so many points do not need.
-    pub(super) fn keep_for(&mut self, points_count: usize) {
+    pub(in crate::service) fn keep_for(&mut self, points_count: usize) {
         let needed = usize::try_from(need_mib(points_count, self.profiles_max)).unwrap_or(usize::MAX);
         let unneeded = self.permit.num_permits().saturating_sub(needed);
         drop(self.permit.split(unneeded));
@@ -157,7 +157,7 @@ impl Claim {
 }
 
 /// How many points a file of so many bytes is expected to hold.
-pub(super) fn points_expected(bytes_count: u64) -> usize {
+pub(in crate::service) fn points_expected(bytes_count: u64) -> usize {
     usize::try_from(bytes_count / FILE_BYTES_PER_POINT).unwrap_or(usize::MAX)
 }
 

@@ -1,6 +1,7 @@
 //! What becomes of moves, scans and leases when the store is full, the pool taken, or the caller gone. The devices are simulated.
 
 use super::*;
+use crate::config::Config;
 use crate::motion::{Axes, Carrier, Pair};
 use crate::store::EndedJob;
 
@@ -27,16 +28,20 @@ async fn ready(folder: &TempFolder, time_factor: f64) -> (Arc<Service>, String) 
             && snapshot.sensor.as_ref().is_some_and(|sensor| sensor.reading.is_some())
     })
     .await;
-    let lease = service.take_lease("test".to_owned(), Some(LONG)).await.expect("nobody holds it").id;
+    let lease = service.operating.take_lease("test".to_owned(), Some(LONG)).await.expect("nobody holds it").id;
     for carrier in Carrier::ALL {
-        service.command_manipulator(lease.clone(), carrier, crate::cell::Manual::Enable).await.expect("enabled");
+        service
+            .operating
+            .command_manipulator(lease.clone(), carrier, crate::cell::Manual::Enable)
+            .await
+            .expect("enabled");
     }
     until(&service, |snapshot| snapshot.commands_allowed).await;
     (service, lease)
 }
 
 async fn until(service: &Arc<Service>, so: impl Fn(&crate::cell::Snapshot) -> bool) {
-    let mut watch = service.cell_side().expect("a cell").cell.watch();
+    let mut watch = service.operating.cell_handle().expect("a cell").cell.watch();
     let seen = tokio::time::timeout(LONG, watch.wait_for(|snapshot| so(snapshot))).await;
     assert!(matches!(seen, Ok(Ok(_))), "it does not come to what is waited for");
 }
@@ -56,7 +61,7 @@ fn scan_request(lease_id: &str, request_id: &str) -> SensorRequest {
 }
 
 async fn measured(service: &Arc<Service>, id: &str) -> Measurement {
-    match service.any_measurement(id, LONG).await.expect("there") {
+    match service.operating.any_measurement(id, LONG).await.expect("there") {
         AnyMeasurement::Ran(measurement) => *measurement,
         AnyMeasurement::Scan(scan) => panic!("{scan:?}"),
     }
@@ -65,7 +70,7 @@ async fn measured(service: &Arc<Service>, id: &str) -> Measurement {
 /// Waits until the store holds the end of a job.
 async fn written(service: &Arc<Service>, id: &str) -> String {
     loop {
-        let row = service.store.job(id).await.expect("read").expect("there");
+        let row = service.shared.store.job(id).await.expect("read").expect("there");
         if row.ended_at.is_some() {
             return row.state;
         }
@@ -77,16 +82,20 @@ async fn written(service: &Arc<Service>, id: &str) -> String {
 async fn the_end_of_a_move_that_a_full_store_refuses_is_shown_and_written_later() {
     let folder = TempFolder::new();
     let (service, lease) = ready(&folder, FAST).await;
-    let begun = service.start_move(move_request(&lease, 2.0, "part-1")).await.expect("begun").job;
-    service.store.set_full(true);
-    let over = service.get_move(&begun.id, LONG).await.expect("there");
-    assert_eq!(over.standing, JobStanding::Done);
-    assert_eq!(service.store.job(&begun.id).await.expect("read").expect("there").ended_at, None, "not written yet");
-    let listed = service.moves(&Page { limit: 10, before: None }).await.expect("a list").rows;
-    assert!(matches!(&listed[..], [Entry::Record(one)] if one.standing == JobStanding::Done), "{listed:?}");
-    let again = service.start_move(move_request(&lease, 2.0, "part-1")).await.expect("answered");
-    assert_eq!((again.replayed, again.job.standing), (true, JobStanding::Done));
-    service.store.set_full(false);
+    let begun = service.operating.start_move(move_request(&lease, 2.0, "part-1")).await.expect("begun").job;
+    service.shared.store.set_full(true);
+    let over = service.operating.get_move(&begun.id, LONG).await.expect("there");
+    assert_eq!(over.standing, JobStatus::Done);
+    assert_eq!(
+        service.shared.store.job(&begun.id).await.expect("read").expect("there").ended_at,
+        None,
+        "not written yet"
+    );
+    let listed = service.operating.moves(&Page { limit: 10, before: None }).await.expect("a list").rows;
+    assert!(matches!(&listed[..], [Entry::Record(one)] if one.standing == JobStatus::Done), "{listed:?}");
+    let again = service.operating.start_move(move_request(&lease, 2.0, "part-1")).await.expect("answered");
+    assert_eq!((again.replayed, again.job.standing), (true, JobStatus::Done));
+    service.shared.store.set_full(false);
     assert_eq!(written(&service, &begun.id).await, "done");
     service.close().await;
 }
@@ -95,20 +104,20 @@ async fn the_end_of_a_move_that_a_full_store_refuses_is_shown_and_written_later(
 async fn a_measurement_by_the_sensor_that_a_full_store_refuses_is_shown_and_recorded_later() {
     let folder = TempFolder::new();
     let (service, lease) = ready(&folder, FAST).await;
-    let begun = service.measure_from_sensor(scan_request(&lease, "scan-1")).await.expect("begun").job;
-    service.store.set_full(true);
+    let begun = service.operating.measure_from_sensor(scan_request(&lease, "scan-1")).await.expect("begun").job;
+    service.shared.store.set_full(true);
     let shown = measured(&service, &begun.id).await;
-    assert!(service.store.measurement(&begun.id).await.expect("read").is_none(), "not recorded yet");
+    assert!(service.shared.store.measurement(&begun.id).await.expect("read").is_none(), "not recorded yet");
     let page = Page { limit: 10, before: None };
-    let listed = service.measurements(&Filter::default(), &page).await.expect("a list").rows;
+    let listed = service.measuring.measurements(&Filter::default(), &page).await.expect("a list").rows;
     assert!(matches!(&listed[..], [Entry::Record(one)] if *one == shown), "{listed:?}");
-    assert_eq!(service.profiles(&begun.id).await.expect("there").len() as u64, shown.tally.total_count);
-    assert!(service.sensor_scans(JobStanding::Running, &page).await.expect("a list").rows.is_empty());
-    service.store.set_full(false);
+    assert_eq!(service.measuring.profiles(&begun.id).await.expect("there").len() as u64, shown.counts.total_count);
+    assert!(service.operating.sensor_scans(JobStatus::Running, &page).await.expect("a list").rows.is_empty());
+    service.shared.store.set_full(false);
     assert_eq!(written(&service, &begun.id).await, "done");
     assert_eq!(measured(&service, &begun.id).await, shown);
-    service.scan_content(&shown.scan_id()).await.expect("its points are kept");
-    while service.last().is_none_or(|last| last.id != begun.id) {
+    service.measuring.scan_content(&shown.scan_id()).await.expect("its points are kept");
+    while service.measuring.last().is_none_or(|last| last.id != begun.id) {
         tokio::task::yield_now().await;
     }
     service.close().await;
@@ -118,10 +127,10 @@ async fn a_measurement_by_the_sensor_that_a_full_store_refuses_is_shown_and_reco
 async fn ends_that_are_not_written_when_the_service_ends_are_tried_once_more() {
     let folder = TempFolder::new();
     let (service, lease) = ready(&folder, FAST).await;
-    let begun = service.start_move(move_request(&lease, 2.0, "part-1")).await.expect("begun").job;
-    service.store.set_full(true);
-    service.get_move(&begun.id, LONG).await.expect("there");
-    service.store.set_full(false);
+    let begun = service.operating.start_move(move_request(&lease, 2.0, "part-1")).await.expect("begun").job;
+    service.shared.store.set_full(true);
+    service.operating.get_move(&begun.id, LONG).await.expect("there");
+    service.shared.store.set_full(false);
     service.close().await;
     drop(service);
     let store = loop {
@@ -138,17 +147,17 @@ async fn ends_that_are_not_written_when_the_service_ends_are_tried_once_more() {
 async fn a_lease_whose_fence_cannot_be_stored_is_held_by_nobody() {
     let folder = TempFolder::new();
     let (service, lease) = ready(&folder, FAST).await;
-    service.release_lease(&lease).await.expect("given back");
-    let fence = service.store.fence().await.expect("read");
-    service.store.set_full(true);
+    service.operating.release_lease(&lease).await.expect("given back");
+    let fence = service.shared.store.fence().await.expect("read");
+    service.shared.store.set_full(true);
     for _ in 0..2 {
-        let refused = service.take_lease("line 3".to_owned(), None).await.expect_err("not stored");
+        let refused = service.operating.take_lease("line 3".to_owned(), None).await.expect_err("not stored");
         assert!(matches!(refused, ServiceError::Store(_)), "{refused}");
-        assert!(service.cell_side().expect("a cell").cell.snapshot().lease.is_none(), "nobody holds it");
+        assert!(service.operating.cell_handle().expect("a cell").cell.snapshot().lease.is_none(), "nobody holds it");
     }
-    service.store.set_full(false);
-    let held = service.take_lease("line 3".to_owned(), None).await.expect("taken");
-    assert_eq!((held.fence, service.store.fence().await.expect("read")), (fence + 1, fence + 1));
+    service.shared.store.set_full(false);
+    let held = service.operating.take_lease("line 3".to_owned(), None).await.expect("taken");
+    assert_eq!((held.fence, service.shared.store.fence().await.expect("read")), (fence + 1, fence + 1));
     service.close().await;
 }
 
@@ -156,16 +165,16 @@ async fn a_lease_whose_fence_cannot_be_stored_is_held_by_nobody() {
 async fn a_repeated_request_finds_its_measurement_by_the_sensor_although_the_pool_is_full() {
     let folder = TempFolder::new();
     let (service, lease) = ready(&folder, FAST).await;
-    let begun = service.measure_from_sensor(scan_request(&lease, "scan-1")).await.expect("begun").job;
+    let begun = service.operating.measure_from_sensor(scan_request(&lease, "scan-1")).await.expect("begun").job;
     measured(&service, &begun.id).await;
-    let (end, held) = occupy(&service.compute).await;
-    let again = service.measure_from_sensor(scan_request(&lease, "scan-1")).await.expect("answered");
+    let (end, held) = occupy(&service.measuring.compute).await;
+    let again = service.operating.measure_from_sensor(scan_request(&lease, "scan-1")).await.expect("answered");
     assert_eq!((again.job.id, again.replayed), (begun.id, true));
     let other = SensorRequest {
         way: ScanWay { profiles_count: Some(50), ..ScanWay::default() },
         ..scan_request(&lease, "scan-1")
     };
-    let refused = service.measure_from_sensor(other).await.expect_err("another request");
+    let refused = service.operating.measure_from_sensor(other).await.expect_err("another request");
     assert!(matches!(refused, ServiceError::RequestIdReused { .. }), "{refused}");
     drop(end);
     held.await.expect("joined");
@@ -176,20 +185,21 @@ async fn a_repeated_request_finds_its_measurement_by_the_sensor_although_the_poo
 async fn a_scan_that_is_taken_while_another_is_calculated_waits_for_its_turn_and_its_points_are_kept_first() {
     let folder = TempFolder::new();
     let (service, lease) = ready(&folder, FAST).await;
-    let (end, held) = occupy(&service.line).await;
-    let begun = service.measure_from_sensor(scan_request(&lease, "scan-1")).await.expect("begun").job;
+    let (end, held) = occupy(&service.operating.line).await;
+    let begun = service.operating.measure_from_sensor(scan_request(&lease, "scan-1")).await.expect("begun").job;
     let page = Page { limit: 10, before: None };
-    while service.scans(&page).await.expect("a list").rows.is_empty() {
+    while service.measuring.scans(&page).await.expect("a list").rows.is_empty() {
         tokio::time::sleep(Duration::from_millis(10)).await;
     }
-    let AnyMeasurement::Scan(scan) = service.any_measurement(&begun.id, Duration::ZERO).await.expect("there") else {
+    let AnyMeasurement::Scan(scan) = service.operating.any_measurement(&begun.id, Duration::ZERO).await.expect("there")
+    else {
         panic!("there is no place to calculate")
     };
-    assert_eq!(scan.standing, JobStanding::Running);
+    assert_eq!(scan.standing, JobStatus::Running);
     drop(end);
     held.await.expect("joined");
     let measurement = measured(&service, &begun.id).await;
-    assert_eq!(service.scans(&page).await.expect("a list").rows[0].id, measurement.scan_id());
+    assert_eq!(service.measuring.scans(&page).await.expect("a list").rows[0].id, measurement.scan_id());
     service.close().await;
 }
 
@@ -197,10 +207,10 @@ async fn a_scan_that_is_taken_while_another_is_calculated_waits_for_its_turn_and
 async fn uploads_and_their_memory_neither_refuse_nor_delay_a_scan_by_the_sensor() {
     let folder = TempFolder::new();
     let (service, lease) = ready(&folder, FAST).await;
-    let (end, held) = occupy(&service.compute).await;
-    let all = service.memory.rest.claim(usize::MAX).await.expect("free");
+    let (end, held) = occupy(&service.measuring.compute).await;
+    let all = service.shared.memory.rest.claim(usize::MAX).await.expect("free");
     assert!(matches!(service.accept(order("upload")).await, Err(ServiceError::Compute(_))), "no place for an upload");
-    let begun = service.measure_from_sensor(scan_request(&lease, "scan-1")).await.expect("begun").job;
+    let begun = service.operating.measure_from_sensor(scan_request(&lease, "scan-1")).await.expect("begun").job;
     measured(&service, &begun.id).await;
     drop((all, end));
     held.await.expect("joined");
@@ -211,12 +221,16 @@ async fn uploads_and_their_memory_neither_refuse_nor_delay_a_scan_by_the_sensor(
 async fn no_scan_by_the_sensor_begins_for_whose_points_there_is_no_memory() {
     let folder = TempFolder::new();
     let (service, lease) = ready(&folder, FAST).await;
-    let all = service.memory.sensor.claim_free().expect("free");
-    let refused = service.measure_from_sensor(scan_request(&lease, "scan-1")).await.expect_err("no memory");
+    let all = service.shared.memory.sensor.claim_free().expect("free");
+    let refused = service.operating.measure_from_sensor(scan_request(&lease, "scan-1")).await.expect_err("no memory");
     assert!(matches!(refused, ServiceError::ScansBusy), "{refused}");
     drop(all);
-    let begun =
-        service.measure_from_sensor(scan_request(&lease, "scan-1")).await.expect("nothing was written down").job;
+    let begun = service
+        .operating
+        .measure_from_sensor(scan_request(&lease, "scan-1"))
+        .await
+        .expect("nothing was written down")
+        .job;
     measured(&service, &begun.id).await;
     service.close().await;
 }
@@ -225,21 +239,21 @@ async fn no_scan_by_the_sensor_begins_for_whose_points_there_is_no_memory() {
 async fn whether_a_pose_still_holds_is_no_matter_of_the_clock_on_the_wall() {
     let folder = TempFolder::new();
     let (service, lease) = ready(&folder, FAST).await;
-    let side = service.cell_side().expect("a cell");
-    let begun = service.measure_from_sensor(scan_request(&lease, "scan-1")).await.expect("begun").job;
+    let handle = service.operating.cell_handle().expect("a cell");
+    let begun = service.operating.measure_from_sensor(scan_request(&lease, "scan-1")).await.expect("begun").job;
     let taken = measured(&service, &begun.id).await.acquisition.expect("taken here");
     for second in [-1_000_000_000, 0, 4_000_000_000] {
         let taken = Acquisition { at: Timestamp::from_second(second).expect("a time"), ..taken.clone() };
-        assert_eq!(service.check_fresh(side, Some(&taken)), Ok(()), "{second} s");
+        assert_eq!(service.operating.check_fresh(handle, Some(&taken)), Ok(()), "{second} s");
     }
     let elsewhere = Acquisition { instance_id: "another".to_owned(), ..taken.clone() };
-    assert_eq!(service.check_fresh(side, Some(&elsewhere)), Err(Stale::Restarted));
-    assert_eq!(service.check_fresh(side, None), Err(Stale::Restarted));
+    assert_eq!(service.operating.check_fresh(handle, Some(&elsewhere)), Err(Stale::Restarted));
+    assert_eq!(service.operating.check_fresh(handle, None), Err(Stale::Restarted));
     // Where the clock is set back, a move is still after the scan that it followed.
-    let moved = service.start_move(move_request(&lease, 2.0, "part-1")).await.expect("begun").job;
-    service.get_move(&moved.id, LONG).await.expect("over");
+    let moved = service.operating.start_move(move_request(&lease, 2.0, "part-1")).await.expect("begun").job;
+    service.operating.get_move(&moved.id, LONG).await.expect("over");
     let future = Acquisition { at: Timestamp::from_second(4_000_000_000).expect("a time"), ..taken };
-    assert_eq!(service.check_fresh(side, Some(&future)), Err(Stale::MovedSince));
+    assert_eq!(service.operating.check_fresh(handle, Some(&future)), Err(Stale::MovedSince));
     service.close().await;
 }
 
@@ -248,26 +262,27 @@ async fn a_start_that_the_closing_cell_refuses_is_refused_and_its_ids_are_free()
     let folder = TempFolder::new();
     let (service, lease) = ready(&folder, FAST).await;
     let order = MoveOrder {
-        by: service.authorise(&lease, None).await.expect("it is held"),
+        by: service.operating.authorise(&lease, None).await.expect("it is held"),
         measurement_id: None,
         speed_ratio: 1.0,
         plan: crate::motion::plan_move(
-            &service.cell_side().expect("a cell").arrangement,
-            &service.cell_side().expect("a cell").positions().expect("known"),
+            &service.operating.cell_handle().expect("a cell").arrangement,
+            &service.operating.cell_handle().expect("a cell").positions().expect("known"),
             &move_request(&lease, 2.0, "").targets,
             1.0,
         )
         .expect("a path"),
     };
     // The lease was checked a moment ago, and the cell closes now.
-    service.cell_side().expect("a cell").cell.close().await;
+    service.operating.cell_handle().expect("a cell").cell.close().await;
     let key = crate::store::RequestKey { id: "part-1".to_owned(), fingerprint: "f".to_owned() };
-    let departure = moves::Departure { lease_id: lease, plan_id: None, request: Some(key), order };
-    let refused = service.depart(departure).await.expect_err("it closes");
+    let departure =
+        crate::service::operating::moves::Departure { lease_id: lease, plan_id: None, request: Some(key), order };
+    let refused = service.operating.depart(departure).await.expect_err("it closes");
     assert!(matches!(refused, ServiceError::Cell(crate::cell::Refusal::Closing)), "{refused}");
-    assert_eq!(service.store.job_by_request("part-1").await.expect("read"), None, "the id is free again");
-    let listed = service.moves(&Page { limit: 10, before: None }).await.expect("a list").rows;
-    assert!(matches!(&listed[..], [Entry::Record(one)] if one.standing == JobStanding::Refused), "{listed:?}");
+    assert_eq!(service.shared.store.job_by_request("part-1").await.expect("read"), None, "the id is free again");
+    let listed = service.operating.moves(&Page { limit: 10, before: None }).await.expect("a list").rows;
+    assert!(matches!(&listed[..], [Entry::Record(one)] if one.standing == JobStatus::Refused), "{listed:?}");
     service.close().await;
 }
 
@@ -275,12 +290,13 @@ async fn a_start_that_the_closing_cell_refuses_is_refused_and_its_ids_are_free()
 async fn stops_that_a_full_store_refuses_are_recorded_later() {
     let folder = TempFolder::new();
     let (service, _) = ready(&folder, FAST).await;
-    service.store.set_full(true);
-    service.stop().await.expect("stopped");
-    service.stop().await.expect("stopped");
-    service.store.set_full(false);
+    service.shared.store.set_full(true);
+    service.operating.stop().await.expect("stopped");
+    service.operating.stop().await.expect("stopped");
+    service.shared.store.set_full(false);
     let stops = async || {
-        let rows = service.store.jobs("act", None, &Page { limit: 10, before: None }).await.expect("a list").rows;
+        let rows =
+            service.shared.store.jobs("act", None, &Page { limit: 10, before: None }).await.expect("a list").rows;
         rows.into_iter().filter(|row| row.document.contains(r#""verb":"stop""#) && row.ended_at.is_some()).count()
     };
     while stops().await == 0 {
@@ -293,20 +309,20 @@ async fn stops_that_a_full_store_refuses_are_recorded_later() {
 async fn nothing_new_is_begun_while_too_many_ends_wait() {
     let folder = TempFolder::new();
     let service = open(&folder).await;
-    service.store.set_full(true);
+    service.shared.store.set_full(true);
     for number in 0..64 {
-        service.unwritten.check_room(false).expect("room");
+        service.shared.unwritten.check_room(false).expect("room");
         let job = EndedJob {
             id: format!("v-{number}"),
             state: "done".to_owned(),
             ended_at: service.now(),
             document: String::new(),
         };
-        service.end_job(unwritten::End { job, frees: false, measured: None }).await;
+        service.operating.end_job(unwritten::End { job, frees: false, measured: None }).await;
     }
-    let refused = service.unwritten.check_room(false).expect_err("too many");
+    let refused = service.shared.unwritten.check_room(false).expect_err("too many");
     assert!(matches!(refused, ServiceError::EndsUnwritten { count: 64 }), "{refused}");
-    service.store.set_full(false);
+    service.shared.store.set_full(false);
     service.close().await;
 }
 
@@ -314,18 +330,18 @@ async fn nothing_new_is_begun_while_too_many_ends_wait() {
 async fn what_was_committed_is_the_last_although_its_client_hung_up() {
     let folder = TempFolder::new();
     let service = open(&folder).await;
-    let upload = begin(&service, &ply(5), Order::default()).await.expect("room");
-    let arrived = service.complete_upload(upload).await.expect("complete");
+    let upload = begin(&service, &ply(5), MeasurementOrder::default()).await.expect("room");
+    let arrived = service.measuring.complete_upload(upload).await.expect("complete");
     let sequence = service.sequence();
-    let mut measuring = Box::pin(service.measure_upload(arrived));
-    while service.followers.count() == 0 {
+    let mut measuring = Box::pin(service.measuring.measure_upload(arrived));
+    while service.shared.background.count() == 0 {
         let pending =
             std::future::poll_fn(|context| std::task::Poll::Ready(measuring.as_mut().poll(context).is_pending()));
         assert!(pending.await, "it is over before it could be left");
         tokio::task::yield_now().await;
     }
     drop(measuring);
-    while service.last().is_none() {
+    while service.measuring.last().is_none() {
         tokio::task::yield_now().await;
     }
     assert!(service.sequence() > sequence);

@@ -4,6 +4,7 @@ mod cell;
 mod unreadable;
 
 use super::*;
+use crate::config::Config;
 use crate::plot::Picture;
 use crate::scan::decode::Format;
 use crate::scan::encode::encode;
@@ -11,6 +12,7 @@ use crate::scan::synthetic::{Part, make};
 use crate::store::{Filter, Page};
 use std::path::PathBuf;
 use std::sync::atomic::AtomicU32;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc;
 use tokio::task::JoinHandle;
 
@@ -58,25 +60,25 @@ fn ply(profiles_count: usize) -> Vec<u8> {
 /// More than is worth reading on the way.
 fn large_ply() -> Vec<u8> {
     let bytes = ply(500);
-    assert!(bytes.len() > tee::READ_BLOCK_BYTES, "{}", bytes.len());
+    assert!(bytes.len() > crate::service::measuring::copying_reader::READ_BLOCK_BYTES, "{}", bytes.len());
     bytes
 }
 
-async fn begin(service: &Service, bytes: &[u8], order: Order) -> Result<Upload, ServiceError> {
+async fn begin(service: &Service, bytes: &[u8], order: MeasurementOrder) -> Result<Upload, ServiceError> {
     let accepted = service.accept(order).await.expect("a free place");
-    let mut upload = service.begin_upload(None, None, Origin::default(), accepted).await?;
+    let mut upload = service.measuring.begin_upload(None, None, Origin::default(), accepted).await?;
     upload.write(bytes).await.expect("room");
     Ok(upload)
 }
 
-fn order(request_id: &str) -> Order {
-    Order { request_id: Some(request_id.to_owned()), ..Order::default() }
+fn order(request_id: &str) -> MeasurementOrder {
+    MeasurementOrder { request_id: Some(request_id.to_owned()), ..MeasurementOrder::default() }
 }
 
-async fn measure_once(service: &Arc<Service>, order: Order) -> Answer {
+async fn measure_once(service: &Arc<Service>, order: MeasurementOrder) -> Answer {
     let upload = begin(service, &ply(5), order).await.expect("room");
-    let arrived = service.complete_upload(upload).await.expect("complete");
-    service.measure_upload(arrived).await.expect("measured")
+    let arrived = service.measuring.complete_upload(upload).await.expect("complete");
+    service.measuring.measure_upload(arrived).await.expect("measured")
 }
 
 /// Takes a queue's only place until the sender is dropped.
@@ -97,7 +99,7 @@ async fn a_replay_needs_no_free_place() {
     let folder = TempFolder::new();
     let service = open(&folder).await;
     let first = measure_once(&service, order("first")).await;
-    let (end, held) = occupy(&service.compute).await;
+    let (end, held) = occupy(&service.measuring.compute).await;
     let refused = service.accept(order("second")).await.expect_err("no place");
     assert!(matches!(refused, ServiceError::Compute(ComputeError::Busy { .. })), "{refused}");
     let again = measure_once(&service, order("first")).await;
@@ -111,12 +113,12 @@ async fn pictures_and_measurements_take_no_place_from_each_other() {
     let folder = TempFolder::new();
     let service = open(&folder).await;
     let id = measure_once(&service, order("first")).await.measurement.id;
-    let (end, held) = occupy(&service.compute).await;
-    service.picture(&id, Picture::Centres, None, None).await.expect("drawn beside a measurement");
+    let (end, held) = occupy(&service.measuring.compute).await;
+    picture(&service, &id).await.expect("drawn beside a measurement");
     drop(end);
     held.await.expect("joined");
-    let (end, held) = occupy(&service.drawing).await;
-    let refused = service.picture(&id, Picture::Centres, None, None).await.expect_err("none may wait");
+    let (end, held) = occupy(&service.measuring.drawing).await;
+    let refused = picture(&service, &id).await.expect_err("none may wait");
     assert!(matches!(refused, ServiceError::Compute(ComputeError::Busy { .. })), "{refused}");
     assert!(!measure_once(&service, order("second")).await.replayed);
     drop(end);
@@ -127,14 +129,14 @@ async fn pictures_and_measurements_take_no_place_from_each_other() {
 async fn an_upload_has_its_place_until_it_is_kept_or_let_go() {
     let folder = TempFolder::new();
     let service = open(&folder).await;
-    let upload = async || begin(&service, &ply(5), Order::default()).await;
+    let upload = async || begin(&service, &ply(5), MeasurementOrder::default()).await;
     let begun = upload().await.expect("a place");
     let refused = upload().await.expect_err("taken");
     assert!(matches!(refused, ServiceError::UploadsBusy { uploads_max: 1 }), "{refused}");
     drop(begun);
-    let arrived = service.complete_upload(upload().await.expect("free")).await.expect("complete");
+    let arrived = service.measuring.complete_upload(upload().await.expect("free")).await.expect("complete");
     upload().await.expect_err("what has arrived lies there still");
-    service.store_scan(arrived).await.expect("kept");
+    service.measuring.store_scan(arrived).await.expect("kept");
     upload().await.expect("free again");
 }
 
@@ -143,18 +145,19 @@ async fn a_large_upload_is_read_on_the_way_and_one_without_a_place_afterwards() 
     let folder = TempFolder::new();
     let service = open_with(&folder, |limits| limits.uploads_max = 3).await;
     let bytes = large_ply();
-    let first = begin(&service, &bytes, Order::default()).await.expect("room");
-    let second = begin(&service, &bytes, Order::default()).await.expect("room");
-    let small = begin(&service, &ply(5), Order::default()).await.expect("room");
-    let first = service.complete_upload(first).await.expect("complete");
-    let second = service.complete_upload(second).await.expect("complete");
-    let small = service.complete_upload(small).await.expect("complete");
+    let first = begin(&service, &bytes, MeasurementOrder::default()).await.expect("room");
+    let second = begin(&service, &bytes, MeasurementOrder::default()).await.expect("room");
+    let small = begin(&service, &ply(5), MeasurementOrder::default()).await.expect("room");
+    let first = service.measuring.complete_upload(first).await.expect("complete");
+    let second = service.measuring.complete_upload(second).await.expect("complete");
+    let small = service.measuring.complete_upload(small).await.expect("complete");
     assert_eq!([&first, &second, &small].map(|arrived| arrived.read.is_some()), [true, false, false]);
-    let [first, second] = [service.measure_upload(first).await, service.measure_upload(second).await]
-        .map(|answer| answer.expect("measured").measurement);
-    assert_eq!((&first.findings, &first.scan_sha256), (&second.findings, &second.scan_sha256));
-    let third = begin(&service, &bytes, Order::default()).await.expect("room");
-    let third = service.complete_upload(third).await.expect("complete");
+    let [first, second] =
+        [service.measuring.measure_upload(first).await, service.measuring.measure_upload(second).await]
+            .map(|answer| answer.expect("measured").measurement);
+    assert_eq!((&first.result, &first.scan_sha256), (&second.result, &second.scan_sha256));
+    let third = begin(&service, &bytes, MeasurementOrder::default()).await.expect("room");
+    let third = service.measuring.complete_upload(third).await.expect("complete");
     assert!(third.read.is_some(), "the place is free again");
 }
 
@@ -163,13 +166,13 @@ async fn a_scan_is_read_before_its_end_is_here() {
     let folder = TempFolder::new();
     let service = open(&folder).await;
     let bytes = [b"Dear Sir or Madam,\n".repeat(10), large_ply()].concat();
-    let upload = begin(&service, &bytes, Order::default()).await.expect("room");
+    let upload = begin(&service, &bytes, MeasurementOrder::default()).await.expect("room");
     // No more comes, and yet it is known that these bytes are no scan.
     while !upload.is_read() {
         tokio::task::yield_now().await;
     }
-    let arrived = service.complete_upload(upload).await.expect("complete");
-    let refused = service.measure_upload(arrived).await.expect_err("no scan");
+    let arrived = service.measuring.complete_upload(upload).await.expect("complete");
+    let refused = service.measuring.measure_upload(arrived).await.expect_err("no scan");
     assert!(matches!(refused, ServiceError::Content(ContentError::Scan(_))), "{refused}");
 }
 
@@ -180,9 +183,9 @@ async fn a_replay_is_not_read() {
     let mut replayed = Vec::new();
     for _ in 0..2 {
         let upload = begin(&service, &large_ply(), order("large")).await.expect("room");
-        let arrived = service.complete_upload(upload).await.expect("complete");
+        let arrived = service.measuring.complete_upload(upload).await.expect("complete");
         let read = arrived.read.is_some();
-        replayed.push((read, service.measure_upload(arrived).await.expect("answered").replayed));
+        replayed.push((read, service.measuring.measure_upload(arrived).await.expect("answered").replayed));
     }
     assert_eq!(replayed, [(true, false), (false, true)]);
 }
@@ -191,10 +194,10 @@ async fn a_replay_is_not_read() {
 async fn a_store_that_fails_in_the_middle_is_told_as_that() {
     let folder = TempFolder::new();
     let service = open(&folder).await;
-    let upload = begin(&service, &large_ply(), Order::default()).await.expect("room");
+    let upload = begin(&service, &large_ply(), MeasurementOrder::default()).await.expect("room");
     std::fs::remove_dir_all(folder.0.join("scans")).expect("removed");
-    let told = match service.complete_upload(upload).await {
-        Ok(arrived) => service.measure_upload(arrived).await.expect_err("its file is gone"),
+    let told = match service.measuring.complete_upload(upload).await {
+        Ok(arrived) => service.measuring.measure_upload(arrived).await.expect_err("its file is gone"),
         Err(error) => error,
     };
     assert!(matches!(told, ServiceError::Store(_)), "{told}");
@@ -207,21 +210,26 @@ async fn a_command_is_recorded_under_the_lease_that_authorised_it_and_a_stop_und
     let equipment = Equipment::of(&config.cell).expect("devices");
     let capacity = Capacity::from_config(&config);
     let service = Service::open_with(&folder.0, capacity, Settings::default(), equipment).await.expect("a store");
-    let first = service.take_lease("first".to_owned(), None).await.expect("a lease");
-    let by = service.authorise(&first.id, None).await.expect("it is held");
+    let first = service.operating.take_lease("first".to_owned(), None).await.expect("a lease");
+    let by = service.operating.authorise(&first.id, None).await.expect("it is held");
     // The lease changes hands before the command is recorded.
-    service.release_lease(&first.id).await.expect("given back");
-    assert!(!service.holds_lease(&first.id));
-    let second = service.take_lease("second".to_owned(), None).await.expect("a lease");
+    service.operating.release_lease(&first.id).await.expect("given back");
+    assert!(!service.operating.holds_lease(&first.id));
+    let second = service.operating.take_lease("second".to_owned(), None).await.expect("a lease");
     assert_eq!(by, Commander { holder: Some("first".to_owned()), fence: Some(first.fence) });
-    assert!(service.authorise(&first.id, None).await.is_err());
-    assert!(service.holds_lease(&second.id) && !service.holds_lease(&first.id));
-    service.stop().await.expect("a cell");
-    service.followers.finish(std::time::Duration::from_secs(10)).await;
+    assert!(service.operating.authorise(&first.id, None).await.is_err());
+    assert!(service.operating.holds_lease(&second.id) && !service.operating.holds_lease(&first.id));
+    service.operating.stop().await.expect("a cell");
+    service.shared.background.finish(std::time::Duration::from_secs(10)).await;
     let page = crate::store::Page { limit: 10, before: None };
-    let rows = service.store.jobs("act", None, &page).await.expect("readable").rows;
+    let rows = service.shared.store.jobs("act", None, &page).await.expect("readable").rows;
     let document: serde_json::Value = serde_json::from_str(&rows[0].document).expect("JSON");
     let stop = &document["content"];
     assert_eq!((&stop["verb"], &stop["holder"], &stop["fence"]), (&"stop".into(), &().into(), &().into()), "{stop}");
     service.close().await;
+}
+
+async fn picture(service: &Service, id: &str) -> Result<String, ServiceError> {
+    let measurement = service.operating.measurement(id).await?;
+    service.measuring.picture(measurement, Picture::Centres, None, None).await
 }

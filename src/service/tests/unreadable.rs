@@ -37,7 +37,7 @@ fn bad_measurement(id: &str, document: &str) -> NewMeasurement {
 async fn with_unknown_recipe_key(folder: &TempFolder) -> String {
     let service = open(folder).await;
     let id = measure_once(&service, order("good")).await.measurement.id;
-    let document = service.store.measurement(&id).await.expect("read").expect("there").document;
+    let document = service.shared.store.measurement(&id).await.expect("read").expect("there").document;
     service.close().await;
     document.replacen(r#""recipe":{"#, r#""recipe":{"new_in_2030":1,"#, 1)
 }
@@ -57,11 +57,11 @@ async fn unreadable_records_stop_neither_the_start_nor_a_list() {
 
     let service = open(&folder).await;
     assert_eq!(
-        service.last().map(|last| (last.id, last.verdict)),
+        service.measuring.last().map(|last| (last.id, last.verdict)),
         Some(("m-unknown-key".to_owned(), Some(Verdict::Accepted)))
     );
     let page = Page { limit: 10, before: None };
-    let listed = service.measurements(&Filter::default(), &page).await.expect("a list").rows;
+    let listed = service.measuring.measurements(&Filter::default(), &page).await.expect("a list").rows;
     let told: Vec<_> = listed
         .iter()
         .map(|entry| match entry {
@@ -71,15 +71,18 @@ async fn unreadable_records_stop_neither_the_start_nor_a_list() {
         .collect();
     assert_eq!(told.iter().map(|(id, _)| *id).collect::<Vec<_>>(), ["m-unknown-key", "m-damaged", "m-later", "read"]);
     assert!(told[0].1.contains("new_in_2030") && told[2].1.contains("document version 99"), "{told:?}");
-    assert!(matches!(service.recipes(&page).await.expect("a list").rows[..], [Entry::Unreadable(_)]));
+    assert!(matches!(service.measuring.recipes(&page).await.expect("a list").rows[..], [Entry::Unreadable(_)]));
     for id in ["m-later", "m-damaged", "m-unknown-key"] {
-        let refused = service.measurement(id).await.expect_err("unreadable");
+        let refused = service.operating.measurement(id).await.expect_err("unreadable");
         assert!(matches!(refused, ServiceError::RecordUnreadable { .. }), "{refused}");
-        let refused = service.profiles(id).await.expect_err("unreadable");
+        let refused = service.measuring.profiles(id).await.expect_err("unreadable");
         assert!(matches!(refused, ServiceError::RecordUnreadable { .. }), "{refused}");
     }
     let name = RecipeName::parse("later").expect("a name");
-    let refused = service.accept(Order { recipe: Some(name), ..Order::default() }).await.expect_err("unreadable");
+    let refused = service
+        .accept(MeasurementOrder { recipe: Some(name), ..MeasurementOrder::default() })
+        .await
+        .expect_err("unreadable");
     assert!(matches!(refused, ServiceError::RecordUnreadable { .. }), "{refused}");
     measure_once(&service, order("after")).await;
 

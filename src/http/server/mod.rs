@@ -1,0 +1,11 @@
+//! The listener and what happens to every request alike, the route table, the OpenAPI document and the metrics.
+
+pub(in crate::http) mod connections;
+pub(in crate::http) mod edge;
+pub(in crate::http) mod guarded;
+pub(in crate::http) mod listener;
+pub(in crate::http) mod metrics;
+pub(in crate::http) mod openapi;
+pub(in crate::http) mod router;
+pub(in crate::http) mod same_origin;
+pub(in crate::http) mod shares;

@@ -1,0 +1,140 @@
+//! Lists: `limit` and `cursor` in the query, the next page in the body and in `Link`. A record that cannot be read stands among the
+//! others with what is known about it.
+
+use axum::http::{HeaderMap, HeaderValue, Uri, header};
+use axum::response::{IntoResponse, Response};
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use tokio::task::spawn_blocking;
+use utoipa::{IntoParams, ToSchema};
+
+use crate::service::{Entry, UnreadableRecord};
+use crate::store::{Cursor, Listing, Page};
+
+use super::problem::{Code, Problem};
+
+/// Entries of a page where the query does not say.
+const LIMIT_DEFAULT: u32 = 100;
+
+/// Most entries of a page.
+const LIMIT_MAX: u32 = 1000;
+
+/// Which page of a list without filters.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::http) struct PageQuery {
+    /// Most entries of the page; 100 where nothing is said.
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<u32>,
+    /// `next_cursor` of the page before.
+    #[param(pattern = "^[0-9a-f]{16}$")]
+    cursor: Option<String>,
+}
+
+impl PageQuery {
+    /// The page.
+    pub(in crate::http) fn page(&self) -> Result<Page, Problem> {
+        page(self.limit, self.cursor.as_deref())
+    }
+}
+
+/// Which page is asked for.
+pub(in crate::http) fn page(limit: Option<u32>, cursor: Option<&str>) -> Result<Page, Problem> {
+    let limit = limit.unwrap_or(LIMIT_DEFAULT);
+    if !(1..=LIMIT_MAX).contains(&limit) {
+        return Err(Problem::new(Code::QueryInvalid, format!("limit must be between 1 and {LIMIT_MAX}, got {limit}"))
+            .with("limit", limit)
+            .with("limit_max", LIMIT_MAX));
+    }
+    let before = cursor.map(Cursor::parse).transpose()?;
+    Ok(Page { limit, before })
+}
+
+/// A page as every list answers it: the header that names the next page, and the document that `document` makes of the entries and
+/// of the cursor of the next page. A thousand entries take a while, so that is done beside the threads that answer.
+pub(in crate::http) async fn listed<R: Send + 'static, D: Serialize>(
+    uri: &Uri,
+    page: Listing<R>,
+    document: impl FnOnce(Vec<R>, Option<String>) -> D + Send + 'static,
+) -> Result<Response, Problem> {
+    let next_cursor = page.next.map(|cursor| cursor.to_string());
+    let link = link_next(uri, next_cursor.as_deref());
+    let rendered = spawn_blocking(move || serde_json::to_vec(&document(page.rows, next_cursor))).await;
+    let body = rendered.map_err(|error| Problem::internal(error.to_string()))?;
+    let body = body.map_err(|error| Problem::internal(error.to_string()))?;
+    Ok((link, [(header::CONTENT_TYPE, "application/json")], body).into_response())
+}
+
+/// Points to the next page: the same address with another cursor.
+pub(in crate::http) fn link_next(uri: &Uri, cursor: Option<&str>) -> HeaderMap {
+    let mut headers = HeaderMap::new();
+    let Some(cursor) = cursor else { return headers };
+    let others = uri.query().unwrap_or_default().split('&').filter(|pair| {
+        let name = pair.split('=').next().unwrap_or_default();
+        !name.is_empty() && name != "cursor"
+    });
+    let query: Vec<_> = others.map(str::to_owned).chain([format!("cursor={cursor}")]).collect();
+    // An address that was read is text, and a cursor is letters and digits.
+    if let Ok(value) = HeaderValue::from_str(&format!("<{}?{}>; rel=\"next\"", uri.path(), query.join("&"))) {
+        headers.insert(header::LINK, value);
+    }
+    headers
+}
+
+/// A record of a list, or what is known of one that cannot be read.
+#[derive(Debug, Serialize, ToSchema)]
+#[serde(untagged)]
+pub(in crate::http) enum EntryDocument<T> {
+    /// The record.
+    Record(T),
+    /// It is damaged, or a later version of the service has written it.
+    Unreadable(UnreadableDocument),
+}
+
+/// What is known of a record that cannot be read.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Unreadable)]
+pub(in crate::http) struct UnreadableDocument {
+    /// Its id, or its name.
+    id: String,
+    /// `unreadable`.
+    #[schema(example = "unreadable")]
+    state: &'static str,
+    /// When it was made, UTC.
+    #[schema(value_type = String, format = DateTime)]
+    created_at: Timestamp,
+    /// Why it cannot be read.
+    text: String,
+}
+
+impl<T> EntryDocument<T> {
+    /// As it is shown.
+    pub(in crate::http) fn of<R>(entry: Entry<R>, show: impl FnOnce(R) -> T) -> Self {
+        match entry {
+            Entry::Record(record) => Self::Record(show(record)),
+            Entry::Unreadable(UnreadableRecord { id, created_at, cause }) => {
+                let text = format!("the record cannot be read: {cause}");
+                Self::Unreadable(UnreadableDocument { id, state: "unreadable", created_at, text })
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_next_page_keeps_filters_and_replaces_the_cursor() {
+        let uri = Uri::from_static("/v1/measurements?verdict=refused&cursor=aa&limit=2");
+        let headers = link_next(&uri, Some("bb"));
+        assert_eq!(headers[header::LINK], "</v1/measurements?verdict=refused&limit=2&cursor=bb>; rel=\"next\"");
+        assert!(link_next(&uri, None).is_empty());
+    }
+
+    #[test]
+    fn a_limit_out_of_range_is_refused_not_bent() {
+        assert!(page(Some(0), None).is_err() && page(Some(1001), None).is_err() && page(Some(1000), None).is_ok());
+    }
+}

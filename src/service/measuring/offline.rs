@@ -1,0 +1,118 @@
+//! The same measurement without service or store: a file in, the record and what pictures need out. What both calculate is one
+//! function, so that both give the same bits.
+
+use std::io::{self, BufReader, Cursor, Read};
+use std::sync::mpsc;
+use std::thread::{self, JoinHandle};
+
+use sha2::{Digest, Sha256};
+
+use crate::estimation::{Profile, Progress};
+use crate::scan::Scan;
+use crate::scan::decode::{DecodeError, Encoding, Limits, Sent, inflate};
+use crate::service::clock::Clock;
+
+use super::copying_reader::{CopyingReader, READ_BLOCK_BYTES};
+use super::order::Origin;
+use super::pipeline::{MeasureError, read};
+use super::recipe::Resolved;
+use super::record::{Identity, Measurement};
+
+/// First bytes that tell how a file is packed.
+const HEAD_BYTES: u64 = 4;
+/// Blocks that wait to be hashed: 8 MiB, so that reading waits less and memory stays bounded.
+const BLOCKS_BEHIND_MAX: usize = 32;
+
+/// Takes a block that is to be hashed, and gives back one to be filled.
+type HandOn = Box<dyn FnMut(Vec<u8>) -> io::Result<Vec<u8>>>;
+
+/// A measurement that was made offline.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Offline {
+    /// The record, as the service would keep it.
+    pub measurement: Measurement,
+    /// What became of every profile, in station order.
+    pub profiles: Vec<Profile>,
+    /// The profiles' points, for pictures.
+    pub scan: Scan,
+}
+
+/// Measures what `source` holds; gzip and zstd are decompressed first. The bytes are hashed on the way, on a thread of their own.
+///
+/// # Errors
+/// [`MeasureError`] with what is wrong with the file.
+pub fn measure_offline(
+    source: Box<dyn Read + '_>,
+    origin: &Origin,
+    resolved: &Resolved,
+    limits: &Limits,
+    progress: &Progress,
+) -> Result<Offline, MeasureError> {
+    let created_at = Clock.now();
+    let watch = Clock.start();
+    let (digest, hand_on) = hash_along().map_err(DecodeError::from)?;
+    let (source, sent) = unpacked(source, limits)?;
+    let mut bytes = CopyingReader::new(source, hand_on);
+    let decoded = match read(&mut bytes, &origin.claims(), resolved, limits, sent.as_ref()) {
+        Ok(decoded) => decoded,
+        Err(error) => return Err(bytes.into_failure().map_or(error, DecodeError::from).into()),
+    };
+    // A reader may stop behind the last point; the file's identity is all of it.
+    bytes.finish().map_err(DecodeError::from)?;
+    let measured = super::pipeline::measure(decoded, resolved, limits, progress)?;
+    let scan_sha256 = digest.join().map_err(|_| DecodeError::from(not_hashed()))?;
+    let identity = Identity {
+        id: Clock.new_id("m-"),
+        created_at,
+        duration_ms: watch.elapsed_ms(),
+        scan_sha256,
+        recipe_name: None,
+        acquisition: None,
+    };
+    let (measurement, profiles) = Measurement::record(identity, &measured.prepared, measured.estimate, resolved);
+    Ok(Offline { measurement, profiles, scan: measured.prepared.scan })
+}
+
+/// The source without its packing, if its first bytes give one away, and then how much was read of it.
+pub(in crate::service) fn unpacked<'a>(
+    mut source: Box<dyn Read + 'a>,
+    limits: &Limits,
+) -> Result<(Box<dyn Read + 'a>, Option<Sent>), DecodeError> {
+    let mut head = Vec::new();
+    source.by_ref().take(HEAD_BYTES).read_to_end(&mut head)?;
+    let encoding = Encoding::sniff(&head);
+    let whole = Cursor::new(head).chain(source);
+    Ok(match encoding {
+        Some(encoding) => {
+            let (packed, sent) = (BufReader::with_capacity(READ_BLOCK_BYTES, whole), Sent::default());
+            (Box::new(inflate(encoding, packed, limits, &sent)?), Some(sent))
+        }
+        None => (Box::new(whole), None),
+    })
+}
+
+/// Starts a thread that hashes blocks and gives them back: the SHA-256 in the end, and the way in. The hash of a large
+/// binary scan takes longer than its reading; what it lags behind is caught up with while the estimation runs.
+fn hash_along() -> io::Result<(JoinHandle<String>, HandOn)> {
+    let (to_hash, blocks) = mpsc::sync_channel::<Vec<u8>>(BLOCKS_BEHIND_MAX);
+    let (give_back, hashed) = mpsc::channel();
+    let work = move || {
+        let mut hash = Sha256::new();
+        for block in blocks {
+            hash.update(&block);
+            // Whoever reads no more has no use for it.
+            let _ = give_back.send(block);
+        }
+        hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+    };
+    let digest = thread::Builder::new().name("hash".to_owned()).spawn(work)?;
+    let hand_on = move |block| {
+        to_hash.send(block).map_err(|_| not_hashed())?;
+        Ok(hashed.try_recv().unwrap_or_default())
+    };
+    Ok((digest, Box::new(hand_on)))
+}
+
+fn not_hashed() -> io::Error {
+    io::Error::other("the thread that hashes ended early")
+}

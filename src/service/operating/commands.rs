@@ -1,0 +1,131 @@
+//! Commands that no job follows: stop, reset, and those to a single manipulator; each with its record.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use serde::{Deserialize, Serialize};
+use tokio::time::timeout;
+
+use super::job::{Commander, EndReason, JobStatus, Kind};
+use super::jobs::Beginning;
+use super::state::Operating;
+use crate::cell::{Cell, Manual, Refusal, StopReport, Taken};
+use crate::motion::Carrier;
+use crate::service::error::ServiceError;
+use crate::service::unwritten::{PAUSE_FIRST, PAUSE_MAX};
+
+/// A command to a single device, or the reset, as it is kept.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+struct ActOrder {
+    verb: String,
+    manipulator: Option<Carrier>,
+    /// How many commands it stands for, where it is more than one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    count: Option<u64>,
+    #[serde(flatten)]
+    by: Commander,
+}
+
+fn act(verb: &str, manipulator: Option<Carrier>, by: Commander) -> ActOrder {
+    ActOrder { verb: verb.to_owned(), manipulator, count: None, by }
+}
+
+impl Operating {
+    /// Stops whatever moves. Needs no lease, waits for no device and for no store; it is recorded afterwards.
+    ///
+    /// # Errors
+    /// [`ServiceError::CellAbsent`].
+    pub async fn stop(self: &Arc<Self>) -> Result<StopReport, ServiceError> {
+        let handle = self.cell_handle()?;
+        let report = handle.cell.stop().await;
+        // One record at a time is written; the stops that come meanwhile share the next one.
+        if handle.stops.fetch_add(1, Ordering::AcqRel) == 0 {
+            let service = Arc::clone(self);
+            self.shared.background.add(async move { service.record_stops().await });
+        }
+        Ok(report)
+    }
+
+    async fn record_stops(self: &Arc<Self>) {
+        let Ok(handle) = self.cell_handle() else { return };
+        let mut pause = PAUSE_FIRST;
+        loop {
+            let count = handle.stops.load(Ordering::Acquire);
+            let order = ActOrder { count: (count > 1).then_some(count), ..act("stop", None, Commander::NOBODY) };
+            let id = self.shared.clock.new_id("a-");
+            let beginning = Beginning { kind: Kind::Act, id, plan_id: None, request: None, order: &order };
+            match self.write_down(beginning).await {
+                Ok(act) => self.conclude(&act.job, JobStatus::Done, None).await,
+                Err(error) if self.shared.shutdown.has_begun() => {
+                    tracing::error!(%error, "{count} stops are not recorded")
+                }
+                Err(error) => {
+                    tracing::warn!(%error, "{count} stops are not recorded yet; it is tried again");
+                    let _ = timeout(pause, self.shared.shutdown.wait()).await;
+                    pause = (pause * 2).min(PAUSE_MAX);
+                    continue;
+                }
+            }
+            if handle.stops.fetch_sub(count, Ordering::AcqRel) == count {
+                return;
+            }
+        }
+    }
+
+    /// Acknowledges the faults and has every device read; only then may anything move.
+    ///
+    /// # Errors
+    /// [`ServiceError::Cell`] with what the cell refuses, and what the store says.
+    pub async fn reset(self: &Arc<Self>, lease_id: String) -> Result<Taken, ServiceError> {
+        let by = self.authorise(&lease_id, None).await?;
+        let order = act("reset", None, by);
+        self.command(order, move |cell| async move { cell.reset(&lease_id).await }).await
+    }
+
+    /// Has one manipulator enabled, disabled or homed.
+    ///
+    /// # Errors
+    /// [`ServiceError::Cell`] with what the cell refuses, and what the store says.
+    pub async fn command_manipulator(
+        self: &Arc<Self>,
+        lease_id: String,
+        carrier: Carrier,
+        manual: Manual,
+    ) -> Result<Taken, ServiceError> {
+        let verb = match manual {
+            Manual::Enable => "enable",
+            Manual::Disable => "disable",
+            Manual::Home => "home",
+        };
+        let by = self.authorise(&lease_id, None).await?;
+        let order = act(verb, Some(carrier), by);
+        self.command(order, move |cell| async move { cell.act(&lease_id, carrier, manual).await }).await
+    }
+
+    /// A single command: written down, given to the cell, and its taking written down.
+    async fn command<F: Future<Output = Result<Taken, Refusal>> + Send>(
+        self: &Arc<Self>,
+        order: ActOrder,
+        give: impl FnOnce(Cell) -> F + Send + 'static,
+    ) -> Result<Taken, ServiceError> {
+        let cell = self.cell_handle()?.cell.clone();
+        let service = Arc::clone(self);
+        self.shared
+            .background
+            .run_detached(async move {
+                let id = service.shared.clock.new_id("a-");
+                let beginning = Beginning { kind: Kind::Act, id, plan_id: None, request: None, order: &order };
+                let act = service.write_down(beginning).await?.job;
+                let taken = give(cell).await;
+                match &taken {
+                    Ok(_) => service.conclude(&act, JobStatus::Done, None).await,
+                    Err(refusal) => {
+                        let (standing, ending) = EndReason::of_refusal(refusal);
+                        service.conclude(&act, standing, Some(&ending)).await;
+                    }
+                }
+                Ok(taken?)
+            })
+            .await
+    }
+}
