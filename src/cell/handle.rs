@@ -3,7 +3,7 @@
 
 use super::driver::context::{DriverContext, Timing};
 use super::driver::manipulator::ManipulatorDriver;
-use super::driver::messages::{Acquisition, DriverOrder, ManipulatorCommand, Report, StageCommand};
+use super::driver::messages::{Acquisition, DriverOrder, Report, StageCommand};
 use super::driver::sensor::SensorDriver;
 use super::driver::stage::StageDriver;
 use super::events::{EventLog, Events};

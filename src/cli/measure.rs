@@ -1,7 +1,6 @@
 //! `coaxis measure`: scan files to poses, without a service. The same document as over HTTP, or a table for people.
 
 use super::config::Sources;
-use super::output;
 use super::output::{FAILED, Outcome, OutputClosed, REFUSED, complain, print, table, with_bar};
 use super::reading::{ReadingArguments, named};
 use crate::estimation::{EndFaceRule, Method, Orientation};

@@ -27,7 +27,6 @@ use super::obstacles;
 use super::refusal::Refusal;
 use super::request::Request;
 
-use super::scanning::Scanning;
 use super::settings::Settings;
 use super::snapshot::{Live, Snapshot};
 use super::state::State;

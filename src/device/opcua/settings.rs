@@ -189,6 +189,7 @@ impl Settings {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use super::super::security::Policy;
     use crate::device::StateCodes;
 
     fn refused(change: impl Fn(&mut Settings)) -> String {
