@@ -1,7 +1,7 @@
 //! The stated uncertainty is right: ± 2 standard uncertainties hold the truth in 93 to 98 % of many seeds, for each
 //! parameter, whatever neighbours along the laser line or whole profiles share.
 //!
-//! `COAXIS_SEEDS=500 cargo test --release --test coverage -- --nocapture` prints the table of docs/accuracy.md.
+//! `COAXIS_SEEDS=500 cargo test --release --test all coverage:: -- --nocapture` prints the table of docs/accuracy.md.
 
 #![expect(
     clippy::expect_used,
@@ -10,17 +10,11 @@
     reason = "a test may fail, and says what it saw"
 )]
 
-#[path = "made/any_direction.rs"]
-mod any_direction;
-mod made;
-#[path = "made/uploaded.rs"]
-mod uploaded;
-
+use crate::made::uploaded::Upload;
+use crate::made::{count, errors, standard};
 use coaxis::estimation::{Method, Outcome, Pose, Progress, Settings, estimate};
 use coaxis::scan::synthetic::{LaserPlane, Part, Truth, make, random_frame};
-use made::{count, errors, standard};
 use rayon::prelude::*;
-use uploaded::Upload;
 
 /// Seeds a scene that continuous integration has time for.
 const SEEDS: u64 = 60;

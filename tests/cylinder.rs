@@ -4,21 +4,17 @@
 
 #![expect(clippy::panic, clippy::expect_used, clippy::print_stdout, reason = "a test may fail, and says what it saw")]
 
-#[path = "made/any_direction.rs"]
-mod any_direction;
-mod made;
-
-use any_direction::{compared, in_frame};
+use crate::made::any_direction::{compared, in_frame};
+use crate::made::{count, errors, standard};
 use coaxis::estimation::{Estimate, Method, Outcome, Pose, Progress, RadiusRule, Refusal, Settings, estimate};
 use coaxis::geometry::AxisLine;
 use coaxis::scan::synthetic::{
     Bead, ClampShape, Interference, LaserPlane, Part, Sampling, Surroundings, Travel, Truth, make, placed, random_frame,
 };
-use made::{count, errors, standard};
 use rayon::prelude::*;
 
 /// Seeds a scene that continuous integration has time for. All of them, with the table of docs/benchmarks.md:
-/// `COAXIS_SEEDS=200 cargo test --release --test cylinder -- --nocapture --test-threads 1`.
+/// `COAXIS_SEEDS=200 cargo test --release --test all cylinder:: -- --nocapture --test-threads 1`.
 const SEEDS: u64 = 6;
 const RMS_MAX: f64 = 1.15;
 const WORST_MAX: f64 = 5.0;

@@ -8,8 +8,6 @@ use nalgebra::{Rotation3, Vector3};
 use std::fs;
 use std::path::Path;
 
-mod real;
-
 type V = Vector3<f64>;
 
 fn cloud(path: &Path, unit: Unit) -> Vec<[f64; 3]> {
@@ -51,7 +49,7 @@ fn upright(point: [f64; 3], dx: f64, dy: f64) -> (V, V) {
 /// The start lies within a tenth of the sector bootstrap's spread for a fit of all points, so within its noise of 7.7 mm.
 #[test]
 fn a_tank_is_found_in_any_orientation() {
-    let Some(folder) = real::outside("real") else { return };
+    let Some(folder) = crate::real::outside("real") else { return };
     let points = rows(&folder.join("tank/scan.csv"), 1000.0);
     let (point, direction) = upright([37342.45, 25701.58, 7000.0], -0.001_169_5, -0.001_670_6);
     for turn in 0..40 {
@@ -67,7 +65,7 @@ fn a_tank_is_found_in_any_orientation() {
 /// A tapered post on a lattice of 15.6 and 31 mm: the radius is nominal, and known to 8 mm.
 #[test]
 fn a_lamp_post_is_found_by_its_radius() {
-    let Some(folder) = real::outside("real") else { return };
+    let Some(folder) = crate::real::outside("real") else { return };
     let points = cloud(&folder.join("lamppost/lamppost.pcd"), Unit::Metre);
     let request = DetectRequest { nominal_radius_mm: Some(51.0), nominal_reach: 0.16, ..DetectRequest::default() };
     let found = detect(&points, &request);
@@ -78,7 +76,7 @@ fn a_lamp_post_is_found_by_its_radius() {
 /// 6 % of the points are the mug's, half of them the table's. The table's normal is the mug's axis.
 #[test]
 fn a_mug_is_found_on_its_table() {
-    let Some(folder) = real::outside("real") else { return };
+    let Some(folder) = crate::real::outside("real") else { return };
     let points = cloud(&folder.join("mug-on-table.pcd"), Unit::Metre);
     for nominal_radius_mm in [None, Some(39.0)] {
         let found = detect(&points, &DetectRequest { nominal_radius_mm, ..DetectRequest::default() });
@@ -90,7 +88,7 @@ fn a_mug_is_found_on_its_table() {
 /// The inside of pipes with artefacts out to 65 m. Two of the three scans of the first pipe hold more of them.
 #[test]
 fn sewer_pipes_are_found_from_inside() {
-    let Some(folder) = real::outside("real") else { return };
+    let Some(folder) = crate::real::outside("real") else { return };
     let slope = |degrees: f64| degrees.to_radians().tan();
     for (name, nominal, (point, direction), angle_max, distance_max) in [
         ("200mm-pvc-13", None, upright([7.40, -40.47, -300.0], slope(2.470), slope(13.917)), 0.1, 0.66),
@@ -108,7 +106,7 @@ fn sewer_pipes_are_found_from_inside() {
 /// An arc of 25° with a scatter of 1.6 µm.
 #[test]
 fn the_land_of_a_bullet_is_found() {
-    let Some(folder) = real::outside("real") else { return };
+    let Some(folder) = crate::real::outside("real") else { return };
     let found = detect(&cloud(&folder.join("bullet-land/land.npy"), Unit::Millimetre), &DetectRequest::default());
     let axis = V::from(found[0].direction);
     let [deflection, pitch] = [axis.y / axis.x, axis.z / axis.x].map(|slope| slope.atan().to_degrees());
@@ -118,7 +116,7 @@ fn the_land_of_a_bullet_is_found() {
 
 #[test]
 fn noise_without_a_surface_has_no_cylinder() {
-    let Some(folder) = real::outside("real") else { return };
+    let Some(folder) = crate::real::outside("real") else { return };
     let points = cloud(&folder.join("laser-profile-patch.npy"), Unit::Millimetre);
     assert_eq!(detect(&points, &DetectRequest::default()), Vec::new());
 }
@@ -126,7 +124,7 @@ fn noise_without_a_surface_has_no_cylinder() {
 /// From 6 points on. The robust start differs from the published least squares by a part of the points' scatter.
 #[test]
 fn published_cylinders_are_found() {
-    let Some(folder) = real::outside("real") else { return };
+    let Some(folder) = crate::real::outside("real") else { return };
     for set in 1..=30 {
         let points = rows(&folder.join(format!("nist-cylinders/cyl{set}.ds")), 1.0);
         let fit = fs::read_to_string(folder.join(format!("nist-cylinders/cyl{set}.fit"))).expect("the fit is there");

@@ -1,7 +1,7 @@
 //! End faces of synthetic parts: the error of the centre, and whether its stated uncertainty contains the error. The truth is
 //! the end plane of the synthetic part; the bound that the spacing of the profiles sets is derived, not measured.
 //!
-//! `COAXIS_SEEDS=200 cargo test --release --test end_face -- --nocapture` prints the table of docs/end_face.md.
+//! `COAXIS_SEEDS=200 cargo test --release --test all end_face:: -- --nocapture` prints the table of docs/end_face.md.
 
 #![expect(clippy::panic, clippy::expect_used, clippy::print_stdout, reason = "a test may fail, and prints its table")]
 

@@ -4,15 +4,13 @@
 
 #![expect(clippy::expect_used, clippy::panic, clippy::indexing_slicing, reason = "a test may fail")]
 
-mod measured;
-
+use crate::measured::{Ask, apart, cloud, codes, measure, pose};
 use coaxis::estimation::{Orientation, Outcome, Progress, Settings, estimate};
 use coaxis::geometry::{Axis, AxisLine, Frame};
 use coaxis::scan::decode::{Limits, Unit};
 use coaxis::scan::slice::{SliceRequest, slice};
 use coaxis::scan::synthetic::{LaserPlane, Part, make};
 use coaxis::scan::{Cloud, Grouping, Labels, ProfileRule, Stripe};
-use measured::{Ask, apart, cloud, codes, measure, pose};
 use std::path::{Path, PathBuf};
 
 /// Largest error in standard uncertainties.

@@ -2,7 +2,7 @@
 //! the expanded uncertainty must contain the error of every number as often as it claims, and an answer that is certain of
 //! itself and wrong is not allowed. Truth is that of the generator.
 //!
-//! `COAXIS_SEEDS=300 cargo test --release --test field_kinds -- --nocapture` prints the table of docs/accuracy.md;
+//! `COAXIS_SEEDS=300 cargo test --release --test all field_kinds:: -- --nocapture` prints the table of docs/accuracy.md;
 //! `COAXIS_DENSITY=4` takes four times as many profiles and points, which shows errors that do not average out.
 
 #![expect(
@@ -12,12 +12,9 @@
     reason = "a test may fail, and says what it saw"
 )]
 
-#[path = "made/any_direction.rs"]
-mod any_direction;
-#[path = "made/uploaded.rs"]
-mod uploaded;
-
-use any_direction::Compared;
+use crate::made::any_direction::Compared;
+use crate::made::count;
+use crate::made::uploaded::Upload;
 use coaxis::estimation::{Settings, TypeB};
 use coaxis::geometry::{AxisLine, Frame};
 use coaxis::scan::synthetic::{
@@ -29,7 +26,6 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use statrs::distribution::{Binomial, DiscreteCDF};
 use std::f64::consts::TAU;
-use uploaded::Upload;
 
 /// Seeds of a kind that continuous integration has time for.
 const SEEDS: u64 = 4;
@@ -48,11 +44,6 @@ const INDEPENDENT: f64 = 25.0 / 7.0;
 const ANSWERED_MIN: f64 = 0.9;
 const SIGMA_MM: f64 = 0.02;
 const RADIUS_MM: f64 = 50.0;
-
-/// A count from the environment, or what continuous integration has time for.
-fn count(variable: &str, default: u64) -> u64 {
-    std::env::var(variable).ok().and_then(|text| text.parse().ok()).unwrap_or(default)
-}
 
 /// What a kind has to do with the uncertainty that is stated.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -3,19 +3,16 @@
 
 #![expect(clippy::expect_used, clippy::panic, clippy::print_stdout, reason = "a test may fail")]
 
-mod measured;
-mod real;
-
+use crate::measured::{Ask, apart, cloud, measure, pose, scan};
+use crate::real::outside;
 use coaxis::estimation::{Estimate, Orientation, Outcome, Pose, Progress, Settings, estimate, least_squares_cylinder};
 use coaxis::geometry::{Axis, Frame};
 use coaxis::scan::decode::Unit;
 use coaxis::scan::slice::{Region, SliceRequest, slice};
 use coaxis::scan::{Cloud, Columns, Labels, ProfileRule, Stripe};
-use measured::{Ask, apart, cloud, measure, pose, scan};
 use nalgebra::{Rotation3, Unit as UnitVector, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use real::outside;
 use std::path::Path;
 
 fn accepted<'a>(name: &str, estimate: &'a Estimate) -> &'a Pose {

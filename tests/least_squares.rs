@@ -19,8 +19,6 @@ use rand_distr::{Distribution, StandardNormal};
 use std::fs;
 use std::path::Path;
 
-mod real;
-
 /// NIST gives its results to 20 digits, found in more than double precision from coordinates of 5 decimals.
 const DIRECTION_MAX_RAD: f64 = 1e-8;
 /// Of the size of the set, the distance of its farthest point from the centroid.
@@ -106,7 +104,7 @@ fn nist(folder: &Path, number: usize) -> (Vec<[f64; 3]>, Published) {
 
 #[test]
 fn the_reference_sets_of_nist_give_the_published_cylinders_wherever_they_lie() {
-    let Some(folder) = real::outside("real/nist-cylinders") else { return };
+    let Some(folder) = crate::real::outside("real/nist-cylinders") else { return };
     let mut worst = [[0.0_f64; 3]; 2];
     for number in 1..=30 {
         let (points, published) = nist(&folder, number);
@@ -143,7 +141,7 @@ fn the_reference_sets_of_nist_give_the_published_cylinders_wherever_they_lie() {
 
 #[test]
 fn other_programs_find_the_same_cylinders() {
-    let Some(folder) = real::outside("reference") else { return };
+    let Some(folder) = crate::real::outside("reference") else { return };
     let expected: serde_json::Value =
         serde_json::from_slice(&fs::read(folder.join("expected.json")).expect("results")).expect("JSON");
     for (name, point, radius, sigma) in

@@ -13,8 +13,6 @@ use std::fs::{self, File};
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-mod real;
-
 /// Errors of a correct estimate lie within 5 standard deviations of the bound but once in two million.
 const BOUNDS_MAX: f64 = 5.0;
 /// The freely fitted ellipse of `section_line` is biased by 0.4 mm on 90° of a part of 200 mm radius
@@ -103,7 +101,7 @@ fn section_line_finds_the_truth_of_every_made_file_as_well_as_ellipses_can() {
 /// Two slabs of the 20 published points are profiles enough for `cylinder`; its axis along Z is put along the rail.
 #[test]
 fn cylinder_agrees_with_published_fits_of_published_points() {
-    let Some(folder) = real::outside("reference") else { return };
+    let Some(folder) = crate::real::outside("reference") else { return };
     let recipe = json!({
         "method": "cylinder", "profile_by": "x_pitch_mm=1", "points_min": 6, "profiles_min": 2, "axial_length_min_mm": 0.1,
         "frame": {"origin_mm": [0, 0, 0], "x_axis": [0, 0, 1], "z_axis": [1, 0, 0]},
@@ -127,7 +125,7 @@ fn cylinder_agrees_with_published_fits_of_published_points() {
 
 #[test]
 fn single_points_are_refused_for_what_they_lack() {
-    let Some(folder) = real::outside("reference") else { return };
+    let Some(folder) = crate::real::outside("reference") else { return };
     // Least squares needs six points and no profiles.
     let by_profiles = Method::ALL.into_iter().filter(|method| *method != Method::LeastSquares);
     for method in by_profiles.map(Method::name) {
@@ -144,7 +142,7 @@ fn single_points_are_refused_for_what_they_lack() {
 /// The rail of this scan is Y: as it comes, its profiles span 0.07 mm of X, and along Y they are smaller than ε.
 #[test]
 fn a_real_scan_of_no_cylinder_is_refused() {
-    let Some(patch) = real::outside("real/laser-profile-patch.npy") else { return };
+    let Some(patch) = crate::real::outside("real/laser-profile-patch.npy") else { return };
     let frame = json!({"origin_mm": [0, 0, 0], "x_axis": [0, 1, 0], "z_axis": [0, 0, 1]});
     for (method, code) in [("cylinder", "no_cylinder"), ("section_line", "too_few_valid_profiles")] {
         refusal(&patch, &json!({"method": method}));
@@ -156,7 +154,7 @@ fn a_real_scan_of_no_cylinder_is_refused() {
 /// Stereo sees the far inside of the mug, too: radii of 38 to 40 mm are all the mug's.
 #[test]
 fn a_mug_on_a_table_is_measured_by_its_recipe() {
-    let Some(mug) = real::outside("real/mug-on-table.pcd") else { return };
+    let Some(mug) = crate::real::outside("real/mug-on-table.pcd") else { return };
     let recipe = json_of(&data("recipes/mug.json"));
     let pose = accepted(&mug, &recipe);
     assert!((pose.radius - 39.0).abs() < 1.0, "{} mm", pose.radius);

@@ -3,12 +3,10 @@
 
 #![expect(clippy::expect_used, clippy::print_stdout, reason = "a test may fail, and says what it saw")]
 
-mod made;
-
+use crate::made::{errors, standard};
 use coaxis::estimation::{Estimate, Method, Outcome, Progress, Reason, Settings, estimate};
 use coaxis::scan::synthetic::{Part, make};
 use coaxis::scan::{Columns, Scan, Station};
-use made::{errors, standard};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
@@ -157,7 +155,7 @@ fn table_three_a_whole_part_with_interference_is_found_by_the_robust_methods_and
 /// A free ellipse is pulled along the viewing direction; what is stated must hold the truth all the same.
 #[test]
 fn the_stated_uncertainty_of_section_line_holds_the_truth_on_short_arcs_and_with_few_profiles() {
-    let seeds_count = made::count("COAXIS_SEEDS", 20);
+    let seeds_count = crate::made::count("COAXIS_SEEDS", 20);
     let numbers_count = 5.0 * seeds_count as f64;
     for (arc_deg, profiles_count) in [(160.0, 100), (140.0, 100), (110.0, 100), (90.0, 100), (70.0, 100), (160.0, 4)] {
         let (mut held_count, mut stated, mut squared) = (0, 0.0, 0.0);

@@ -1,7 +1,7 @@
 //! Thousands of random scenes: whatever is answered must be right within what it says of itself, five of its own standard
 //! uncertainties in every parameter. A refusal is allowed, an answer that is wrong and sure of itself is not.
 //!
-//! `COAXIS_SCENES=10000 cargo test --release --test random_scenes -- --nocapture` runs all of them and prints what became
+//! `COAXIS_SCENES=10000 cargo test --release --test all random_scenes:: -- --nocapture` runs all of them and prints what became
 //! of them; `COAXIS_FIRST_SCENE=10000` as well runs the next ones. From number 1 000 000 on the scenes are drawn from
 //! everything that can be simulated (`wide.rs`), pass through the same steps as an uploaded file, and are reported by kind.
 
@@ -12,18 +12,12 @@
     reason = "a test may fail, and says what it saw"
 )]
 
-#[path = "made/any_direction.rs"]
-mod any_direction;
-mod made;
-#[path = "made/uploaded.rs"]
-mod uploaded;
-#[path = "random_scenes/wide.rs"]
 mod wide;
 
+use crate::made::{count, errors, standard};
 use coaxis::estimation::{Method, Outcome, Progress, RadiusRule, Settings, estimate};
 use coaxis::geometry::AxisLine;
 use coaxis::scan::synthetic::{Bead, ClampShape, Interference, Part, Sampling, Surroundings, make};
-use made::{count, errors, standard};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;

@@ -9,8 +9,6 @@ use coaxis::scan::{Cloud, Columns, Labels, Scan};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-mod real;
-
 fn own(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
 }
@@ -88,7 +86,7 @@ fn single_precision_is_kept_and_double_too() {
 
 #[test]
 fn the_bolt_is_read_past_its_faces_and_its_unit_is_known() {
-    let Some(bolt) = real::outside("real/stud-bolt.ply") else { return };
+    let Some(bolt) = crate::real::outside("real/stud-bolt.ply") else { return };
     let cloud = cloud_at(&bolt, None);
     assert_eq!((cloud.columns.len(), cloud.missing_count), (8565, 0));
     let bytes = fs::read(&bolt).expect("the file is there");
@@ -102,7 +100,7 @@ fn the_bolt_is_read_past_its_faces_and_its_unit_is_known() {
 
 #[test]
 fn the_mug_unpacks_and_is_cut_out_of_its_scene_in_a_declared_frame() {
-    let Some(mug) = real::outside("real/mug-on-table.pcd") else { return };
+    let Some(mug) = crate::real::outside("real/mug-on-table.pcd") else { return };
     let cloud = cloud_at(&mug, Some(Unit::Metre));
     assert_eq!(cloud.columns.len() as u64 + cloud.missing_count, 640 * 480);
     // Some frame across the view; what counts is that the window holds in it.
@@ -121,7 +119,7 @@ fn the_mug_unpacks_and_is_cut_out_of_its_scene_in_a_declared_frame() {
 
 #[test]
 fn the_laser_patch_has_its_profiles_along_y() {
-    let Some(patch) = real::outside("real/laser-profile-patch.npy") else { return };
+    let Some(patch) = crate::real::outside("real/laser-profile-patch.npy") else { return };
     let cloud = cloud_at(&patch, None);
     assert_eq!(cloud.columns.len() as u64 + cloud.missing_count, 87_422);
     let frame = Frame { origin_mm: [0.0; 3], x_axis: [0.0, 1.0, 0.0], z_axis: [0.0, 0.0, 1.0] };
@@ -132,7 +130,7 @@ fn the_laser_patch_has_its_profiles_along_y() {
 
 #[test]
 fn reference_points_are_read_to_the_last_digit() {
-    let Some(folder) = real::outside("reference") else { return };
+    let Some(folder) = crate::real::outside("reference") else { return };
     let cloud = cloud_at(&folder.join("tracker8.xyz"), None);
     assert_eq!((cloud.columns.len(), cloud.stripes[0].x), (8, -59.57));
     assert_eq!(cloud.columns.get(0), Some([-7.72, 17.57]));
@@ -143,7 +141,7 @@ fn reference_points_are_read_to_the_last_digit() {
 /// The file has 1229 rows `name,x,y,z,` in metres without a header.
 #[test]
 fn the_tank_is_read_without_its_point_names() {
-    let Some(path) = real::outside("real/tank/scan.csv") else { return };
+    let Some(path) = crate::real::outside("real/tank/scan.csv") else { return };
     let bytes = fs::read(&path).expect("the file is there");
     let limits = Limits::default();
     let format = find_format(&FormatClaims::default(), &bytes[..512]).expect("known");

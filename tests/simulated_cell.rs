@@ -9,6 +9,7 @@
     reason = "a test may fail, and says what it saw"
 )]
 
+use crate::made::count;
 use coaxis::config::{Cell, Config, Layers};
 use coaxis::device::contract::motion::{check_manipulator_motion, check_sensor_scan, check_stage_motion};
 use coaxis::device::contract::{Report, check_manipulator, check_sensor, check_stage};
@@ -392,7 +393,7 @@ async fn the_sensor_sees_the_part_where_the_manipulators_really_carry_it() {
     assert!((world.true_roll() - 0.1).abs() < 1e-4, "{}", world.true_roll());
 }
 
-/// `COAXIS_SCANS=200 cargo test --test simulated_cell as_shipped -- --nocapture` prints the shares of docs/estimation.md.
+/// `COAXIS_SCANS=200 cargo test --test all as_shipped -- --nocapture` prints the shares of docs/estimation.md.
 #[tokio::test(start_paused = true)]
 async fn the_uncertainty_of_the_cell_as_shipped_contains_the_errors() {
     let shipped = Layers::default().text("docker/coaxis.toml", include_str!("../docker/coaxis.toml"));
@@ -401,7 +402,7 @@ async fn the_uncertainty_of_the_cell_as_shipped_contains_the_errors() {
     assert_eq!(shipped.estimation, built_in.estimation);
     assert_eq!((&shipped.cell.simulated, &shipped.cell.scan), (&built_in.cell.simulated, &built_in.cell.scan));
     assert_eq!(shipped.cell.sensor.adaptor, built_in.cell.sensor.adaptor);
-    let scans_count = std::env::var("COAXIS_SCANS").ok().and_then(|text| text.parse().ok()).unwrap_or(SCANS);
+    let scans_count = count("COAXIS_SCANS", SCANS);
     let (mut within, mut worst) = ([0_u64; 5], 0.0_f64);
     for seed in 1..=scans_count {
         let cell = Cell { simulated: Settings { seed, ..shipped.cell.simulated.clone() }, ..shipped.cell.clone() };

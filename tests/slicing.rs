@@ -6,15 +6,14 @@
 
 #![expect(clippy::expect_used, clippy::indexing_slicing, clippy::print_stdout, reason = "a test may fail")]
 
-mod measured;
-
+use crate::made::count;
+use crate::measured::{apart, pose};
 use coaxis::estimation::{Estimate, Orientation, Progress, Settings, estimate};
 use coaxis::geometry::AxisLine;
 use coaxis::scan::decode::{Limits, Unit};
 use coaxis::scan::slice::{SliceRequest, slice};
 use coaxis::scan::synthetic::{Interference, Part, make};
 use coaxis::scan::{Cloud, Columns, Labels, ProfileRule, Stripe};
-use measured::{apart, pose};
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -112,7 +111,7 @@ fn agrees(seed: u64) -> bool {
 
 #[test]
 fn slicing_order_and_thinning_do_not_matter() {
-    let cases = std::env::var("COAXIS_CASES").ok().and_then(|text| text.parse().ok()).unwrap_or(CASES);
+    let cases = count("COAXIS_CASES", CASES);
     let agreeing = (0..cases).into_par_iter().filter(|seed| agrees(*seed)).count();
     println!("{agreeing} of {cases} cases agree");
     assert!(agreeing as f64 >= AGREEING * cases as f64 - 0.5, "{agreeing} of {cases}");

@@ -1,6 +1,6 @@
 //! The `coaxis` command as a person, a container or an init system uses it: configuration, signals, exit codes.
 
-use crate::harness::Folder;
+use crate::api::harness::Folder;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Output, Stdio};
 

@@ -1,9 +1,9 @@
 //! More clients than there are places: stop, health checks and the holder of the lease get through, nobody takes everything,
 //! and what is slow is ended.
 
-use crate::bodies::{exact_csv, large_npy};
-use crate::cell::{FAST, Line};
-use crate::harness::{Running, rest, start, start_with};
+use crate::api::bodies::{exact_csv, large_npy};
+use crate::api::harness::{Running, rest, start, start_with};
+use crate::timed::cell::{FAST, Line};
 use coaxis::config::Config;
 use std::io::{Read, Write};
 use std::net::TcpStream;

@@ -1,7 +1,7 @@
 //! The OpenAPI document, its examples and the page that shows it.
 
-use crate::cell::{FAST, Line};
-use crate::harness::start;
+use crate::api::harness::start;
+use crate::timed::cell::{FAST, Line};
 use coaxis::http::{COMMITTED, Code, openapi_json};
 use serde_json::Value;
 use std::io::Read;
@@ -118,7 +118,7 @@ const EXAMPLES: [(&str, Send); 8] = [
         let service = &line.service;
         // The example names a scan that nobody sent; with one that is there it works.
         service.post_json("/v1/measurements", example).problem(404, "scan_unknown");
-        let scan = service.post("/v1/scans", &crate::bodies::exact_csv()).expect(201);
+        let scan = service.post("/v1/scans", &crate::api::bodies::exact_csv()).expect(201);
         let mut order = example.clone();
         order["scan_id"] = scan["id"].clone();
         service.post_json("/v1/measurements", &order).expect(201);

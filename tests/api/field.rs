@@ -2,7 +2,7 @@
 //! to do. Right is an error within 2.5 of the stated standard uncertainties. Which axis directions are found is tested in
 //! `tests/field.rs`.
 
-use crate::harness::{Answer, Running, start};
+use crate::api::harness::{Answer, Running, start};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -225,7 +225,7 @@ fn what_cannot_be_unpacked_is_the_clients_matter_and_says_what_is_read() {
         assert!(problem["detail"].as_str().expect("text").contains("gzip"), "{problem}");
     }
     // The checksum at the end of gzip, damaged; a table in a zip archive.
-    let mut gzip = crate::bodies::gzip(&csv);
+    let mut gzip = crate::api::bodies::gzip(&csv);
     let last = gzip.len() - 6;
     gzip[last] ^= 1;
     service.post("/v1/measurements", &gzip).problem(422, "compression_invalid");

@@ -1,9 +1,9 @@
 //! What is kept is checked: files of scans against their ids, records against their form, the database against the count of its
 //! commits; and what was found wrong is said so.
 
-use crate::bodies::exact_csv;
-use crate::cell::id;
-use crate::harness::{Folder, Running, start, start_on, start_with};
+use crate::api::bodies::exact_csv;
+use crate::api::harness::{Folder, Running, start, start_on, start_with};
+use crate::timed::cell::id;
 use coaxis::store::{Precondition, Store};
 use serde_json::json;
 use std::io::Write;

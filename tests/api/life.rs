@@ -1,7 +1,7 @@
 //! Starting, stopping, starting again; what probes and pollers see.
 
-use crate::bodies::exact_csv;
-use crate::harness::{Folder, rest, start, start_on};
+use crate::api::bodies::exact_csv;
+use crate::api::harness::{Folder, rest, start, start_on};
 use insta::assert_json_snapshot;
 use serde_json::{Value, json};
 use std::io::{Read, Write};

@@ -1,7 +1,7 @@
 //! Too much and too slow: refused with the limit in the problem, and the service goes on.
 
-use crate::bodies::{exact_csv, gzip, large_npy};
-use crate::harness::{BLOCKING_THREADS, rest, start, start_with};
+use crate::api::bodies::{exact_csv, gzip, large_npy};
+use crate::api::harness::{BLOCKING_THREADS, rest, start, start_with};
 use std::io::{Read, Write};
 use std::sync::Barrier;
 use std::time::Duration;

@@ -1,7 +1,7 @@
 //! Measuring, repeating, recalling.
 
-use crate::bodies::{csv, exact_csv};
-use crate::harness::{Running, start};
+use crate::api::bodies::{csv, exact_csv};
+use crate::api::harness::{Running, start};
 use insta::{assert_json_snapshot, assert_snapshot, rounded_redaction};
 use serde_json::{Value, json};
 
@@ -67,7 +67,7 @@ fn the_same_bytes_give_the_same_numbers_from_upload_and_from_the_kept_scan() {
 #[test]
 fn a_refusal_is_a_record_with_its_reason_and_no_pose() {
     let (service, _folder) = start();
-    let scan = crate::bodies::csv((0..30).map(|i| (0, [0.0, f64::from(i), (900.0 - f64::from(i * i)).sqrt()])));
+    let scan = crate::api::bodies::csv((0..30).map(|i| (0, [0.0, f64::from(i), (900.0 - f64::from(i * i)).sqrt()])));
     let measurement = service.post("/v1/measurements", &scan).expect(201);
     assert_eq!(measurement["verdict"], "refused");
     assert_eq!(measurement["refusal"]["code"], "too_few_profiles");

@@ -1,8 +1,8 @@
 //! Large uploads, which are read while they come in: the same answers as from a kept scan, whatever the client does on the
 //! way.
 
-use crate::bodies::{encoded, exact_csv, gzip, large_npy};
-use crate::harness::{Folder, Running, rest, start, start_with};
+use crate::api::bodies::{encoded, exact_csv, gzip, large_npy};
+use crate::api::harness::{Folder, Running, rest, start, start_with};
 use coaxis::estimation::{Method, Progress, Settings};
 use coaxis::http::MeasurementDocument;
 use coaxis::scan::decode::{Format, Limits};

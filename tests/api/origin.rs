@@ -1,9 +1,9 @@
 //! What a request says about where it goes and where it comes from: pages of other sites get nothing done, programs and the
 //! service's own pages do.
 
-use crate::bodies::exact_csv;
-use crate::cell::{FAST, Line, untouched};
-use crate::harness::{Answer, start, start_with};
+use crate::api::bodies::exact_csv;
+use crate::api::harness::{Answer, start, start_with};
+use crate::timed::cell::{FAST, Line, untouched};
 
 const HOSTILE: &str = "http://attacker.example";
 

@@ -1,7 +1,7 @@
 //! Several parts in one scan: each with its pose, verdict, profiles and pictures, and what a recipe may say about them.
 
-use crate::bodies::{exact_csv, two_parts_csv};
-use crate::harness::{Folder, Running, start, start_on};
+use crate::api::bodies::{exact_csv, two_parts_csv};
+use crate::api::harness::{Folder, Running, start, start_on};
 use insta::{assert_json_snapshot, rounded_redaction};
 use serde_json::{Value, json};
 

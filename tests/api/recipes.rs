@@ -1,7 +1,7 @@
 //! Recipes: putting, replacing what one has seen, measuring with them.
 
-use crate::bodies::{encoded, exact_csv};
-use crate::harness::start;
+use crate::api::bodies::{encoded, exact_csv};
+use crate::api::harness::start;
 use coaxis::geometry::AxisLine;
 use coaxis::scan::decode::Format;
 use coaxis::scan::synthetic::{Edge, Edges, Part};
@@ -52,8 +52,8 @@ fn what_cannot_be_is_refused_when_the_recipe_is_put() {
 
 #[test]
 fn the_request_holds_over_the_recipe_and_the_recipe_over_the_configuration() {
-    let folder = crate::harness::Folder::new();
-    let service = crate::harness::start_on(&folder, |config| {
+    let folder = crate::api::harness::Folder::new();
+    let service = crate::api::harness::start_on(&folder, |config| {
         config.estimation.points_min = 25;
         config.estimation.arc_min_deg = 50.0;
     });

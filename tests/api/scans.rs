@@ -1,7 +1,7 @@
 //! Keeping scans and handing them out.
 
-use crate::bodies::{exact_csv, gzip};
-use crate::harness::start;
+use crate::api::bodies::{exact_csv, gzip};
+use crate::api::harness::start;
 use insta::assert_json_snapshot;
 
 #[test]

@@ -1,7 +1,7 @@
 //! Every kind of wrong upload gets its own clear problem, leaves nothing behind, and the service goes on.
 
-use crate::bodies::{csv, encoded, exact_csv};
-use crate::harness::{Answer, start};
+use crate::api::bodies::{csv, encoded, exact_csv};
+use crate::api::harness::{Answer, start};
 use coaxis::scan::decode::Format;
 use coaxis::scan::synthetic::Part;
 use serde_json::json;

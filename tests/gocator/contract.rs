@@ -1,6 +1,6 @@
 //! The sensor behind its protocol keeps the contract that every adaptor keeps, in every form of its output.
 
-use crate::sensor::{STEP_MM, sensor, serve, settings, taken, view};
+use super::sensor::{STEP_MM, sensor, serve, settings, taken, view};
 use coaxis::device::contract::motion::check_sensor_scan;
 use coaxis::device::contract::{Report, check_sensor};
 use coaxis::device::gocator::server::Form;

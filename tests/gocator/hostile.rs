@@ -1,6 +1,6 @@
 //! Any bytes into the reader: never a panic, never more memory than there are bytes.
 
-use crate::golden::{POINT_CLOUD, UNIFORM, health};
+use super::golden::{POINT_CLOUD, UNIFORM, health};
 use coaxis::device::gocator::codec::{
     CodecError, Identity, Message, Reply, Request, SensorState, Splitter, Version, decode,
 };
@@ -93,7 +93,7 @@ fn counts_that_the_bytes_do_not_back_are_refused() {
 #[test]
 fn frames_come_out_the_same_however_the_stream_is_cut() {
     let stream = [POINT_CLOUD, UNIFORM, POINT_CLOUD].concat();
-    let whole = crate::golden::frames(&stream);
+    let whole = super::golden::frames(&stream);
     assert_eq!(whole.len(), 7);
     for piece in 1..=stream.len() {
         let (mut splitter, mut found) = (Splitter::new(1 << 20), Vec::new());

@@ -1,6 +1,6 @@
 //! Client and simulated sensor on loopback: what was sent arrives, and what goes wrong has its name.
 
-use crate::sensor::{POINTS, PROFILES, SERIAL, STEP_MM, impatient, sensor, serve, serve_told, settings, taken, view};
+use super::sensor::{POINTS, PROFILES, SERIAL, STEP_MM, impatient, sensor, serve, serve_told, settings, taken, view};
 use coaxis::device::gocator::codec::{Generation, Reply, Status, indicator};
 use coaxis::device::gocator::server::{Faults, Form, ScanSource, Taken, View};
 use coaxis::device::gocator::{Gocator, Settings, Travel};
@@ -109,7 +109,7 @@ async fn several_clients_hear_the_same_scan() {
         bytes
     });
     scan(&mut sensor(&settings(&server))).await.expect("whole");
-    let frames = crate::golden::frames(&listened.await.expect("a task"));
+    let frames = super::golden::frames(&listened.await.expect("a task"));
     assert_eq!(frames.len(), 2 * PROFILES);
 }
 
@@ -287,12 +287,12 @@ async fn a_connection_that_is_gone_is_said_and_made_anew() {
 async fn the_makers_handshake_is_answered() {
     let server = serve(view(Form::PointCloud), taken(), None).await;
     let mut client = TcpStream::connect(("127.0.0.1", server.ports().control)).await.expect("there");
-    client.write_all(&crate::golden::bytes("10000000 00000000 0011000000000000")).await.expect("sent");
+    client.write_all(&super::golden::bytes("10000000 00000000 0011000000000000")).await.expect("sent");
     let mut answer = [0; 10];
     client.read_exact(&mut answer).await.expect("answered");
     assert_eq!(Reply::decode(&answer).expect("a reply").status, Status::INVALID_COMMAND);
-    client.write_all(&crate::golden::bytes("06000000 1145")).await.expect("sent");
+    client.write_all(&super::golden::bytes("06000000 1145")).await.expect("sent");
     let mut answer = [0; 12];
     client.read_exact(&mut answer).await.expect("answered");
-    assert_eq!(answer.to_vec(), crate::golden::bytes("0c000000 1145 01000000 65 04"));
+    assert_eq!(answer.to_vec(), super::golden::bytes("0c000000 1145 01000000 65 04"));
 }

@@ -1,6 +1,6 @@
 //! A scan over the wire gives the pose that the same scan gives as it is.
 
-use crate::sensor::{above, sensor, serve, settings};
+use super::sensor::{above, sensor, serve, settings};
 use coaxis::device::ProfileSensor;
 use coaxis::device::gocator::server::{Form, View, taken_from};
 use coaxis::device::gocator::{Settings, Travel};

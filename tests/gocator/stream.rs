@@ -1,9 +1,10 @@
 //! The sensor at its fastest: 5000 profiles a second of 1280 points, read by one thread. Processor time is asserted and not
 //! time on the wall, which other work on the machine takes from us; both are printed.
 //!
-//! `COAXIS_PROFILES=50000 cargo test --test gocator stream -- --nocapture --test-threads 1`
+//! `COAXIS_PROFILES=50000 cargo test --test all gocator::stream -- --nocapture --test-threads 1`
 
-use crate::sensor::{sensor, serve_source, settings, view};
+use super::sensor::{sensor, serve_source, settings, view};
+use crate::made::count;
 use coaxis::device::gocator::server::{Form, Source, Taken};
 use coaxis::device::gocator::{Settings, Travel};
 use coaxis::device::{Pending, ProfileSensor};
@@ -82,7 +83,7 @@ fn read_stream(profiles_count: u64, rate_hz: Option<f64>) -> [f64; 2] {
 
 #[test]
 fn one_thread_reads_the_sensor_at_its_fastest() {
-    let profiles_count = std::env::var("COAXIS_PROFILES").ok().and_then(|text| text.parse().ok()).unwrap_or(5_000);
+    let profiles_count = count("COAXIS_PROFILES", 5_000);
     for rate_hz in [Some(RATE_HZ), None] {
         let [wall_s, processor_s] = read_stream(profiles_count, rate_hz);
         let pace = rate_hz.map_or("flat out".to_owned(), |rate| format!("at {rate} Hz"));

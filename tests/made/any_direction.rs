@@ -1,5 +1,7 @@
 //! Compares a pose with a true axis that may lie in any direction of the coordinates of the scan.
 
+#![expect(clippy::expect_used, reason = "a test may fail")]
+
 use coaxis::estimation::Pose;
 use coaxis::geometry::{Axis, AxisLine, Frame};
 use nalgebra::{Matrix5, Vector3};

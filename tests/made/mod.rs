@@ -1,6 +1,9 @@
 //! What the tests on synthetic parts share: how many of them, and how far an answer is from the truth. Truth comes from the
 //! maker of the parts, never from an estimate.
 
+pub(crate) mod any_direction;
+pub(crate) mod uploaded;
+
 use coaxis::estimation::Pose;
 use coaxis::scan::synthetic::Truth;
 

@@ -1,6 +1,8 @@
 //! A synthetic scan on the path of an uploaded file: missing values and repeated profiles are removed, points are grouped into
 //! profiles, and the pose is compared with the truth of the generator in the coordinates in which it is stated.
 
+#![expect(clippy::expect_used, reason = "a test may fail")]
+
 use super::any_direction::{Compared, compared, in_frame};
 use coaxis::estimation::{Outcome, Progress, Settings, estimate};
 use coaxis::geometry::{Axis, AxisLine, Frame};

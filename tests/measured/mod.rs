@@ -1,6 +1,6 @@
 //! Files measured as the service does it: read, cleaned of missing values, grouped and estimated.
 
-#![allow(dead_code, reason = "every test uses some of it")]
+#![expect(clippy::expect_used, reason = "a test may fail")]
 
 use coaxis::estimation::{Estimate, Outcome, Pose, Progress, Settings, Warning, estimate};
 use coaxis::geometry::Axis;

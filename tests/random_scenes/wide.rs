@@ -1,8 +1,8 @@
 //! Scenes drawn from everything that can be simulated, measured as an uploaded file is: missing values and repeated profiles
 //! are removed, points are grouped into profiles, and the axis may lie in any direction.
 
-use super::uploaded::Upload;
 use super::{Chance, Fate, scene, wrong_or_right};
+use crate::made::uploaded::Upload;
 use coaxis::estimation::{Orientation, Settings};
 use coaxis::geometry::Frame;
 use coaxis::scan::synthetic::{

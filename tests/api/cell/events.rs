@@ -1,7 +1,7 @@
 //! Events: numbered without a gap, by polling and as a stream, both the same and both resumable.
 
 use super::{FAST, Line};
-use crate::harness::{Folder, Running, start_on, start_with};
+use crate::api::harness::{Folder, Running, start_on, start_with};
 use coaxis::config::Config;
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Write};

@@ -3,7 +3,7 @@
 //! as it is printed.
 
 use super::restart::{end, serve_with};
-use crate::harness::{Folder, Running, at};
+use crate::api::harness::{Folder, Running, at};
 use coaxis::device::ProfileSensor;
 use coaxis::device::gocator::{Gocator, Settings};
 use serde_json::{Value, json};

@@ -1,7 +1,7 @@
 //! The lease: one at a time, renewed by use, its running out stops what it moves, and its fence never goes back.
 
 use super::{FAST, Line, REAL, id, untouched, untouched_with};
-use crate::harness::{Folder, start_on};
+use crate::api::harness::{Folder, start_on};
 use serde_json::json;
 
 #[test]

@@ -1,6 +1,8 @@
 //! The cell from outside: a service on simulated devices, made ready the way a client does it. Truth comes from the simulated
 //! part.
 
+#![expect(clippy::expect_used, clippy::panic, clippy::indexing_slicing, reason = "tests may fail")]
+
 mod events;
 mod health;
 mod laser;
@@ -11,7 +13,7 @@ mod restart;
 mod stop;
 mod story;
 
-use crate::harness::{Answer, Folder, Running, start_with};
+use crate::api::harness::{Answer, Folder, Running, start_with};
 use coaxis::config::Config;
 use coaxis::geometry::AxisLine;
 use serde_json::{Value, json};

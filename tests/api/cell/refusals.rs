@@ -1,7 +1,7 @@
 //! What the cell refuses, and that nothing was sent then: every reason by its code, with the numbers behind it.
 
 use super::{FAST, Line, REAL, id, untouched};
-use crate::harness::start;
+use crate::api::harness::start;
 use serde_json::{Value, json};
 
 #[test]
@@ -228,22 +228,22 @@ fn homing_what_has_its_references_makes_no_plan_stale() {
 
 #[test]
 fn bytes_that_are_sent_again_are_as_fresh_as_their_last_upload() {
-    let folder = crate::harness::Folder::new();
+    let folder = crate::api::harness::Folder::new();
     let with_cell = |config: &mut coaxis::config::Config| {
         config.cell.enabled = true;
         config.cell.simulated.time_factor = FAST;
     };
-    let csv = crate::bodies::exact_csv();
+    let csv = crate::api::bodies::exact_csv();
     let order = |measured: &Value| {
         json!({"measurement_id": id(measured),
             "target": {"deflection_deg": 0.3, "pitch_deg": 1.0, "y_c0_mm": -7.0, "z_c0_mm": 6.0}})
     };
-    let service = crate::harness::start_on(&folder, with_cell);
+    let service = crate::api::harness::start_on(&folder, with_cell);
     let before = service.post("/v1/measurements", &csv).expect(201);
     service.stop();
-    let service = crate::harness::start_on(&folder, with_cell);
+    let service = crate::api::harness::start_on(&folder, with_cell);
     super::until(&service, "/v1/cell", |cell| cell["state"] == "idle");
-    let again = |service: &crate::harness::Running| {
+    let again = |service: &crate::api::harness::Running| {
         service.post_json("/v1/measurements", &json!({"scan_id": before["provenance"]["scan_id"]})).expect(201)
     };
     for old in [&before, &again(&service)] {

@@ -17,7 +17,7 @@ fn a_repeated_move_is_one_move() {
     assert_eq!(line.service.get("/v1/moves").expect(200)["moves"].as_array().map(Vec::len), Some(1));
     line.post("/v1/measurements", &json!({"source": "sensor", "request_id": "part-1"}))
         .problem(422, "request_id_reused");
-    let csv = crate::bodies::exact_csv();
+    let csv = crate::api::bodies::exact_csv();
     line.service.post("/v1/measurements?format=csv&request_id=part-1", &csv).problem(422, "request_id_reused");
 }
 

@@ -1,6 +1,6 @@
 //! The service dies in the middle of a move: the next one says so, moves nothing, and has the record of what was commanded.
 
-use crate::harness::{Folder, at};
+use crate::api::harness::{Folder, at};
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};

@@ -1,14 +1,14 @@
-//! The service from outside: one binary that starts it on a free port with a store of its own, and talks HTTP over loopback.
+//! The service from outside: started on a free port with a store of its own, and asked by HTTP over loopback.
+//! Tests of a cell, in `cell`, are declared among those with deadlines in `tests/main.rs`.
 
 #![expect(clippy::expect_used, clippy::panic, clippy::indexing_slicing, reason = "tests may fail")]
 
-mod bodies;
-mod cell;
+pub(crate) mod bodies;
 mod command;
 mod crowded;
 mod documents;
 mod field;
-mod harness;
+pub(crate) mod harness;
 mod kept;
 mod life;
 mod limits;
