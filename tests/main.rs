@@ -44,8 +44,10 @@ mod devices {
 /// The program as a command, and what the project holds itself to.
 #[path = "."]
 mod project {
+    mod api_policy;
     mod architecture;
     mod command;
+    mod cycles;
     mod files;
     mod licences;
 }

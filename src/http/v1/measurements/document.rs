@@ -199,7 +199,7 @@ pub struct ProvenanceDocument {
     /// Always null: there are no calibrations yet.
     pub calibration_id: Option<String>,
     /// What measured it.
-    #[schema(example = "coaxis 0.1.0")]
+    #[schema(example = json!(concat!("coaxis ", env!("CARGO_PKG_VERSION"))))]
     pub software: String,
 }
 
