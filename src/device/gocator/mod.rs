@@ -23,3 +23,39 @@ pub use extrinsic::{Extrinsic, ExtrinsicError, Placement};
 pub use link::{Gocator, open};
 pub use settings::{Deadlines, Settings, SettingsError};
 pub use travel::{Travel, TravelError};
+
+/// The way into the private parts for the fuzz targets.
+#[cfg(fuzzing)]
+pub mod fuzzing {
+    use super::assembly::Assembly;
+    use super::codec::{Message, Splitter, decode};
+    use super::drops::Wellness;
+    use super::{Placement, Travel};
+    use crate::device::Profile;
+
+    /// The profiles that a stream of frames shows, up to the first message that is no part of a scan.
+    pub fn assemble(
+        stream: &[u8],
+        frame_bytes_max: usize,
+        placement: Placement,
+        travel: Travel,
+        expected_count: u64,
+    ) -> Vec<Profile> {
+        let mut splitter = Splitter::new(frame_bytes_max);
+        splitter.room().extend_from_slice(stream);
+        let mut assembly = Assembly::new(placement, travel, expected_count);
+        let mut wellness = Wellness::default();
+        wellness.begin_scan();
+        while let Ok(Some(frame)) = splitter.next_frame() {
+            let Ok(framed) = decode(frame) else { break };
+            if let Message::Health(health) = &framed.message {
+                wellness.take(health);
+            }
+            if assembly.take(&framed).is_err() {
+                break;
+            }
+        }
+        let _ = (wellness.fault(), wellness.temperature_c());
+        assembly.take_ready()
+    }
+}

@@ -32,5 +32,38 @@ pub fn open(name: &str, settings: &Settings) -> Result<Box<dyn Manipulator>, Set
     Ok(Box::new(OpcuaManipulator::new(name, settings)?))
 }
 
+/// The way into the private parts for the fuzz targets.
+#[cfg(fuzzing)]
+pub mod fuzzing {
+    use super::server::image;
+    use super::{codec, layout::Node, plausible};
+    use crate::device::{Reading, States};
+    use opcua::types::{BinaryDecodable, ContextOwned, DataValue, DateTime};
+
+    /// What is read from an answer in which values are replaced by those of `bytes`: the number of the value, then the value in
+    /// OPC UA's binary encoding, and so on.
+    pub fn read(mut bytes: &[u8], valid: &Reading) -> Option<Reading> {
+        let codes = States::default().codes();
+        let value = |node| image::value(node, valid, 8, codes).map(|value| (node, DataValue::from(value)));
+        let mut values: Vec<_> = Node::reading().filter_map(value).collect();
+        let mut written: Vec<_> =
+            plausible::asked_of_commands().into_iter().map(|(node, _)| (node, DataValue::null())).collect();
+        let (owned, mut count) = (ContextOwned::default(), 0);
+        while let Some((index, rest)) = bytes.split_first().filter(|_| count < 64) {
+            bytes = rest;
+            let Ok(value) = DataValue::decode(&mut bytes, &owned.context()) else { break };
+            let of = usize::from(index & 0x7F);
+            let list = if index & 0x80 == 0 { &mut values } else { &mut written };
+            if let Some((_, place)) = list.get_mut(of) {
+                *place = value;
+            }
+            count += 1;
+        }
+        let _ = (codec::whole(&values), codec::age(&values, &DateTime::null()), plausible::units(&values));
+        let _ = (plausible::writable(&written), image::command(&written));
+        codec::reading(&values, codes).ok()
+    }
+}
+
 #[cfg(test)]
 mod tests;
