@@ -5,12 +5,7 @@
 //! `COAXIS_SEEDS=300 cargo test --release --test all field_kinds:: -- --nocapture` prints the table of docs/accuracy.md;
 //! `COAXIS_DENSITY=4` takes four times as many profiles and points, which shows errors that do not average out.
 
-#![expect(
-    clippy::expect_used,
-    clippy::indexing_slicing,
-    clippy::print_stdout,
-    reason = "a test may fail, and says what it saw"
-)]
+#![expect(clippy::indexing_slicing, clippy::print_stdout, reason = "a test may fail, and says what it saw")]
 
 use crate::made::any_direction::Compared;
 use crate::made::count;

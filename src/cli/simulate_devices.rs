@@ -221,10 +221,6 @@ fn read(path: &Path) -> Result<Scan, Box<dyn Error>> {
     Ok(slice(cloud, &SliceRequest::default(), &limits)?)
 }
 
-#[cfg(feature = "opcua")]
-#[cfg(feature = "opcua")]
-#[cfg(feature = "opcua")]
-
 /// Serve a made PLC with two manipulators and a stage, until it is ended. It moves nothing but numbers
 #[derive(Debug, clap::Args)]
 #[group(id = "protocols", required = true, multiple = true)]

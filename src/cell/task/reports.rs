@@ -31,7 +31,7 @@ impl CellTask {
                 self.note(EventKind::Resolved { device, sequence, taken });
             }
             DriverEvent::Profiles { received_count } => {
-                self.step_scan(|scanning, now| scanning.received(now, received_count))
+                self.step_scan(|scanning, now| scanning.received(now, received_count));
             }
             DriverEvent::ScanEnded { result } => self.step_scan(|scanning, _| scanning.ended(result)),
         }

@@ -167,8 +167,6 @@ impl Default for ScanPath {
     }
 }
 
-#[cfg(feature = "opcua")]
-
 /// Registers between two manipulators of one PLC.
 const MODBUS_STRIDE: u16 = 256;
 

@@ -188,8 +188,8 @@ impl Settings {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use super::super::security::Policy;
+    use super::*;
     use crate::device::StateCodes;
 
     fn refused(change: impl Fn(&mut Settings)) -> String {

@@ -4,7 +4,6 @@ use super::recipe::RecipeName;
 use std::sync::Arc;
 
 use jiff::Timestamp;
-use serde::Serialize;
 
 use super::state::Measuring;
 use crate::service::background::run_blocking;

@@ -57,7 +57,7 @@ impl Operating {
             match self.write_down(beginning).await {
                 Ok(act) => self.conclude(&act.job, JobStatus::Done, None).await,
                 Err(error) if self.shared.shutdown.has_begun() => {
-                    tracing::error!(%error, "{count} stops are not recorded")
+                    tracing::error!(%error, "{count} stops are not recorded");
                 }
                 Err(error) => {
                     tracing::warn!(%error, "{count} stops are not recorded yet; it is tried again");

@@ -2,11 +2,11 @@
 
 use crate::cell::Devices;
 use crate::config::{Cell as CellConfig, Manipulator, ManipulatorAdaptor, SensorAdaptor, StageAdaptor};
-use crate::device::simulated::{SettingError, World};
-use crate::device::{self, ProfileSensor, Stage, gocator, modbus, opcua};
-use crate::motion::{Carrier, Pair};
-
 #[cfg(feature = "opcua")]
+use crate::device::opcua;
+use crate::device::simulated::{SettingError, World};
+use crate::device::{self, ProfileSensor, Stage, gocator, modbus};
+use crate::motion::{Carrier, Pair};
 
 /// What a cell is made of.
 pub struct Equipment {

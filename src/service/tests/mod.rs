@@ -12,7 +12,7 @@ use crate::scan::synthetic::{Part, make};
 use crate::store::{Filter, Page};
 use std::path::PathBuf;
 use std::sync::atomic::AtomicU32;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::Ordering;
 use std::sync::mpsc;
 use tokio::task::JoinHandle;
 

@@ -255,8 +255,6 @@ fn chain(error: &dyn Error) -> String {
     text
 }
 
-/// After this another try may be worth it, seconds.
-
 impl From<Refusal> for Problem {
     fn from(refusal: Refusal) -> Self {
         use Refusal as R;
