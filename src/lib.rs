@@ -20,7 +20,7 @@
 //! ```
 //!
 //! Read the modules in the order in which data pass: geometry, scan, estimation, plot, motion, device, cell, store, config, service,
-//! http, cli. None imports a later one, and no files import each other in a circle: `tests/architecture.rs` reads the imports. The
+//! http, cli. None imports a later one (`tests/architecture.rs`), and no files import each other in a circle (`tests/cycles.rs`). The
 //! first five are the crate `coaxis-calculation` in src/calculation, which is re-exported here: it neither waits, logs nor reads a
 //! clock, and random numbers come from seeds.
 

@@ -1,7 +1,7 @@
 //! Holds the code to the architecture: which module may import which, where waiting, HTTP, clock and chance may stand, and how
 //! long a file may be. Reads the sources as text.
 
-#![expect(clippy::expect_used, reason = "a test may fail")]
+#![expect(clippy::expect_used, clippy::panic, reason = "a test may fail")]
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -130,4 +130,34 @@ fn every_file_says_what_it_is_for_and_stays_short() {
         let lines_count = text.lines().count();
         assert!(lines_count <= LINES_BEFORE_TESTS_MAX, "{} has {lines_count} lines before its tests", path.display());
     }
+}
+
+/// The table of constants in docs/estimation.md names the files that define them.
+#[test]
+fn every_documented_constant_stands_in_the_file_that_the_table_names() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let page = fs::read_to_string(root.join("docs/estimation.md")).expect("the page");
+    let mut code = String::new();
+    let mut named_count = 0;
+    for row in page.lines() {
+        let Some(cell) = row.strip_prefix("| ").and_then(|row| row.split(" | ").next()) else { continue };
+        let names = || cell.split('`').skip(1).step_by(2);
+        if cell.starts_with("**`") {
+            let folder = names().next().and_then(|file| file.rsplit_once('/')).map_or("", |(folder, _)| folder);
+            let place = |file: &str| match file.contains('/') {
+                true => root.join("src/calculation/estimation").join(file),
+                false => root.join("src/calculation/estimation").join(folder).join(file),
+            };
+            let text = |file| fs::read_to_string(place(file)).unwrap_or_else(|error| panic!("{cell}: {file}: {error}"));
+            code = names().map(text).collect();
+        } else if !code.is_empty() {
+            let constants =
+                names().filter(|name| name.bytes().all(|c| c.is_ascii_uppercase() || c.is_ascii_digit() || c == b'_'));
+            for name in constants.filter(|name| name.len() > 1) {
+                named_count += 1;
+                assert!(code.contains(&format!("const {name}: ")), "{name} is not in the file that stands above {row}");
+            }
+        }
+    }
+    assert!(named_count > 100, "only {named_count} constants were found in the table");
 }

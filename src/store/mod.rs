@@ -37,7 +37,7 @@ pub use plans::{InsertedPlan, ListedPlan, PlanRow};
 pub use repository::{Store, Usage};
 pub use rows::{
     AnsweredRequest, Counts, Filter, Inserted, MeasurementRow, NewMeasurement, NewestMeasurement, Precondition,
-    PutRecipe, RecipeRow, RecordedScan, RequestKey, ScanRow,
+    PutRecipe, RecipeRow, RecordedScan, RequestKey, ScanRow, hex,
 };
 pub use scan_files::{CompleteScan, ScanFollower, ScanPart, ScanTrail, ScanWriter};
 

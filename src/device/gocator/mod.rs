@@ -29,7 +29,7 @@ pub use travel::{Travel, TravelError};
 pub mod fuzzing {
     use super::assembly::Assembly;
     use super::codec::{Message, Splitter, decode};
-    use super::drops::Wellness;
+    use super::health::HealthStatus;
     use super::{Placement, Travel};
     use crate::device::Profile;
 
@@ -44,7 +44,7 @@ pub mod fuzzing {
         let mut splitter = Splitter::new(frame_bytes_max);
         splitter.room().extend_from_slice(stream);
         let mut assembly = Assembly::new(placement, travel, expected_count);
-        let mut wellness = Wellness::default();
+        let mut wellness = HealthStatus::default();
         wellness.begin_scan();
         while let Ok(Some(frame)) = splitter.next_frame() {
             let Ok(framed) = decode(frame) else { break };

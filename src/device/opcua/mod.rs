@@ -35,8 +35,8 @@ pub fn open(name: &str, settings: &Settings) -> Result<Box<dyn Manipulator>, Set
 /// The way into the private parts for the fuzz targets.
 #[cfg(fuzzing)]
 pub mod fuzzing {
-    use super::server::image;
-    use super::{codec, layout::Node, plausible};
+    use super::server::plc;
+    use super::{codec, layout::Node, nodes};
     use crate::device::{Reading, States};
     use opcua::types::{BinaryDecodable, ContextOwned, DataValue, DateTime};
 
@@ -44,10 +44,10 @@ pub mod fuzzing {
     /// OPC UA's binary encoding, and so on.
     pub fn read(mut bytes: &[u8], valid: &Reading) -> Option<Reading> {
         let codes = States::default().codes();
-        let value = |node| image::value(node, valid, 8, codes).map(|value| (node, DataValue::from(value)));
+        let value = |node| plc::value(node, valid, 8, codes).map(|value| (node, DataValue::from(value)));
         let mut values: Vec<_> = Node::reading().filter_map(value).collect();
         let mut written: Vec<_> =
-            plausible::asked_of_commands().into_iter().map(|(node, _)| (node, DataValue::null())).collect();
+            nodes::asked_of_commands().into_iter().map(|(node, _)| (node, DataValue::null())).collect();
         let (owned, mut count) = (ContextOwned::default(), 0);
         while let Some((index, rest)) = bytes.split_first().filter(|_| count < 64) {
             bytes = rest;
@@ -59,8 +59,8 @@ pub mod fuzzing {
             }
             count += 1;
         }
-        let _ = (codec::whole(&values), codec::age(&values, &DateTime::null()), plausible::units(&values));
-        let _ = (plausible::writable(&written), image::command(&written));
+        let _ = (codec::whole(&values), codec::age(&values, &DateTime::null()), nodes::units(&values));
+        let _ = (nodes::writable(&written), plc::command(&written));
         codec::reading(&values, codes).ok()
     }
 }

@@ -85,7 +85,7 @@ pub(in crate::http) struct MoveDocument {
 
 /// Why something ended.
 #[derive(Debug, Serialize, ToSchema)]
-#[schema(as = EndReason)]
+#[schema(as = Ending)]
 pub(in crate::http) struct EndingDocument {
     /// A short word.
     #[schema(example = "stop_requested")]

@@ -12,7 +12,7 @@ use crate::service::acquisition::Acquisition;
 use crate::service::compute::Place;
 use crate::service::document;
 use crate::service::error::ServiceError;
-use crate::store::{CompleteScan, Inserted, MeasurementRow, NewMeasurement, RequestKey, ScanRow};
+use crate::store::{CompleteScan, Inserted, MeasurementRow, NewMeasurement, RequestKey, ScanRow, hex};
 
 use super::order::{Answer, MeasurementOrder, Origin, ResolvedOrder};
 use super::points::{Context, PointFile, Points};
@@ -61,7 +61,7 @@ pub(in crate::service) fn fingerprint_of<T: Serialize>(subject: &str, order: &T)
     // No order has a value that JSON could not hold; should it, the request would merely not be recognised again.
     let asked = serde_json::to_string(order).unwrap_or_default();
     let digest = Sha256::new().chain_update(subject).chain_update([0]).chain_update(asked).finalize();
-    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+    hex(&digest)
 }
 
 impl Measuring {

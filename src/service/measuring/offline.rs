@@ -5,6 +5,7 @@ use std::io::{self, BufReader, Cursor, Read};
 use std::sync::mpsc;
 use std::thread::{self, JoinHandle};
 
+use crate::store::hex;
 use sha2::{Digest, Sha256};
 
 use crate::estimation::{Profile, Progress};
@@ -103,7 +104,7 @@ fn hash_along() -> io::Result<(JoinHandle<String>, HandOn)> {
             // Whoever reads no more has no use for it.
             let _ = give_back.send(block);
         }
-        hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+        hex(&hash.finalize())
     };
     let digest = thread::Builder::new().name("hash".to_owned()).spawn(work)?;
     let hand_on = move |block| {

@@ -33,7 +33,7 @@ use crate::service::measuring::recipe::RecipeName;
 use crate::service::measuring::record::{Calculated, Identity, Measurement};
 use crate::service::memory::Claim;
 use crate::service::unwritten::{End, MeasuredScan, Points};
-use crate::store::{Listing, Page, RequestKey, ScanRow};
+use crate::store::{Listing, Page, RequestKey, ScanRow, hex};
 
 /// A measurement by the sensor as it is kept beside its result.
 pub type SensorScan = JobRecord<SensorOrder>;
@@ -84,7 +84,7 @@ async fn encoded(cloud: Cloud) -> Result<(Vec<u8>, String), ServiceError> {
         let mut bytes = Vec::new();
         // Memory takes whatever is written to it.
         let _ = encode_cloud(&cloud, &mut bytes);
-        let sha256_hex = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
+        let sha256_hex = hex(&Sha256::digest(&bytes));
         Ok((bytes, sha256_hex))
     })
     .await

@@ -168,8 +168,9 @@ fn acknowledged_records_and_scans_survive_being_killed() {
 
 /// What the process had acknowledged when it was gone.
 fn kill_after(answers: usize, round: usize, folder: &TempFolder) -> Vec<String> {
+    let (_crate, module) = module_path!().split_once("::").unwrap();
     let mut victim = Command::new(env::current_exe().unwrap())
-        .args(["--exact", "store::tests::crash::victim", "--nocapture", "--test-threads=1"])
+        .args(["--exact", &format!("{module}::victim"), "--nocapture", "--test-threads=1"])
         .env(VICTIM[0], folder.path())
         .env(VICTIM[1], round.to_string())
         .stdout(Stdio::piped())
