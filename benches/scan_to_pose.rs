@@ -1,8 +1,8 @@
-//! What a user waits for: reading a scan in each format, and estimating with each method, beside the time of adding up
-//! the same coordinates once on one thread. Prints a table; `cargo bench` runs it, `cargo bench --bench scan_to_pose --
-//! cylinder` only the rows whose name holds the word.
+//! Times of decoding a scan in each format and of estimating with each method, relative to the time of one summation of
+//! the same coordinates on one thread. Prints a table; `cargo bench` runs it, `cargo bench --bench scan_to_pose --
+//! cylinder` only the rows whose name contains the word.
 //!
-//! Everything is timed in turns in one run and quoted as the median ratio to the sum of the same round, since machines are
+//! All times are measured in turns in one run and printed as the median ratio to the sum of the same round, because machines are
 //! shared and noisy.
 
 #![expect(clippy::print_stdout, reason = "a benchmark prints")]
@@ -20,7 +20,7 @@ use std::hint::black_box;
 use yardstick::{POINTS_COUNT, PROFILES_COUNT, large_part, large_scan, median, narrowed, sum, timed};
 
 const ROUNDS_COUNT: usize = 7;
-/// The same of a scan that takes a twenty-fifth of the time.
+/// Rounds for a scan that takes a twenty-fifth of the time.
 const SHORT_ROUNDS_COUNT: usize = 101;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -58,7 +58,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         report(&name, 0, &single, ROUNDS_COUNT, || estimate(&single, &settings, &Progress::default()).profiles.len());
     }
     drop((single, double));
-    // Every point has an x of its own; in the cloud no two neighbours belong together.
+    // Every point has its own x; in the cloud no two successive points are neighbours.
     let tilted = Part { laser_plane: LaserPlane { about_y_deg: 3.0, about_z_deg: 0.0 }, ..large_part() };
     let million = Part { profiles_count: 1250, points_count: 800, spike_ratio: 0.005, ..Part::with_interference(1) };
     for (part, frame, name) in [
@@ -74,7 +74,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let settings = Settings { method: Method::Cylinder, orientation, ..Settings::default() };
         report(name, 0, &scan, ROUNDS_COUNT, || estimate(&scan, &settings, &Progress::default()).profiles.len());
     }
-    // What does not grow with the scan shows on a short one.
+    // A short scan shows the time that does not depend on the size of the scan.
     let short = Part { spike_ratio: 0.005, ..Part::with_interference(1) };
     let edge = |x_mm| Some(Edge { x_mm, chamfer_mm: 0.0, ragged_ratio: 0.0, ragged_mm: 0.0, beyond: None });
     let ending = Part { edges: Edges { near: edge(41.0), far: edge(759.7) }, ..short };
@@ -89,7 +89,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Whether the command line names the row, or none.
+/// Whether the command line names this row, or no row.
 fn asked_for(name: &str) -> bool {
     let mut words = std::env::args().skip(1).filter(|word| !word.starts_with('-')).peekable();
     words.peek().is_none() || words.any(|word| name.contains(&word))

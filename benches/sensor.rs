@@ -1,7 +1,7 @@
-//! A scan over the sensor's own protocol, from the last profile on the wire to the answer: a simulated Gocator in this process
-//! sends a synthetic part at an even pace, the program takes it as a service, and a client waits for the measurement. Prints how
-//! long after the last profile the answer was there, what share of a core the service took while profiles came, how many
-//! profiles were lost, and how far the pose is from that of the same scan as a file.
+//! A scan by the sensor's protocol, from the last profile on the wire to the answer: a simulated Gocator in this process
+//! sends a synthetic part at a constant rate, the service receives it, and a client waits for the measurement. The benchmark prints
+//! the time from the last profile to the answer, the share of a core that the service used while receiving profiles, the number of
+//! lost profiles, and the difference between the pose and that of the same scan as a file.
 //!
 //!   cargo bench --bench sensor [-- PROGRAM]
 
@@ -28,27 +28,27 @@ use std::thread;
 use std::time::{Duration, Instant};
 use tokio::runtime::{Builder, Runtime};
 
-/// Goal: ms from the last profile to the answer, where the sensor's last word on losses comes at once.
+/// Goal: ms from the last profile to the answer, if the sensor's final report of losses arrives at once.
 const ANSWER_MS_MAX: f64 = 50.0;
-/// The sensor's steps of 9 and 8 µm move the pose by a twentieth of what noise of 50 µm makes uncertain; five times that.
+/// The sensor's steps of 9 and 8 µm move the pose by a twentieth of its uncertainty from noise of 50 µm; five times that.
 const SHARE_OF_UNCERTAINTY_MAX: f64 = 0.25;
 const MM_PER_TICK: f64 = 0.001;
 const X_FROM_MM: f64 = 200.0;
 const LENGTH_MM: f64 = 400.0;
-/// The stage is there before the last profile is, so that nobody waits for it.
+/// The stage arrives before the last profile, so that the measurement does not wait for it.
 const STAGE_TIME_FACTOR: f64 = 20.0;
-/// The sensor is asked how it is once a second between scans; until it was, a further scan may be refused, to be asked for again.
+/// The sensor's health is read once a second between scans; before that, a further scan may be refused and has to be repeated.
 const BETWEEN_SCANS: Duration = Duration::from_millis(1_200);
-/// Processor time in /proc is counted in these.
+/// Unit of processor time in /proc.
 const TICKS_PER_SECOND: f64 = 100.0;
 const POSE: [&str; 5] = ["deflection_deg", "pitch_deg", "y_ref_mm", "z_ref_mm", "radius_mm"];
 
-/// What is repeated.
+/// A repeated measurement.
 struct Trial {
     profiles_count: usize,
     points_count: usize,
     rate_hz: f64,
-    /// From one word of the sensor about its losses to the next; a whole scan waits for one.
+    /// Period of the sensor's reports of losses; a complete scan waits for one.
     health_period: Duration,
     runs_count: usize,
 }
@@ -106,20 +106,20 @@ fn main() -> Outcome<()> {
     Ok(())
 }
 
-/// What one scan came to.
+/// Results of one scan.
 struct Run {
     answered_ms: f64,
     estimation_ms: f64,
     core_share: f64,
     rate_hz: f64,
     lost_count: u64,
-    /// Largest difference of the pose to that of the kept scan, uploaded, and to that of the scan as it was made, in standard
-    /// uncertainties.
+    /// Largest difference between the pose and that of the stored scan after an upload, and that of the original scan, in
+    /// standard uncertainties.
     kept_share: f64,
     made_share: f64,
 }
 
-/// When the sensor sent what, and how much processor time the service had taken until then.
+/// The time of the first and last profile, and the processor time of the service at these moments.
 #[derive(Debug, Clone, Copy, Default)]
 struct Marks {
     service: Option<u32>,
@@ -127,7 +127,7 @@ struct Marks {
     sent: Option<(Instant, f64)>,
 }
 
-/// The profiles of a scan, with a note of when the last of them was sent.
+/// The profiles of a scan, with the time at which the last of them was sent.
 struct Watched {
     inner: ScanSource,
     profiles_count: usize,
@@ -151,7 +151,7 @@ impl Source for Watched {
         self.note(|marks| &mut marks.began);
     }
 
-    /// Asked for the next one when the last is written.
+    /// The next profile is requested when the previous one is written.
     fn next(&mut self) -> Pending<'_, Option<Arc<Taken>>> {
         if self.taken_count == self.profiles_count {
             self.note(|marks| &mut marks.sent);
@@ -161,7 +161,7 @@ impl Source for Watched {
     }
 }
 
-/// Processor time that a process has taken, s.
+/// Processor time that a process has used, s.
 fn cpu_s(process: u32) -> Outcome<f64> {
     let text = fs::read_to_string(format!("/proc/{process}/stat"))?;
     let (_, fields) = text.rsplit_once(')').ok_or("no end of the name")?;
@@ -169,12 +169,12 @@ fn cpu_s(process: u32) -> Outcome<f64> {
     Ok(ticks / TICKS_PER_SECOND)
 }
 
-/// A sensor, a service that takes its scans, and the right to command it.
+/// A sensor, a service that receives its scans, and the lease.
 struct Line {
     service: Serving,
     lease: String,
     marks: Arc<Mutex<Marks>>,
-    /// The scan as it was made, binary PLY.
+    /// The original scan, binary PLY.
     made: Vec<u8>,
     _sensor: Server,
     _folder: Folder,
@@ -199,7 +199,7 @@ impl Line {
         Ok(line)
     }
 
-    /// Until every device answers.
+    /// Waits until every device answers.
     fn wait_until_idle(&self) -> Outcome<()> {
         for after in 0..100 {
             let cell = self.get("/v1/cell")?;
@@ -286,7 +286,7 @@ fn part(trial: &Trial) -> Outcome<Scan> {
     Ok(make(&part)?.0)
 }
 
-/// The mounting that makes a scan in the rail frame from what the sensor sees: above the part, its X to rail Y.
+/// The mounting that transforms the sensor's data to the rail frame: above the part, its X to rail Y.
 fn above() -> Extrinsic {
     Extrinsic {
         sensor_x: [0.0, 1.0, 0.0],
@@ -316,7 +316,7 @@ fn sensor(trial: &Trial, scan: &Scan, marks: Arc<Mutex<Marks>>, runtime: &Runtim
     Ok(runtime.block_on(Server::bind(settings, Box::new(source)))?)
 }
 
-/// The service's configuration: this sensor, and all else simulated.
+/// The service's configuration: this sensor, and simulated devices otherwise.
 fn configuration(trial: &Trial, sensor: &Server, folder: &Folder) -> Outcome<PathBuf> {
     let ports = sensor.ports();
     let settings = Settings {

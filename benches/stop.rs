@@ -1,6 +1,6 @@
-//! How soon a stop is on its way to every device, while the service has all hands full: two clients that measure large scans
-//! without a pause, and two hundred connections that say nothing. Prints the percentiles of a thousand stops, as the client
-//! sees them and as the service says, beside the goal.
+//! Latency of a stop to every device while the service is fully loaded: two clients measure large scans
+//! without a pause, and two hundred connections are idle. Prints the percentiles of a thousand stops, as measured by the
+//! client and by the service, with the goal.
 //!
 //!   cargo bench --bench stop [-- PROGRAM]
 
@@ -24,7 +24,7 @@ const POINTS_COUNT: usize = 1280;
 const STOPS_COUNT: usize = 1000;
 const MEASURING_COUNT: usize = 2;
 const IDLE_COUNT: usize = 200;
-/// The service ends idle connections after ten seconds; they are opened anew before.
+/// The service ends idle connections after ten seconds; they are opened again before.
 const IDLE_FOR: Duration = Duration::from_secs(8);
 /// Goal: ms from the request to "stop sent to every device" at the 99th percentile.
 const STOP_MS_MAX: f64 = 50.0;
@@ -50,16 +50,16 @@ fn main() -> Outcome<()> {
     Ok(())
 }
 
-/// What one stop took, ms.
+/// Times of one stop, ms.
 struct Stop {
     /// From the first byte of the request to the last of the answer.
     answered: f64,
-    /// From its arrival until it was sent to every device, as the service says.
+    /// From its arrival until it was sent to every device, as reported by the service.
     sent: f64,
 }
 
 fn stop_often(address: &str, measured_count: &AtomicU64) -> Outcome<Vec<Stop>> {
-    // Not before both are at work.
+    // The stops begin when both clients are measuring.
     while measured_count.load(Ordering::Relaxed) < MEASURING_COUNT as u64 {
         thread::park_timeout(Duration::from_millis(10));
     }

@@ -1,9 +1,9 @@
-//! The ways in and out: what a client waits for after its last byte, and what `coaxis measure` takes from start to pose,
-//! each beside its goal; and the memory of both at most. Runs the release program as a user would, or another build of it
-//! whose path is given (`cargo bench --bench ways -- PROGRAM`); prints a table.
+//! Latency and memory of uploads and of the offline command: the time from the last byte of an upload to the answer, the time of
+//! `coaxis measure` from start to pose, and the peak memory of both, each with its goal. Runs the release program like a user, or
+//! another build whose path is given (`cargo bench --bench ways -- PROGRAM`); prints a table.
 //!
-//! Everything is timed in turns in one run and quoted as medians, since machines are shared and noisy. Files lie in memory
-//! (`/dev/shm`), so that no disk is measured.
+//! All times are measured in turns in one run and printed as medians, because machines are shared and noisy. Files are in memory
+//! (`/dev/shm`), so that no disk affects the results.
 
 #![expect(clippy::print_stdout, clippy::disallowed_methods, reason = "a benchmark prints and reads the clock")]
 
@@ -28,14 +28,14 @@ const ROUNDS_COUNT: usize = 9;
 
 /// Goal: sums from the last byte of an upload to the first byte of its answer.
 const ANSWER_SUMS_MAX: f64 = 60.0;
-/// Goal: `coaxis measure` in decoding plus estimation, and what starting a process may cost, ms.
+/// Goal: `coaxis measure` relative to decoding plus estimation, and the allowance for starting a process, ms.
 const OFFLINE_RATIO_MAX: f64 = 1.2;
 const OFFLINE_START_MS: f64 = 30.0;
-/// Goal: memory at most, in coordinates as they are stored, and what a program may need besides, MiB.
+/// Goal: peak memory relative to the stored coordinates, and the allowance for the program, MiB.
 const MEMORY_RATIO_MAX: f64 = 2.5;
 const MEMORY_PROGRAM_MIB: f64 = 64.0;
 
-/// What one round took, ms.
+/// Times of one round, ms.
 #[derive(Debug, Clone, Copy)]
 struct Round {
     sum: f64,
@@ -45,7 +45,7 @@ struct Round {
     upload: Upload,
 }
 
-/// What an upload took, ms.
+/// Times of an upload, ms.
 #[derive(Debug, Clone, Copy)]
 struct Upload {
     /// From the first to the last byte sent.
@@ -114,7 +114,7 @@ fn decoded(bytes: &[u8]) -> Option<usize> {
     slice(cloud, &SliceRequest::default(), &limits).ok().map(|scan| scan.columns().len())
 }
 
-/// Makes the scan one that was never sent: the last bits of its last point.
+/// Changes the last bits of the last point, so that the scan was never sent before.
 fn renew(bytes: &mut [u8], number: usize) -> Outcome<()> {
     let lowest = bytes.len().checked_sub(4).and_then(|at| bytes.get_mut(at)).ok_or("the scan is empty")?;
     *lowest = u8::try_from(number)?;
@@ -137,7 +137,7 @@ fn offline(program: &str, file: &Path) -> Outcome<f64> {
     Ok(taken)
 }
 
-/// The memory that a process has needed once it printed its pose. It goes on to wait for a second scan meanwhile.
+/// The peak memory of a process when it has printed its pose. It waits for a second scan meanwhile.
 fn offline_memory(program: &str, file: &Path) -> Outcome<f64> {
     let mut child = measure_command(program, file).arg("-").stdin(Stdio::piped()).spawn()?;
     read_line(child.stdout.take())?;
@@ -155,14 +155,14 @@ fn read_line(from: Option<impl Read>) -> Outcome<String> {
 
 const MIB: f64 = (1 << 20) as f64;
 
-/// The most memory that a process has held so far.
+/// The peak memory of a process so far.
 fn peak_mib(process_id: u32) -> Outcome<f64> {
     let status = fs::read_to_string(format!("/proc/{process_id}/status"))?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).ok_or("no VmHWM")?;
     Ok(line.trim().trim_end_matches("kB").trim().parse::<f64>()? / 1024.0)
 }
 
-/// Sends a scan as fast as the service takes it.
+/// Sends a scan as fast as the service receives it.
 fn upload(service: &Serving, bytes: &[u8]) -> Outcome<Upload> {
     let mut stream = TcpStream::connect(&service.address)?;
     stream.set_nodelay(true)?;

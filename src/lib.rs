@@ -1,15 +1,15 @@
-//! coaxis measures the pose of the axis of a cylindrical part from laser profile scans, and moves the part to where it is wanted.
+//! coaxis measures the pose of the axis of a cylindrical part from laser profile scans, and moves the part to a target pose.
 //!
-//! The path of the data, each arrow one function in one file, each noun one type:
+//! The data flow; each arrow is one function in one file, each noun is one type:
 //!
 //! ```text
 //! bytes -> Cloud -> Scan (profiles) -> Estimate (axis, diagnostics) -> Measurement (record) -> Plan -> move
 //!
 //!                  MES / PLC / curl / browser
 //!                             |
-//! http (server, wire, v1) --- v ---- the only module that knows HTTP;  cli: the same offline
+//! http (server, wire, v1) --- v ---- the only module that uses HTTP;  cli: the same offline
 //!                             |
-//! service   measuring | operating -- use cases; ids and times are made here
+//! service   measuring | operating -- use cases; creates ids and times
 //!          |             |             |               |                |
 //!          v             v             v               v                v
 //!       estimation     plot         motion           cell            store

@@ -1,4 +1,4 @@
-//! The `coaxis` command; all of it stands in the library.
+//! The `coaxis` command; its code is in the library.
 
 use std::process::ExitCode;
 

@@ -2,10 +2,10 @@
 //! `openapi/last-release.json`, and fails on a change that can break a client, unless `openapi/changes-since-release.toml` lists it
 //! with a reason.
 //!
-//! A change breaks a client when a request that was valid is refused or means something else, or when an answer lacks what it had or
-//! contains what the document excluded. New paths, optional parameters, properties of answers, values of an enumeration and problem
-//! codes break nobody, because clients must accept them. Schemas are compared where operations use them, so the name of a schema
-//! may change.
+//! A change breaks a client if a request that was valid is refused or has another meaning, or if an answer lacks a member or
+//! contains a value that the document excluded. New paths, optional parameters, properties of answers, values of an enumeration and
+//! problem codes are compatible, because clients must accept them. Schemas are compared where operations use them, so the name of a
+//! schema may change.
 
 #![expect(clippy::expect_used, clippy::indexing_slicing, reason = "a test may fail")]
 
@@ -20,7 +20,7 @@ const METHODS: [&str; 8] = ["get", "put", "post", "delete", "options", "head", "
 /// Keywords without effect on what a client may send or receive.
 const PROSE: [&str; 8] =
     ["description", "title", "summary", "example", "examples", "tags", "externalDocs", "deprecated"];
-/// Bounds with +1 where a larger value admits less, -1 where it admits more.
+/// Bounds with +1 if a larger value admits less, -1 if it admits more.
 const BOUNDS: [(&str, f64); 8] = [
     ("minimum", 1.0),
     ("exclusiveMinimum", 1.0),
@@ -48,7 +48,7 @@ impl Direction {
     }
 }
 
-/// A schema without references and `allOf`; alternatives are taken apart before.
+/// A schema without references and `allOf`; its alternatives were separated before.
 #[derive(Default)]
 struct Shape<'a> {
     types: BTreeSet<&'a str>,
@@ -94,7 +94,7 @@ fn elements(array: &Value) -> impl Iterator<Item = &Value> {
     array.as_array().into_iter().flatten()
 }
 
-/// What a reference refers to, with the name of the schema; anything else refers to itself.
+/// The target of a reference, with the name of the schema; any other value is its own target.
 fn target<'a>(document: &'a Value, schema: &'a Value) -> (Option<&'a str>, &'a Value) {
     let Some(reference) = schema["$ref"].as_str() else { return (None, schema) };
     let name = reference.strip_prefix("#/components/schemas/").expect("references are to schemas of the document");
@@ -102,7 +102,7 @@ fn target<'a>(document: &'a Value, schema: &'a Value) -> (Option<&'a str>, &'a V
     (Some(name), found)
 }
 
-/// The schemas that a value may follow, nested `oneOf` taken apart; `null` is not one of them but sets the flag.
+/// The schemas that a value may follow, with nested `oneOf` flattened; `null` is not one of them but sets the flag.
 fn alternatives<'a>(document: &'a Value, schema: &'a Value, nullable: &mut bool) -> Vec<&'a Value> {
     let (_, found) = target(document, schema);
     let Some(list) = found.get("oneOf").or_else(|| found.get("anyOf")) else {
@@ -249,7 +249,7 @@ impl<'a> Comparison<'a> {
         if direction == Direction::Request && old["default"] != new["default"] {
             self.report(place, &format!("default is {}, before {}", new["default"], old["default"]));
         }
-        // First those of the same name, so that a removed one does not take the place of another.
+        // Alternatives of the same name are compared first, so that a removed one is not mistaken for another.
         let (named, others): (Vec<_>, Vec<_>) = olds.into_iter().partition(|old| {
             let name = target(self.old, old).0;
             name.is_some() && news.iter().any(|new| target(self.new, new).0 == name)
@@ -272,13 +272,13 @@ impl<'a> Comparison<'a> {
         }
     }
 
-    /// How different two alternatives are, to find out which of the new ones corresponds to an old one.
+    /// The number of differences between two alternatives, to determine which new one corresponds to an old one.
     fn distance(&self, old: &'a Value, new: &'a Value, direction: Direction) -> usize {
         let named = target(self.old, old).0;
         if named.is_some() && named == target(self.new, new).0 {
             return 0;
         }
-        // What is being compared already is taken along, or a schema that contains itself would be compared without end.
+        // Pairs under comparison are copied as well, because a recursive schema would otherwise be compared without end.
         let compared = self.compared.clone();
         let mut trial = Comparison { old: self.old, new: self.new, changes: BTreeSet::new(), compared };
         trial.alternative("", old, new, direction);
@@ -332,7 +332,7 @@ impl<'a> Comparison<'a> {
     fn keyword(&mut self, place: &str, keyword: &str, values: (Option<&'a Value>, Option<&'a Value>), way: Direction) {
         let (old, new) = values;
         match (keyword, old, new) {
-            // Compared where both alternatives are known.
+            // These are compared where both alternatives are known.
             ("default" | "oneOf" | "anyOf", ..) => {}
             ("items", Some(old), Some(new)) => self.schemas(&format!("{place}[]"), old, new, way),
             ("additionalProperties", Some(old @ Value::Object(_)), Some(new @ Value::Object(_))) => {
@@ -366,10 +366,10 @@ impl<'a> Comparison<'a> {
     }
 }
 
-/// Compares the changes that were found with those that are listed.
+/// Compares the detected changes with the listed ones.
 ///
 /// # Errors
-/// What a reader has to do.
+/// The action that the developer has to take.
 fn judge(found: &BTreeSet<String>, listed: &BTreeMap<String, String>, released: &str) -> Result<(), String> {
     let unlisted: Vec<_> = found.iter().filter(|change| !listed.contains_key(*change)).collect();
     let stale: Vec<_> = listed.keys().filter(|change| !found.contains(*change)).collect();
@@ -421,7 +421,7 @@ fn listed() -> BTreeMap<String, String> {
 }
 
 #[test]
-fn the_api_keeps_what_the_last_release_promised() {
+fn the_api_is_compatible_with_the_last_release() {
     let released = document(RELEASED);
     let found = breaking_changes(&released, &document(CURRENT));
     judge(&found, &listed(), version(&released)).unwrap_or_else(|message| panic!("{message}"));
@@ -450,7 +450,7 @@ fn the_last_release_is_that_of_the_changelog() {
     );
 }
 
-/// A document with one operation, whose request and answer use a schema of their own.
+/// A document with one operation, whose request and answer have separate schemas.
 fn small() -> Value {
     let object =
         |properties: Value, required: Value| json!({"type": "object", "properties": properties, "required": required});
@@ -493,7 +493,7 @@ fn small() -> Value {
     })
 }
 
-/// The changes that are found after the value at a JSON pointer was replaced; `null` removes it.
+/// The changes that are detected after the value at a JSON pointer was replaced; `null` removes it.
 fn changes(pointer: &str, value: Value) -> Vec<String> {
     let mut new = small();
     let (parent, key) = pointer.rsplit_once('/').expect("a pointer");
@@ -510,7 +510,7 @@ fn changes(pointer: &str, value: Value) -> Vec<String> {
 const OPERATION: &str = "/paths/~1v1~1orders/post";
 const SCHEMAS: &str = "/components/schemas";
 
-/// Asserts the one change that replacing the value brings about.
+/// Asserts that replacing the value causes this change and no other.
 fn breaks(pointer: &str, value: Value, expected: &str) {
     assert_eq!(changes(pointer, value), [expected], "{pointer}");
 }
@@ -640,22 +640,22 @@ fn alternatives_are_compared_with_those_that_correspond() {
 }
 
 #[test]
-fn the_name_of_a_schema_is_no_promise() {
+fn the_name_of_a_schema_may_change() {
     let text = small().to_string().replace("schemas/Line", "schemas/Row").replace("\"Line\"", "\"Row\"");
     assert_eq!(breaking_changes(&small(), &document(&text)), BTreeSet::new());
 }
 
 #[test]
-fn keywords_without_a_rule_are_reported_where_they_differ() {
+fn keywords_without_a_rule_are_reported_if_they_differ() {
     breaks("/security", json!([{"token": []}]), "document: `security` is different: [{\"token\":[]}], before null");
     breaks(&format!("{SCHEMAS}/Line/not"), json!({}), "answer Line: `not` is {}, before none");
 }
 
 #[test]
-fn listed_changes_pass_only_with_a_reason_and_where_they_happened() {
+fn listed_changes_pass_only_with_a_reason_and_if_they_happened() {
     let found = BTreeSet::from(["/v1/orders: path removed".to_owned()]);
     let list = |change: &str, reason: &str| BTreeMap::from([(change.to_owned(), reason.to_owned())]);
-    assert_eq!(judge(&found, &list("/v1/orders: path removed", "Nobody can place orders."), "0.2.0"), Ok(()));
+    assert_eq!(judge(&found, &list("/v1/orders: path removed", "Orders are no longer supported."), "0.2.0"), Ok(()));
     let unlisted = judge(&found, &BTreeMap::new(), "0.2.0").expect_err("the change is not listed");
     assert!(unlisted.contains("since version 0.2.0") && unlisted.contains("changes-since-release.toml"));
     let unexplained = judge(&found, &list("/v1/orders: path removed", " "), "0.2.0").expect_err("no reason");

@@ -1,5 +1,5 @@
-//! Holds the code to the architecture: which module may import which, where waiting, HTTP, clock and chance may stand, and how
-//! long a file may be. Reads the sources as text.
+//! Checks the sources against the architecture: which module may import which, where waiting, HTTP, clocks and random numbers are
+//! allowed, and the maximum length of a file. The sources are read as text.
 
 #![expect(clippy::expect_used, clippy::panic, reason = "a test may fail")]
 
@@ -107,26 +107,30 @@ fn no_module_imports_more_than_it_may() {
                     !other.is_empty(),
                     "{place}: import modules by name, one a line, so that this test can read them"
                 );
-                assert!(allowed.contains(&other), "{place}: {module} must not know {other}");
+                assert!(allowed.contains(&other), "{place}: {module} must not import {other}");
             }
         }
     }
 }
 
 #[test]
-fn waiting_http_clock_and_chance_stay_in_their_modules() {
+fn waiting_http_clocks_and_random_numbers_are_confined_to_their_modules() {
     for Source { module, path, text } in modules().iter().filter(|source| source.module != "main") {
         for (reserved, modules) in RESERVED {
             let used = text.lines().any(|line| line.split("//").next().is_some_and(|code| code.contains(reserved)));
-            assert!(!used || modules.contains(&module.as_str()), "{}: {reserved} is not for {module}", path.display());
+            assert!(
+                !used || modules.contains(&module.as_str()),
+                "{}: {reserved} is not allowed in {module}",
+                path.display()
+            );
         }
     }
 }
 
 #[test]
-fn every_file_says_what_it_is_for_and_stays_short() {
+fn every_file_has_a_header_and_is_short() {
     for Source { path, text, .. } in modules() {
-        assert!(text.starts_with("//!"), "{} must open with what it is for", path.display());
+        assert!(text.starts_with("//!"), "{} must begin with a comment about its purpose", path.display());
         let lines_count = text.lines().count();
         assert!(lines_count <= LINES_BEFORE_TESTS_MAX, "{} has {lines_count} lines before its tests", path.display());
     }

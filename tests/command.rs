@@ -1,4 +1,4 @@
-//! The `coaxis` command from outside: what it writes where, and what it says.
+//! The `coaxis` command as a user runs it: its output files and messages.
 
 #![expect(clippy::expect_used, clippy::panic, clippy::indexing_slicing, reason = "a test may fail")]
 
@@ -29,7 +29,7 @@ fn complaint(arguments: &[&str]) -> String {
     String::from_utf8(output.stderr).expect("text")
 }
 
-/// A new folder of this name for one test.
+/// A new folder of this name for a test.
 fn folder(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("command").join(name);
     let _ = fs::remove_dir_all(&folder);
@@ -37,7 +37,7 @@ fn folder(name: &str) -> PathBuf {
     folder
 }
 
-/// A small synthetic scan; the ending of the name decides its format.
+/// A small synthetic scan; the extension of the name determines its format.
 fn made(file: &Path) -> String {
     fs::create_dir_all(file.parent().expect("a folder")).expect("a folder");
     let name = file.display().to_string();
@@ -80,7 +80,7 @@ fn a_moved_scan_has_its_axis_in_the_moved_coordinates() {
 }
 
 #[test]
-fn profiles_beyond_the_end_of_a_made_part_are_kept_where_the_format_can() {
+fn profiles_beyond_the_end_of_a_synthetic_part_are_kept_if_the_format_can_contain_them() {
     let scan = folder("blanks").join("s.csv").display().to_string();
     let beyond =
         ["--profiles", "20", "--points", "50", "--length-mm", "190", "--near-end-mm", "31", "--far-end-mm", "160"];
@@ -99,7 +99,7 @@ fn scans_of_one_name_are_refused_where_output_would_be_overwritten() {
     let plots = folder.join("plots").display().to_string();
     assert!(complaint(&["measure", a, b, "--plots", &plots]).contains("two scans are named s.ply"));
     assert!(!Path::new(&plots).exists(), "nothing is written");
-    assert!(output(&["measure", a, b]).status.success(), "without output they do not meet");
+    assert!(output(&["measure", a, b]).status.success(), "without output there is no conflict");
 }
 
 #[test]
@@ -112,7 +112,7 @@ fn standard_input_is_a_scan_like_any_other() {
 }
 
 #[test]
-fn a_reader_that_goes_away_ends_the_command_quietly() {
+fn a_closed_output_ends_the_command_without_a_message() {
     let mut child = coaxis(&["openapi"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("runs");
     drop(child.stdout.take());
     let output = child.wait_with_output().expect("ends");
@@ -125,13 +125,13 @@ fn commands_of(path: &[&str]) -> Vec<String> {
     assert!(help.status.success(), "{path:?}: {}", String::from_utf8_lossy(&help.stderr));
     let help = String::from_utf8(help.stdout).expect("text");
     let lines = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
-    // Lines that continue a text are indented further.
+    // Continuation lines are indented further.
     let names = lines.filter_map(|line| line.strip_prefix("  ").filter(|line| !line.starts_with(' ')));
     names.filter_map(|line| line.split_whitespace().next().map(str::to_owned)).collect()
 }
 
 #[test]
-fn every_command_that_the_help_names_is_there_with_help_and_a_manual_page() {
+fn every_command_in_the_help_exists_with_help_and_a_manual_page() {
     let commands = commands_of(&[]);
     assert!(commands.len() > 10 && commands.contains(&"completions".to_owned()), "{commands:?}");
     for command in commands.iter().map(String::as_str).filter(|command| *command != "help") {
@@ -147,7 +147,7 @@ fn every_command_that_the_help_names_is_there_with_help_and_a_manual_page() {
 }
 
 #[test]
-fn every_shell_gets_completions_that_know_the_commands() {
+fn the_completions_of_every_shell_contain_the_commands() {
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
         let script = output(&["completions", shell]);
         let text = String::from_utf8(script.stdout).expect("text");
@@ -156,7 +156,7 @@ fn every_shell_gets_completions_that_know_the_commands() {
 }
 
 #[test]
-fn a_wrong_value_is_answered_with_what_is_allowed() {
+fn the_error_for_an_invalid_value_states_the_allowed_values() {
     let scan = made(&folder("values").join("s.ply"));
     for flag in ["--nominal-radius-mm", "--epsilon-mm"] {
         let said = complaint(&["measure", &scan, flag, "-3"]);
@@ -169,7 +169,7 @@ fn a_wrong_value_is_answered_with_what_is_allowed() {
 }
 
 #[test]
-fn a_data_folder_that_cannot_be_used_is_answered_with_what_to_do() {
+fn the_error_for_an_unusable_data_folder_states_the_remedy() {
     let file = folder("data").join("file");
     fs::write(&file, "").expect("written");
     let said = complaint(&["serve", "--listen", "127.0.0.1:0", "--data", &file.join("data").display().to_string()]);
@@ -209,7 +209,7 @@ impl Cylinder {
     }
 }
 
-/// Two cylinders whose axes lie 5 mm apart at an angle of 69°, so that each pierces the other.
+/// Two cylinders whose axes are 5 mm apart at an angle of 69°, so that the cylinders intersect.
 fn crossing() -> [Cylinder; 2] {
     let direction = Vector3::new(0.36, 0.48, 0.8);
     let first = Cylinder { middle: Vector3::new(110.0, 40.0, 800.0), direction, radius: 30.0, length: 300.0 };
@@ -233,7 +233,7 @@ fn crossing_scan(file: &Path) -> String {
     file.display().to_string()
 }
 
-/// The recipes that `propose` prints, each in a file of its own, with what they say.
+/// The recipes that `propose` prints, each written to a file, with their content.
 fn proposed(folder: &Path, arguments: &[&str]) -> Vec<(String, Value)> {
     let output = output(&[&["propose"], arguments].concat());
     assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
@@ -254,13 +254,13 @@ fn vector(value: &Value, pointer: &str) -> Vector3<f64> {
     Vector3::from_fn(|row, _| number(value, &format!("{pointer}/{row}")))
 }
 
-/// Measures with a proposed recipe and holds the answer to the true cylinder, within 2.5 expanded uncertainties: a correct
-/// answer misses 5 standard uncertainties once in two million times.
+/// Measures with a proposed recipe and compares the result with the true cylinder, within 2.5 expanded uncertainties: a correct
+/// result exceeds 5 standard uncertainties once in two million times.
 fn check_measured(scan: &str, file: &str, recipe: &Value, truth: &Cylinder) {
     let output = output(&["measure", scan, "--recipe", file]);
     let answer: Value = serde_json::from_slice(&output.stdout).expect("JSON");
     assert_eq!(answer["verdict"], "accepted", "{answer}");
-    // The answer is in the frame of the recipe.
+    // The result is in the frame of the recipe.
     let frame: Frame = serde_json::from_value(recipe["frame"].clone()).expect("a frame");
     let rotation = frame.rotation().expect("a frame").transpose();
     let point = rotation * vector(&answer, "/pose/axis/point_mm") + Vector3::from(frame.origin_mm);
@@ -277,7 +277,7 @@ fn check_measured(scan: &str, file: &str, recipe: &Value, truth: &Cylinder) {
 }
 
 #[test]
-fn a_proposed_recipe_measures_its_cylinder_among_others() {
+fn a_proposed_recipe_measures_its_cylinder_and_no_other() {
     let folder = folder("crossing");
     let scan = crossing_scan(&folder.join("crossing.csv"));
     let recipes = proposed(&folder, &[&scan, "--unit", "m", "--format", "csv"]);
@@ -296,7 +296,7 @@ fn a_proposed_recipe_measures_its_cylinder_among_others() {
 }
 
 #[test]
-fn a_proposed_recipe_measures_a_part_that_lies_across_its_scan() {
+fn a_proposed_recipe_measures_a_part_across_the_scan_direction() {
     let folder = folder("pitch45");
     let scan = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/field/axis_pitch45.npy").display().to_string();
     let recipes = proposed(&folder, &[&scan]);
@@ -308,7 +308,7 @@ fn a_proposed_recipe_measures_a_part_that_lies_across_its_scan() {
 }
 
 #[test]
-fn a_scan_without_a_cylinder_is_answered_with_exit_code_2() {
+fn a_scan_without_a_cylinder_gives_exit_code_2() {
     let scan = folder("plane").join("plane.csv");
     let mut chance = ChaCha8Rng::seed_from_u64(3);
     let mut text = String::new();

@@ -1,5 +1,5 @@
-//! The stated uncertainty is right: ± 2 standard uncertainties hold the truth in 93 to 98 % of many seeds, for each
-//! parameter, whatever neighbours along the laser line or whole profiles share.
+//! The stated uncertainty is correct: ± 2 standard uncertainties contain the truth for 93 to 98 % of many seeds, for each
+//! parameter, with independent noise and with errors common to neighbours along the laser line or to complete profiles.
 //!
 //! `COAXIS_SEEDS=500 cargo test --release --test all coverage:: -- --nocapture` prints the table of docs/accuracy.md.
 
@@ -7,7 +7,7 @@
     clippy::expect_used,
     clippy::print_stdout,
     clippy::indexing_slicing,
-    reason = "a test may fail, and says what it saw"
+    reason = "a test may fail, and prints its results"
 )]
 
 use crate::made::uploaded::Upload;
@@ -16,12 +16,12 @@ use coaxis::estimation::{Method, Outcome, Pose, Progress, Settings, estimate};
 use coaxis::scan::synthetic::{LaserPlane, Part, Truth, make, random_frame};
 use rayon::prelude::*;
 
-/// Seeds a scene that continuous integration has time for.
+/// Seeds per scene in continuous integration.
 const SEEDS: u64 = 60;
-/// What may be held of a normal distribution's 95.4 %.
+/// Allowed range of the coverage; that of a normal distribution is 95.4 %.
 const HELD: [f64; 2] = [0.93, 0.98];
-/// What is held where neighbours or a whole profile share errors and nothing tells which points those are: the largest variance
-/// of several groupings counts, so more may be held (docs/accuracy.md).
+/// Allowed range if neighbours or a complete profile share errors and the points of a profile are unknown: the largest variance
+/// of several groupings is stated, so the coverage may be higher (docs/accuracy.md).
 const HELD_UNGROUPED: [f64; 2] = [HELD[0], 1.0];
 /// deflection, pitch, y_ref, z_ref, radius, y and z at x = 0.
 const NUMBERS: usize = 7;
@@ -30,7 +30,7 @@ const NUMBERS: usize = 7;
 const NOISES: [(&str, f64, f64); 4] =
     [("independent", 0.0, 0.0), ("AR(1) 0.9", 0.9, 0.0), ("jitter 0.03 mm", 0.0, 0.03), ("both", 0.9, 0.03)];
 
-/// Whether ± 2 standard uncertainties hold each number.
+/// Whether ± 2 standard uncertainties contain the truth of each number.
 fn held(pose: &Pose, truth: &Truth) -> [bool; NUMBERS] {
     let standard = standard(pose);
     let at_ref = errors(pose, truth, pose.x_ref);
@@ -51,7 +51,7 @@ fn held(pose: &Pose, truth: &Truth) -> [bool; NUMBERS] {
     })
 }
 
-/// Shares held over the seeds, and of seeds that were answered.
+/// Coverage over the seeds, and the share of seeds with an accepted result.
 fn coverage(settings: &Settings, seeds_count: u64, part: impl Fn(u64) -> Part + Sync) -> ([f64; NUMBERS], f64) {
     let answers: Vec<[bool; NUMBERS]> = (0..seeds_count)
         .into_par_iter()
@@ -67,11 +67,11 @@ fn coverage(settings: &Settings, seeds_count: u64, part: impl Fn(u64) -> Part + 
     (std::array::from_fn(share), answers.len() as f64 / seeds_count as f64)
 }
 
-/// Prints a line of the table; false where a share is outside of what it may be by more than chance.
+/// Prints a line of the table; false if a share is outside of its allowed range by more than chance.
 fn line(name: &str, noise: &str, shares: &[f64], answered: f64, seeds_count: u64, allowed: [f64; 2]) -> bool {
     let cells: Vec<String> = shares.iter().map(|share| format!("{:.1}", 100.0 * share)).collect();
     println!("| {name} | {noise} | {} | {:.0} |", cells.join(" | "), 100.0 * answered);
-    // A share of n seeds scatters by √(p(1 − p)/n); three and a half of them are granted over 28 and more shares.
+    // A share of n seeds has the standard deviation √(p(1 − p)/n); 3.5 of these are allowed because 28 and more shares are tested.
     let granted = 3.5 * (0.954 * 0.046 / (seeds_count as f64)).sqrt();
     let [low, high] = allowed;
     let middle = 0.954;
@@ -89,7 +89,7 @@ fn part(seed: u64, (correlation, jitter_sigma_mm): (f64, f64)) -> Part {
 }
 
 #[test]
-fn two_standard_uncertainties_of_cylinder_hold_the_truth() {
+fn two_standard_uncertainties_of_cylinder_contain_the_truth() {
     let settings = Settings { method: Method::Cylinder, ..Settings::default() };
     let seeds_count = count("COAXIS_SEEDS", SEEDS);
     let mut right = true;
@@ -113,17 +113,17 @@ fn two_standard_uncertainties_of_cylinder_hold_the_truth() {
     scene("radius 50, 25 profiles", HELD, &|part| Part { radius_mm: 50.0, profiles_count: 25, ..part });
     let laser_plane = LaserPlane { about_y_deg: 10.0, about_z_deg: 10.0 };
     scene("laser plane turned by 10° about both", HELD, &|part| Part { laser_plane, ..part });
-    // Few profiles say little of how little they say: more is held than asked for.
+    // Few profiles estimate the uncertainty itself poorly: the coverage is higher than required.
     let at_least = [HELD[0], 1.0];
     scene("10 profiles", at_least, &|part| Part { profiles_count: 10, ..part });
     scene("5 profiles", at_least, &|part| Part { profiles_count: 5, ..part });
-    assert!(right, "a share is not what it should be");
+    assert!(right, "a share is out of its range");
 }
 
-/// Deflection, pitch, y_ref, z_ref and radius of the scan as a cloud whose rail lies in any direction and whose points are in no
-/// order: nothing tells which points one profile shares.
+/// Deflection, pitch, y_ref, z_ref and radius of the scan as a cloud with the rail in any direction and the points in random
+/// order, so that the points of a profile are unknown.
 #[test]
-fn two_standard_uncertainties_hold_the_truth_in_any_direction() {
+fn two_standard_uncertainties_contain_the_truth_in_any_direction() {
     let settings = Settings { method: Method::Cylinder, ..Settings::default() };
     let seeds_count = count("COAXIS_SEEDS", SEEDS);
     let mut right = true;
@@ -150,19 +150,19 @@ fn two_standard_uncertainties_hold_the_truth_in_any_direction() {
         ..part
     });
     scene("any direction, radius 50, 25 profiles", &|part| Part { radius_mm: 50.0, profiles_count: 25, ..part });
-    assert!(right, "a share is not what it should be");
+    assert!(right, "a share is out of its range");
 }
 
 #[test]
-fn two_standard_uncertainties_of_section_line_hold_the_truth() {
+fn two_standard_uncertainties_of_section_line_contain_the_truth() {
     let settings = Settings { method: Method::SectionLine, epsilon_mm: 0.15, ..Settings::default() };
     let seeds_count = count("COAXIS_SEEDS", SEEDS) / 4;
     let mut right = true;
     for (noise, correlation, jitter) in NOISES {
         let scene = |seed| Part { arc_deg: 160.0, points_count: 160, ..part(seed, (correlation, jitter)) };
         let (shares, answered) = coverage(&settings, seeds_count, scene);
-        // The bias of a free ellipse is stated in full, so where it is most of the error all is held.
+        // The bias of a free ellipse is stated in full, so the coverage is 100 % if the bias dominates the error.
         right &= line("section_line, 160°", noise, &shares, answered, seeds_count, [HELD[0], 1.0]);
     }
-    assert!(right, "a share is not what it should be");
+    assert!(right, "a share is out of its range");
 }

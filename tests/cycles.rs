@@ -1,5 +1,5 @@
-//! No files import each other in a circle, neither of different modules nor inside one: a reader can read every file after those
-//! that it builds on. The sources are parsed; what counts is where a path leads, so a re-export in `mod.rs` is an import of it.
+//! No files import each other in a circle, neither across modules nor within one, so that every file can be read after those
+//! that it depends on. The sources are parsed; an import is attributed to the file that defines the item, also for re-exports.
 
 #![expect(clippy::expect_used, reason = "a test may fail")]
 
@@ -9,10 +9,10 @@ use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
 use syn::{Attribute, Item, ItemMod, ItemUse, UseTree, VisRestricted};
 
-/// The path of a module from the root of its crate, which stands first.
+/// The path of a module, starting with the root of its crate.
 type ModulePath = Vec<String>;
 
-/// The calculation is a crate of its own, whose modules `coaxis` re-exports.
+/// The calculation is a separate crate, whose modules `coaxis` re-exports.
 const ROOTS: [(&str, &str); 2] = [("coaxis", "src/lib.rs"), ("coaxis_calculation", "src/calculation/lib.rs")];
 const CALCULATION: [&str; 5] = ["estimation", "geometry", "motion", "plot", "scan"];
 
@@ -22,7 +22,7 @@ fn is_test(attributes: &[Attribute]) -> bool {
     })
 }
 
-/// Reads a module and those that it declares, without the tests.
+/// Reads a module and its submodules, without the tests.
 fn read(file: &Path, path: ModulePath, modules: &mut BTreeMap<ModulePath, syn::File>) {
     let text = fs::read_to_string(file).expect("readable source");
     let parsed = syn::parse_file(&text).expect("source of Rust");
@@ -42,7 +42,7 @@ fn read(file: &Path, path: ModulePath, modules: &mut BTreeMap<ModulePath, syn::F
     modules.insert(path, parsed);
 }
 
-/// The paths that stand in a file, outside its tests.
+/// The paths in a file, outside its tests.
 #[derive(Default)]
 struct Paths(Vec<Vec<String>>);
 
@@ -72,7 +72,7 @@ impl<'ast> Visit<'ast> for Paths {
         self.take(&item.tree, Vec::new());
     }
 
-    /// A visibility names a module and imports nothing.
+    /// A visibility names a module but imports nothing.
     fn visit_vis_restricted(&mut self, _: &'ast VisRestricted) {}
 
     fn visit_path(&mut self, path: &'ast syn::Path) {
@@ -83,7 +83,7 @@ impl<'ast> Visit<'ast> for Paths {
     }
 }
 
-/// The module that a path leads to; `None` where it leads out of the two crates, or to an item of the same file.
+/// The module that a path refers to; `None` if it is outside the two crates, or an item of the same file.
 fn target(from: &ModulePath, path: &[String], modules: &BTreeMap<ModulePath, syn::File>) -> Option<ModulePath> {
     let mut at = from.clone();
     let mut rest = path.iter().peekable();
@@ -121,7 +121,7 @@ fn target(from: &ModulePath, path: &[String], modules: &BTreeMap<ModulePath, syn
     (at != *from).then_some(at)
 }
 
-/// The shortest way from a module back to itself.
+/// The shortest circle of imports through a module.
 fn circle(start: &ModulePath, imports: &BTreeMap<ModulePath, BTreeSet<ModulePath>>) -> Option<Vec<ModulePath>> {
     let mut queue = VecDeque::from([vec![start.clone()]]);
     let mut seen = BTreeSet::new();
@@ -158,5 +158,5 @@ fn no_files_import_each_other_in_a_circle() {
     let circles = imports.keys().filter_map(|start| circle(start, &imports));
     let shortest = circles.min_by_key(Vec::len);
     let named = shortest.map(|way| way.iter().map(|path| path.join("::")).collect::<Vec<_>>().join("\n  imports "));
-    assert_eq!(named, None, "move what they share to a file of its own");
+    assert_eq!(named, None, "move the shared items to a separate file");
 }

@@ -1,8 +1,8 @@
-//! The joint method on synthetic parts: as good as the data allow (the Cramér-Rao bound of the points that truly lie on the
-//! part), never taken in by what sits on it, and refusing where nobody could tell. Truth and bound come from the maker of
-//! the parts, never from an estimate.
+//! The method `cylinder` on synthetic parts: it reaches the Cramér-Rao bound of the inliers, is not biased by interference on the
+//! part, and refuses scans that do not determine the pose. Truth and bound come from the generator of the parts, never from an
+//! estimate.
 
-#![expect(clippy::panic, clippy::expect_used, clippy::print_stdout, reason = "a test may fail, and says what it saw")]
+#![expect(clippy::panic, clippy::expect_used, clippy::print_stdout, reason = "a test may fail, and prints its results")]
 
 use crate::made::any_direction::{compared, in_frame};
 use crate::made::{count, errors, standard};
@@ -13,12 +13,12 @@ use coaxis::scan::synthetic::{
 };
 use rayon::prelude::*;
 
-/// Seeds a scene that continuous integration has time for. All of them, with the table of docs/benchmarks.md:
+/// Seeds per scene in continuous integration. All seeds, with the table of docs/benchmarks.md:
 /// `COAXIS_SEEDS=200 cargo test --release --test all cylinder:: -- --nocapture --test-threads 1`.
 const SEEDS: u64 = 6;
 const RMS_MAX: f64 = 1.15;
 const WORST_MAX: f64 = 5.0;
-/// Layers close to the surface may pull a single answer by so much.
+/// Maximum error of a single result caused by layers close to the surface.
 const LAYER_MAX_DEG: f64 = 0.0005;
 const LAYER_MAX_MM: f64 = 0.005;
 
@@ -46,12 +46,12 @@ fn in_bounds([p, q, y, z, radius]: [f64; 5], truth: &Truth) -> [f64; 5] {
     [p, q, y / bound.y_ref_mm, z / bound.z_ref_mm, radius / bound.radius_mm]
 }
 
-/// How many numbers lie within two standard uncertainties.
+/// Number of errors within two standard uncertainties.
 fn held_count(errors: [f64; 5], standard: [f64; 5]) -> usize {
     errors.iter().zip(standard).filter(|(error, u)| error.abs() <= 2.0 * u).count()
 }
 
-/// Holds a scene to the bound, and prints its line of the table.
+/// Compares a scene with the bound, and prints its line of the table.
 fn reaches_the_bound(name: &str, settings: &Settings, part: impl Fn(u64) -> Part + Sync) {
     all_reach_the_bound(name, |seed| {
         let (estimate, truth) = measure(&part(seed), settings);
@@ -61,7 +61,7 @@ fn reaches_the_bound(name: &str, settings: &Settings, part: impl Fn(u64) -> Part
     });
 }
 
-/// The same for the scan as a cloud whose rail lies in any direction and whose points are in no order.
+/// The same for the scan as a cloud with the rail in any direction and the points in random order.
 fn reaches_the_bound_in_any_direction(name: &str, settings: &Settings, part: impl Fn(u64) -> Part + Sync) {
     all_reach_the_bound(name, |seed| {
         let (scan, truth) = make(&part(seed)).expect("a part");
@@ -83,7 +83,7 @@ fn reaches_the_bound_in_any_direction(name: &str, settings: &Settings, part: imp
     });
 }
 
-/// Holds answers (errors in bounds, numbers within U) to the bound, and prints their line of the table.
+/// Compares results (errors in bounds, number of errors within U) with the bound, and prints their line of the table.
 fn all_reach_the_bound(name: &str, answer: impl Fn(u64) -> ([f64; 5], usize) + Sync) {
     let seeds_count = count("COAXIS_SEEDS", SEEDS);
     let answers: Vec<([f64; 5], usize)> = (0..seeds_count).into_par_iter().map(&answer).collect();
@@ -99,17 +99,17 @@ fn all_reach_the_bound(name: &str, answer: impl Fn(u64) -> ([f64; 5], usize) + S
     let held = answers.iter().map(|(_, held)| held).sum::<usize>() as f64 / (5 * answers.len()) as f64;
     let [p, q, y, z, r] = rms;
     println!("| {name} | {p:.2} | {q:.2} | {y:.2} | {z:.2} | {r:.2} | {worst:.1} | {:.1} |", 100.0 * held);
-    // The root mean square of n draws scatters by 1/√(2n); three of them are granted to few seeds.
+    // The root mean square of n draws has the relative standard deviation 1/√(2n); three of these are allowed for few seeds.
     let granted = RMS_MAX.max(1.03 * (1.0 + 3.0 / (2.0 * seeds_count as f64).sqrt()));
     assert!(rms.iter().all(|rms| *rms <= granted), "{name}: {rms:.2?} bounds");
 }
 
-/// 120° of a part of 200 mm radius, less dense than a real scan so that many seeds can be tried.
+/// 120° of a part of 200 mm radius, less dense than a real scan so that many seeds can be tested.
 fn part(seed: u64) -> Part {
     Part { arc_deg: 120.0, profiles_count: 200, points_count: 320, ..Part::smooth(seed) }
 }
 
-/// What sits on the published whole part.
+/// The interference of the publication's complete part.
 fn paper() -> Interference {
     Part::with_interference(0).interference
 }
@@ -119,7 +119,7 @@ fn clamped(clamps: f64, clamp_arc: f64, clamp_height_mm: f64) -> Interference {
 }
 
 #[test]
-fn interference_does_not_cost_accuracy() {
+fn interference_does_not_reduce_accuracy() {
     let settings = cylinder();
     reaches_the_bound("clean", &settings, part);
     reaches_the_bound("holes", &settings, |s| {
@@ -135,7 +135,7 @@ fn interference_does_not_cost_accuracy() {
     reaches_the_bound("5 % spikes", &settings, |s| Part { spike_ratio: 0.05, ..part(s) });
 }
 
-/// A part seen from aside and sampled evenly across, with clamps and holes away from the middle of the arc.
+/// A part viewed from the side and sampled evenly across, with clamps and holes away from the middle of the arc.
 #[test]
 fn clamps_need_not_be_concentric_nor_in_the_middle() {
     let settings = cylinder();
@@ -157,14 +157,14 @@ fn clamps_need_not_be_concentric_nor_in_the_middle() {
 }
 
 #[test]
-fn a_concentric_clamp_over_most_of_most_profiles_is_not_taken_for_the_part() {
+fn a_concentric_clamp_on_most_of_most_profiles_is_not_mistaken_for_the_part() {
     for (name, clamps, arc) in [("50 % clamps", 0.9, 0.5), ("70 % clamps", 0.857, 0.7), ("85 % clamps", 0.847, 0.85)] {
         reaches_the_bound(name, &cylinder(), |s| Part { interference: clamped(clamps, arc, 25.0), ..part(s) });
     }
 }
 
 #[test]
-fn layers_close_to_the_surface_do_not_pull() {
+fn layers_close_to_the_surface_do_not_bias_the_pose() {
     let bead = |arc, place| Interference { bead: Bead { height_mm: 0.3, arc, place }, ..Interference::NONE };
     let scenes = [
         ("weld bead of 0.3 mm", bead(0.05, 0.4)),
@@ -188,7 +188,7 @@ fn layers_close_to_the_surface_do_not_pull() {
 }
 
 #[test]
-fn size_noise_arc_and_tilt_do_not_matter() {
+fn the_bound_is_reached_for_any_size_noise_arc_and_tilt() {
     let settings = cylinder();
     let with = |s| Part { interference: paper(), ..part(s) };
     reaches_the_bound("noise of 0.2 mm", &settings, |s| Part { noise_sigma_mm: 0.2, ..with(s) });
@@ -207,7 +207,7 @@ fn size_noise_arc_and_tilt_do_not_matter() {
 }
 
 #[test]
-fn where_the_sensor_stands_and_what_else_it_sees_does_not_matter() {
+fn the_bound_is_reached_for_any_sensor_position_and_background() {
     let settings = cylinder();
     let with = |s| Part { interference: paper(), ..part(s) };
     let across = Sampling::EvenAcross;
@@ -228,7 +228,7 @@ fn where_the_sensor_stands_and_what_else_it_sees_does_not_matter() {
 }
 
 #[test]
-fn points_count_at_an_x_of_their_own() {
+fn points_are_used_at_their_own_x() {
     let settings = cylinder();
     let with = |s| Part { interference: paper(), ..part(s) };
     for (name, about_y_deg, about_z_deg) in [
@@ -240,12 +240,12 @@ fn points_count_at_an_x_of_their_own() {
         reaches_the_bound(name, &settings, |s| Part { laser_plane, ..with(s) });
     }
     let travel = Travel { encoder_sigma_mm: 0.5, ..Travel::default() };
-    // An error of x moves a point off the surface by that times the slope of 1°: 0.01 mm beside the noise of 0.05 mm.
+    // An error of x moves a point off the surface by the error times the slope of 1°: 0.01 mm in addition to the noise of 0.05 mm.
     reaches_the_bound("encoder noise of 0.5 mm", &settings, |s| Part { travel, ..with(s) });
 }
 
 #[test]
-fn the_direction_of_the_axis_does_not_matter() {
+fn the_bound_is_reached_for_any_direction_of_the_axis() {
     let settings = cylinder();
     let with = |s| Part { interference: paper(), ..part(s) };
     reaches_the_bound_in_any_direction("any direction, clean", &settings, part);
@@ -260,7 +260,7 @@ fn the_direction_of_the_axis_does_not_matter() {
 }
 
 #[test]
-fn where_a_clamp_could_be_the_part_the_nominal_radius_decides_and_without_one_both_are_named() {
+fn if_a_clamp_could_be_the_part_the_nominal_radius_decides_and_without_it_both_are_reported() {
     let both = |seed| Part { interference: clamped(1.0, 0.6, 25.0), ..part(seed) };
     let Outcome::Refused(Refusal::TwoCylinders { radius_a_mm, radius_b_mm, .. }) =
         measure(&both(1), &cylinder()).0.outcome
@@ -275,7 +275,7 @@ fn where_a_clamp_could_be_the_part_the_nominal_radius_decides_and_without_one_bo
 }
 
 #[test]
-fn a_known_radius_makes_the_depth_of_a_short_arc_certain() {
+fn a_known_radius_determines_the_depth_of_a_short_arc() {
     let short = Part { arc_deg: 30.0, ..part(1) };
     let free = pose(measure(&short, &cylinder()).0);
     let known = Settings { nominal_radius_mm: Some(200.0), radius: RadiusRule::Fixed, ..cylinder() };
@@ -287,7 +287,7 @@ fn a_known_radius_makes_the_depth_of_a_short_arc_certain() {
     assert!(r_fixed == 0.0 && (fixed.radius - 200.0).abs() < 1e-9);
     let [_, z] = fixed.axis.at(truth.x_ref_mm);
     assert!((z - truth.z_ref_mm).abs() < 5.0 * z_fixed);
-    // A prior far tighter than the data holds the radius, one far looser lets it go.
+    // A prior far more accurate than the data constrains the radius, one far less accurate has no effect.
     for (sigma, near) in [(1e-6, fixed.axis.z0), (1e3, free.axis.z0)] {
         let prior = Settings { radius: RadiusRule::Prior, radius_sigma_mm: Some(sigma), ..known };
         assert!((pose(measure(&short, &prior).0).axis.z0 - near).abs() < 0.01 * z_free);
@@ -295,7 +295,7 @@ fn a_known_radius_makes_the_depth_of_a_short_arc_certain() {
 }
 
 #[test]
-fn what_the_data_leave_open_is_refused_with_its_numbers() {
+fn a_pose_that_the_data_cannot_determine_is_refused_with_its_numbers() {
     let sliver = Part { arc_deg: 8.0, points_count: 60, profiles_count: 40, noise_sigma_mm: 0.2, ..part(1) };
     let refusal = match measure(&sliver, &cylinder()).0.outcome {
         Outcome::Refused(refusal) => refusal,
@@ -305,7 +305,7 @@ fn what_the_data_leave_open_is_refused_with_its_numbers() {
 }
 
 #[test]
-fn neither_the_number_of_threads_nor_that_of_passes_shows_in_the_result() {
+fn the_result_is_independent_of_the_number_of_threads_and_passes() {
     let (scan, _) = make(&Part { interference: paper(), ..part(3) }).expect("a part");
     let on = |threads| {
         let progress = Progress::default();
@@ -321,13 +321,13 @@ fn neither_the_number_of_threads_nor_that_of_passes_shows_in_the_result() {
 }
 
 #[test]
-fn a_pose_that_rests_on_profiles_of_which_none_is_valid_has_residuals() {
-    // More than half of every profile lies under a clamp, so none has its 85 % of inliers.
+fn a_pose_from_profiles_of_which_none_is_valid_has_residuals() {
+    // More than half of every profile is covered by a clamp, so none has the required 85 % of inliers.
     let part = Part { interference: clamped(1.0, 0.6, 25.0), ..part(1) };
     let (estimate, _) = measure(&part, &Settings { nominal_radius_mm: Some(200.0), ..cylinder() });
     assert!(matches!(estimate.outcome, Outcome::Accepted(_)));
     assert!(estimate.profiles.iter().all(|profile| profile.rejected.is_some()));
-    let residuals = estimate.residuals.expect("of what served");
+    let residuals = estimate.residuals.expect("of the points used");
     assert!((residuals.sigma - part.noise_sigma_mm).abs() < 0.1 * part.noise_sigma_mm, "{residuals:?}");
     assert!((0.3..0.5).contains(&residuals.inlier_ratio), "{residuals:?}");
 }

@@ -1,4 +1,4 @@
-//! Cylinders found in clouds of real instruments, in whatever direction they lie, against what is known of them.
+//! Detects cylinders in clouds of real instruments, in any direction, and compares them with independent data.
 
 #![expect(clippy::expect_used, reason = "a test may fail")]
 
@@ -25,7 +25,7 @@ fn cloud(path: &Path, unit: Unit) -> Vec<[f64; 3]> {
     points
 }
 
-/// The last three numbers of every line that has three.
+/// The last three numbers of every line that has at least three.
 fn rows(path: &Path, scale: f64) -> Vec<[f64; 3]> {
     let text = fs::read_to_string(path).expect("the file is there");
     let row = |line: &str| {
@@ -35,20 +35,20 @@ fn rows(path: &Path, scale: f64) -> Vec<[f64; 3]> {
     text.lines().filter_map(row).collect()
 }
 
-/// Angle to a direction, degrees, and distance of a point from the axis found.
+/// Angle between the detected axis and a direction, degrees, and distance of a point from the detected axis.
 fn off(found: &Detected, point: V, direction: V) -> (f64, f64) {
     let axis = V::from(found.direction);
     (axis.cross(&direction.normalize()).norm().asin().to_degrees(), (point - V::from(found.point)).cross(&axis).norm())
 }
 
-/// An axis by its point at a height z, and its slopes there.
+/// An axis given by its point at a height z, and its slopes there.
 fn upright(point: [f64; 3], dx: f64, dy: f64) -> (V, V) {
     (V::from(point), V::new(dx, dy, 1.0))
 }
 
-/// The start lies within a tenth of the sector bootstrap's spread for a fit of all points, so within its noise of 7.7 mm.
+/// The result lies within a tenth of the spread of a sector bootstrap of a fit of all points, i.e. within its noise of 7.7 mm.
 #[test]
-fn a_tank_is_found_in_any_orientation() {
+fn a_tank_is_detected_in_any_orientation() {
     let Some(folder) = crate::real::outside("real") else { return };
     let points = rows(&folder.join("tank/scan.csv"), 1000.0);
     let (point, direction) = upright([37342.45, 25701.58, 7000.0], -0.001_169_5, -0.001_670_6);
@@ -62,7 +62,7 @@ fn a_tank_is_found_in_any_orientation() {
     }
 }
 
-/// A tapered post on a lattice of 15.6 and 31 mm: the radius is nominal, and known to 8 mm.
+/// A tapered post on a grid of 15.6 and 31 mm: the nominal radius is accurate to 8 mm.
 #[test]
 fn a_lamp_post_is_found_by_its_radius() {
     let Some(folder) = crate::real::outside("real") else { return };
@@ -73,7 +73,7 @@ fn a_lamp_post_is_found_by_its_radius() {
     assert!((tilt - 2.3).abs() < 1.0 && (found[0].radius - 51.0).abs() < 8.0, "{tilt}° {found:?}");
 }
 
-/// 6 % of the points are the mug's, half of them the table's. The table's normal is the mug's axis.
+/// 6 % of the points belong to the mug, half of them to the table. The table's normal is the mug's axis.
 #[test]
 fn a_mug_is_found_on_its_table() {
     let Some(folder) = crate::real::outside("real") else { return };
@@ -85,7 +85,7 @@ fn a_mug_is_found_on_its_table() {
     }
 }
 
-/// The inside of pipes with artefacts out to 65 m. Two of the three scans of the first pipe hold more of them.
+/// The inside of pipes with artefacts at up to 65 m. Two of the three scans of the first pipe contain more of these.
 #[test]
 fn sewer_pipes_are_found_from_inside() {
     let Some(folder) = crate::real::outside("real") else { return };
@@ -105,7 +105,7 @@ fn sewer_pipes_are_found_from_inside() {
 
 /// An arc of 25° with a scatter of 1.6 µm.
 #[test]
-fn the_land_of_a_bullet_is_found() {
+fn the_land_of_a_bullet_is_detected() {
     let Some(folder) = crate::real::outside("real") else { return };
     let found = detect(&cloud(&folder.join("bullet-land/land.npy"), Unit::Millimetre), &DetectRequest::default());
     let axis = V::from(found[0].direction);
@@ -121,7 +121,7 @@ fn noise_without_a_surface_has_no_cylinder() {
     assert_eq!(detect(&points, &DetectRequest::default()), Vec::new());
 }
 
-/// From 6 points on. The robust start differs from the published least squares by a part of the points' scatter.
+/// From 6 points on. The robust initial value differs from the published least squares by a fraction of the points' scatter.
 #[test]
 fn published_cylinders_are_found() {
     let Some(folder) = crate::real::outside("real") else { return };

@@ -14,7 +14,7 @@ use coaxis::scan::{Columns, Scan, Station};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// A root mean square error within this share of the bound reaches it: that of a uniform error scatters by 9 % over 24 ends.
+/// A root mean square error within this factor of the bound reaches it: that of a uniform error varies by 9 % over 24 ends.
 const BOUND_SHARE: f64 = 1.25;
 
 /// A part, how it is scanned, and the limits of its errors.
@@ -28,20 +28,20 @@ struct Scene {
     edge: Edge,
     drop_out_ratio: f64,
     interference: Interference,
-    /// Other changes of the part.
+    /// Further changes of the part.
     also: fn(Part) -> Part,
-    /// Whether each profile has another one 0.01 mm behind it, as of a second head.
+    /// Whether each profile has another one 0.01 mm after it, as from a second sensor head.
     in_pairs: bool,
     method: Method,
-    /// `None` where the spacing sets the bound: [`BOUND_SHARE`] times that.
+    /// `None` if the spacing determines the bound: then [`BOUND_SHARE`] times the bound.
     rms_max_mm: Option<f64>,
-    /// Largest bias, beside its scatter.
+    /// Maximum bias, in addition to its scatter.
     bias_max_mm: f64,
-    /// Least and largest share of the errors within the expanded uncertainty, beside its scatter.
+    /// Minimum and maximum share of the errors within the expanded uncertainty, in addition to its scatter.
     contained: [f64; 2],
     /// Largest error in standard uncertainties.
     deviations_max: f64,
-    /// Largest share of the ends that are not seen.
+    /// Maximum share of the ends that are not reported.
     unseen_max: f64,
     seeds_count: u64,
 }
@@ -62,25 +62,25 @@ const PLAIN: Scene = Scene {
     rms_max_mm: None,
     bias_max_mm: 0.0,
     contained: [0.93, 0.98],
-    // Ragged edges have errors far beyond it, about one in a hundred.
+    // Ragged edges cause far larger errors, about one in a hundred.
     deviations_max: f64::INFINITY,
     unseen_max: 0.0,
     seeds_count: 12,
 };
 
 impl Scene {
-    /// The limits of the errors, where noise and pose set them: 1.5 times the root mean square and the bias measured over
+    /// The limits of the errors if noise and pose determine them: 1.5 times the root mean square and the bias measured over
     /// 200 seeds in November 2026, rounded up.
     fn within(self, rms_max_mm: f64, bias_max_mm: f64) -> Self {
         Self { rms_max_mm: Some(rms_max_mm), bias_max_mm, ..self }
     }
 
-    /// The part of a seed: both ends at a random place between the profiles.
+    /// The part of a seed: both ends at a random position between the profiles.
     fn part(&self, seed: u64) -> Part {
         let mut chance = ChaCha8Rng::seed_from_u64(seed ^ 0x5eed);
         let slope = |degrees: f64| degrees.to_radians().tan();
         let axis = AxisLine { p: slope(self.tilt_deg[0]), q: slope(self.tilt_deg[1]), y0: 3.0, z0: -2.0 };
-        // Enough profiles beyond either end for the whole edge, which the tilt spreads along x.
+        // Enough profiles beyond either end for the complete edge, which the tilt spreads along x.
         let spread = self.radius_mm * axis.p.hypot(axis.q);
         let margin = spread + 12.0 * self.spacing_mm;
         let length = 2.0 * margin + 100.0_f64.max(40.0 * self.spacing_mm);
@@ -112,8 +112,8 @@ impl Scene {
         Settings { method: self.method, end_face: EndFaceRule::Both, arc_min_deg: 15.0, ..Settings::default() }
     }
 
-    /// The least root mean square error without noise: where the edge is spread over `spread` along the axis, a profile meets
-    /// it with the probability spread/spacing; where none does, the place is uniform over spacing − spread.
+    /// The minimum root mean square error without noise: if the edge is spread over `spread` along the axis, a profile intersects
+    /// it with the probability spread/spacing; otherwise, the position is uniform over spacing − spread.
     fn bound_mm(&self) -> f64 {
         let half = self.arc_deg.to_radians() / 2.0;
         let [p, q] = self.tilt_deg.map(|degrees| degrees.to_radians().tan());
@@ -124,7 +124,7 @@ impl Scene {
     }
 }
 
-/// Turns the raster by part of a step: otherwise both flanks meet the edge alike under pure pitch.
+/// Rotates the raster by a fraction of a step: otherwise both flanks intersect the edge at the same point under pure pitch.
 fn raster_anywhere(part: &Part) -> Part {
     let share = ChaCha8Rng::seed_from_u64(part.seed ^ 0xa57e).random_range(0.0..1.0);
     Part { view_deg: share * part.arc_deg / part.points_count as f64, ..part.clone() }
@@ -231,7 +231,7 @@ fn meets_its_limits(scene: &Scene) {
     );
     let rms_max = scene.rms_max_mm.unwrap_or(BOUND_SHARE * bound);
     assert!(rms <= rms_max, "{name}: rms {rms:.4} mm of {rms_max:.4} mm");
-    // A mean of n errors scatters by rms/√n, a share s by √(s(1 − s)/n); three of them are granted.
+    // A mean of n errors has the standard deviation rms/√n, a share s √(s(1 − s)/n); three of these are allowed.
     let bias_max = scene.bias_max_mm + 3.0 * rms_max / count.sqrt();
     assert!(bias.abs() <= bias_max, "{name}: bias {bias:.4} mm of {bias_max:.4} mm");
     let [least, most] = scene.contained;
@@ -240,11 +240,11 @@ fn meets_its_limits(scene: &Scene) {
     assert!(range.contains(&contained), "{name}: {contained:.3} contained, expected {range:?}");
     let deviations_max = scene.deviations_max;
     assert!(deviations <= deviations_max, "{name}: an error of {deviations:.1} standard uncertainties");
-    // 95.45 % of a uniform error of ± a lie within 0.9545 a, and half of that is 0.83 of its standard deviation a/√3.
+    // 95.45 % of a uniform error of ± a are within 0.9545 a, and half of that is 0.83 of its standard deviation a/√3.
     if bound > 0.1 * scene.spacing_mm {
         assert!(stated <= 0.93 * bound, "{name}: {stated:.4} mm stated");
     }
-    assert!(unseen_count as f64 <= scene.unseen_max * count, "{name}: {unseen_count} not seen");
+    assert!(unseen_count as f64 <= scene.unseen_max * count, "{name}: {unseen_count} not reported");
 }
 
 fn meet_their_limits(scenes: Vec<Scene>) {
@@ -305,7 +305,7 @@ fn clean_edges() -> Vec<Scene> {
 }
 
 #[test]
-fn a_clean_edge_is_known_far_better_than_the_spacing() {
+fn the_uncertainty_of_a_clean_edge_is_far_below_the_spacing() {
     meet_their_limits(clean_edges());
 }
 
@@ -371,7 +371,7 @@ fn uncertain_poses() -> Vec<Scene> {
 }
 
 #[test]
-fn noise_jitter_and_a_pose_that_is_known_badly_are_stated() {
+fn the_uncertainty_contains_noise_jitter_and_an_uncertain_pose() {
     meet_their_limits(uncertain_poses());
 }
 
@@ -424,7 +424,7 @@ fn damaged_edges() -> Vec<Scene> {
 }
 
 #[test]
-fn chamfers_ragged_edges_and_drop_outs_cost_little() {
+fn chamfers_ragged_edges_and_drop_outs_increase_the_error_little() {
     meet_their_limits(damaged_edges());
 }
 
@@ -447,12 +447,12 @@ fn beyond_the_end() -> Vec<Scene> {
 }
 
 #[test]
-fn what_lies_beyond_the_end_does_not_extend_the_part() {
+fn objects_beyond_the_end_do_not_extend_the_part() {
     meet_their_limits(beyond_the_end());
 }
 
 #[test]
-fn a_scan_that_stops_before_the_part_does_shows_no_end() {
+fn no_end_is_reported_if_the_scan_stops_before_the_end_of_the_part() {
     for scene in [
         PLAIN,
         Scene { tilt_deg: [0.0, 0.0], ..PLAIN },
@@ -463,7 +463,7 @@ fn a_scan_that_stops_before_the_part_does_shows_no_end() {
             let part = Part { edges: Edges { near: None, ..scene.part(seed).edges }, ..scene.part(seed) };
             let (estimate, _) = measure(&part, &scene.settings());
             let [near, far] = faces(&estimate);
-            // Non-robust sections may leave the axis so uncertain that the far end is not reported either.
+            // Non-robust sections may determine the axis so poorly that the far end is not reported either.
             let expected = far.is_some() || scene.method == Method::SectionLinePlain;
             assert!(near.is_none() && expected, "{near:?} {far:?}");
             for (end, face) in [("near", near), ("far", far)] {
@@ -476,9 +476,9 @@ fn a_scan_that_stops_before_the_part_does_shows_no_end() {
     }
 }
 
-/// Nothing beyond the chamfer is in the file, or few profiles meet it.
+/// The file contains nothing beyond the chamfer, or few profiles intersect it.
 #[test]
-fn an_end_on_a_chamfer_is_reported_only_where_the_scan_shows_it() {
+fn an_end_on_a_chamfer_is_reported_only_if_the_scan_shows_it() {
     let chamfered = |chamfer_mm: f64, spacing_mm: f64, tilt_deg: f64| Scene {
         edge: Edge { chamfer_mm, ..SHARP },
         spacing_mm,
@@ -506,7 +506,7 @@ fn an_end_on_a_chamfer_is_reported_only_where_the_scan_shows_it() {
             }
         }
     }
-    // All that the scan shows, at least.
+    // At least all that the scan shows.
     assert!(reported_count >= 24, "{reported_count} reported");
 }
 
@@ -525,7 +525,7 @@ fn an_end_that_cannot_be_distinguished_is_not_reported() {
     }
 }
 
-/// Errors that turn or move the whole scan turn and move the edge with the axis, so they do not change its place on it.
+/// Errors that rotate or move the complete scan rotate and move the edge with the axis, so its position on the axis is unchanged.
 #[test]
 fn calibration_widens_an_end_face_and_does_not_move_it() {
     let (scan, _) = make(&PLAIN.part(1)).expect("a part");
@@ -536,7 +536,7 @@ fn calibration_widens_an_end_face_and_does_not_move_it() {
     for (plain, turned) in plain.into_iter().zip(turned) {
         let (plain, turned) = (plain.expect("an end"), turned.expect("an end"));
         assert!((plain.centre[0] - turned.centre[0]).abs() < 1e-5, "{plain:?} {turned:?}");
-        // x is turned by the distance from the rail's axis, which is |(y, z)|.
+        // x changes by the rotation times the distance from the rail's axis, which is |(y, z)|.
         let expected = rotation_deg.to_radians() * plain.centre[1].hypot(plain.centre[2]);
         let added = turned.x_standard - plain.x_standard;
         assert!(added > 0.0 && added < expected + 1e-5, "{plain:?} {turned:?} {expected}");
@@ -544,7 +544,7 @@ fn calibration_widens_an_end_face_and_does_not_move_it() {
 }
 
 #[test]
-fn only_the_ends_asked_for_are_measured() {
+fn only_the_requested_ends_are_measured() {
     for (asked, expected) in [
         (EndFaceRule::None, [false, false]),
         (EndFaceRule::Near, [true, false]),
@@ -557,7 +557,7 @@ fn only_the_ends_asked_for_are_measured() {
         assert!(estimate.conditioning.warnings.iter().all(|warning| warning.code() == "calibration_not_stated"));
         for (face, truth) in faces(&estimate).into_iter().zip([truth.near_end_face_mm, truth.far_end_face_mm]) {
             let (Some(face), Some(truth)) = (face, truth) else { continue };
-            // y and z are the axis at that x: known to micrometres here.
+            // y and z are those of the axis at that x, accurate to micrometres here.
             assert!((face.centre[1] - truth[1]).abs() < 0.01 && (face.centre[2] - truth[2]).abs() < 0.01, "{face:?}");
         }
     }

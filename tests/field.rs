@@ -1,6 +1,6 @@
-//! What users' files look like when something is off: each situation that was reported of scanners and point clouds, with the
-//! pose that is right. Right is an error within 2.5 of the stated standard uncertainties in every number. The points of a file
-//! have one draw of their noise, so one row in thirty would fail by chance if the uncertainty were exact; none does.
+//! Typical faults of users' files: each was reported for scanners and point clouds, and has a known true pose. A result is correct
+//! if its error is within 2.5 of the stated standard uncertainties in every number. Each file has a single draw of its noise, so
+//! one row in thirty would fail by chance if the uncertainty were exact; none does.
 
 #![expect(clippy::expect_used, clippy::panic, clippy::indexing_slicing, reason = "a test may fail")]
 
@@ -13,7 +13,7 @@ use coaxis::scan::synthetic::{LaserPlane, Part, make};
 use coaxis::scan::{Cloud, Grouping, Labels, ProfileRule, Stripe};
 use std::path::{Path, PathBuf};
 
-/// Largest error in standard uncertainties.
+/// Maximum error in standard uncertainties.
 const STANDARD_MAX: f64 = 2.5;
 
 fn file(name: &str) -> PathBuf {
@@ -23,7 +23,7 @@ fn file(name: &str) -> PathBuf {
 /// Radius, deflection and pitch in degrees, y_c0 and z_c0.
 type Truth = [f64; 5];
 
-/// The part that most files show.
+/// The part in most files.
 const USUAL: Truth = [50.0, 0.8, 1.1, 3.0, -7.0];
 
 /// Largest error of (deflection, pitch, y_ref, z_ref, radius) in standard uncertainties.
@@ -46,7 +46,7 @@ fn off(name: &str, ask: &Ask, [radius, deflection, pitch, y_c0, z_c0]: Truth) ->
 }
 
 #[test]
-fn every_reported_situation_is_measured_right() {
+fn every_reported_fault_is_measured_correctly() {
     for name in [
         "zero3_edge_5.csv",
         "zero3_edge_20.csv",
@@ -75,7 +75,7 @@ fn every_reported_situation_is_measured_right() {
 }
 
 #[test]
-fn a_frame_that_is_turned_moves_every_point_by_itself() {
+fn a_rotated_frame_transforms_every_point() {
     let text = std::fs::read(file("frame2.json")).expect("the file is there");
     let recipe: serde_json::Value = serde_json::from_slice(&text).expect("JSON");
     let frame: Frame = serde_json::from_value(recipe["frame"].clone()).expect("a frame");
@@ -83,7 +83,7 @@ fn a_frame_that_is_turned_moves_every_point_by_itself() {
     ask.slicing.frame = Some(frame);
     let estimate = measure(&file("frame_plain.csv"), &ask);
     let found = pose(&estimate).expect("accepted");
-    // The truth is stated in the frame of the file: turned into the frame of the recipe.
+    // The truth is stated in the frame of the file and transformed to the frame of the recipe.
     let rotation = frame.rotation().expect("a frame");
     let slopes = [USUAL[1], USUAL[2]].map(|angle: f64| angle.to_radians().tan());
     let point = rotation * (nalgebra::Vector3::new(0.0, USUAL[3], USUAL[4]) - nalgebra::Vector3::from(frame.origin_mm));
@@ -95,7 +95,7 @@ fn a_frame_that_is_turned_moves_every_point_by_itself() {
 }
 
 #[test]
-fn missing_values_are_named_and_counted() {
+fn missing_values_are_reported_and_counted() {
     for (name, value, count) in [
         ("zero3_edge_5.csv", "(x, y, z) = (0, 0, 0)", 134),
         ("zero3_edge_20.csv", "(x, y, z) = (0, 0, 0)", 536),
@@ -115,7 +115,7 @@ fn missing_values_are_named_and_counted() {
 }
 
 #[test]
-fn an_axis_in_any_direction_is_found_in_the_frame_of_the_file() {
+fn an_axis_in_any_direction_is_measured_in_the_frame_of_the_file() {
     let diagonal = std::f64::consts::FRAC_1_SQRT_2;
     let tilted = 20f64.to_radians();
     for (name, direction) in [
@@ -138,7 +138,7 @@ fn an_axis_in_any_direction_is_found_in_the_frame_of_the_file() {
 }
 
 #[test]
-fn an_axis_beside_the_rail_is_refused_with_its_angle_or_warned_of() {
+fn an_axis_not_along_the_rail_is_refused_with_its_angle_or_gives_a_warning() {
     for (name, least) in [("axis_along_z.npy", 89.9), ("axis_pitch45.npy", 44.9)] {
         let with = |orientation| Ask { settings: Settings { orientation, ..Settings::default() }, ..Ask::default() };
         let refused = measure(&file(name), &with(Orientation::Rail));
@@ -156,13 +156,13 @@ fn an_axis_beside_the_rail_is_refused_with_its_angle_or_warned_of() {
 }
 
 #[test]
-fn an_arc_that_opens_towards_the_sensor_is_warned_of() {
+fn an_arc_that_is_concave_towards_the_sensor_gives_a_warning() {
     let estimate = measure(&file("flip_z.csv"), &Ask::default());
     assert_eq!(codes(&estimate), ["calibration_not_stated", "concave_towards_sensor"]);
 }
 
 #[test]
-fn noise_of_a_twentieth_of_the_radius_leaves_the_radius_within_its_uncertainty() {
+fn the_radius_is_within_its_uncertainty_with_noise_of_a_twentieth_of_the_radius() {
     let ask =
         Ask { settings: Settings { position_uncertainty_max_mm: Some(1.0), ..Settings::default() }, ..Ask::default() };
     let estimate = measure(&file("noise_full_1.0.csv"), &ask);
@@ -172,7 +172,7 @@ fn noise_of_a_twentieth_of_the_radius_leaves_the_radius_within_its_uncertainty()
 }
 
 #[test]
-fn profiles_without_travel_are_named() {
+fn profiles_without_travel_are_refused_by_name() {
     let estimate = measure(&file("gocator_profile_y0.csv"), &Ask::default());
     match estimate.outcome {
         coaxis::estimation::Outcome::Refused(refusal) => assert_eq!(refusal.code(), "travel_missing"),
@@ -180,7 +180,7 @@ fn profiles_without_travel_are_named() {
     }
 }
 
-/// The points of profiles in a tilted laser plane, whose profiles share errors, without anything that tells the profiles apart.
+/// The points of profiles in a tilted laser plane, whose profiles share errors, without the assignment of points to profiles.
 fn tilted_cloud(seed: u64, axis: AxisLine, about_z_deg: f64) -> Cloud {
     let part = Part {
         axis,
@@ -200,7 +200,7 @@ fn tilted_cloud(seed: u64, axis: AxisLine, about_z_deg: f64) -> Cloud {
     Cloud { stripes, columns, labels, unit, blanks: Vec::new(), missing_count: 0 }
 }
 
-/// Root mean square of the errors of slabs in standard uncertainties: as they are cut, and where they pass for profiles of the sensor.
+/// Root mean square of the errors of slabs in standard uncertainties: as slabs, and when treated as profiles of the sensor.
 fn slabs_off(about_z_deg: f64, seeds: u64) -> [f64; 2] {
     let axis = AxisLine { p: 0.01, q: 0.02, y0: 3.0, z0: -7.0 };
     let rule = Some(ProfileRule::XPitch(Some(3.0)));

@@ -1,11 +1,11 @@
-//! Faults that users of scanners and point-cloud tools have reported in public, simulated and measured as an uploaded file is:
-//! the expanded uncertainty must contain the error of every number as often as it claims, and an answer that is certain of
-//! itself and wrong is not allowed. Truth is that of the generator.
+//! Faults that users of scanners and point-cloud tools have reported in public, simulated and measured like an uploaded file:
+//! the expanded uncertainty must contain the error of every number as often as it claims, and an accepted result must not be wrong
+//! by many of its own uncertainties. The truth is that of the generator.
 //!
 //! `COAXIS_SEEDS=300 cargo test --release --test all field_kinds:: -- --nocapture` prints the table of docs/accuracy.md;
-//! `COAXIS_DENSITY=4` takes four times as many profiles and points, which shows errors that do not average out.
+//! `COAXIS_DENSITY=4` simulates four times as many profiles and points, which shows errors that do not average out.
 
-#![expect(clippy::indexing_slicing, clippy::print_stdout, reason = "a test may fail, and says what it saw")]
+#![expect(clippy::indexing_slicing, clippy::print_stdout, reason = "a test may fail, and prints its results")]
 
 use crate::made::any_direction::Compared;
 use crate::made::count;
@@ -22,33 +22,33 @@ use rayon::prelude::*;
 use statrs::distribution::{Binomial, DiscreteCDF};
 use std::f64::consts::TAU;
 
-/// Seeds of a kind that continuous integration has time for.
+/// Seeds per kind in continuous integration.
 const SEEDS: u64 = 4;
-/// No accepted answer may be off by more of its own standard uncertainties,
+/// Maximum error of an accepted result in its own standard uncertainties,
 const UNCERTAINTIES_MAX: f64 = 5.0;
-/// and by more than rounding, mm and radians.
+/// if it exceeds rounding, mm and radians.
 const ROUNDING: f64 = 1e-9;
-/// Share of the numbers that ± U may contain over many seeds; U claims 95.45 %.
+/// Range of the share of the numbers that ± U contains over many seeds; U claims 95.45 %.
 const HELD: [f64; 2] = [0.90, 0.99];
-/// A share outside of these bounds counts if chance makes it once in so many kinds.
+/// A share outside of these bounds is a fault if its probability by chance is below this per kind.
 const CHANCE: f64 = 1e-3;
-/// Independent numbers of one answer: z and the radius of an arc err together, so that the shares of five numbers scatter as
-/// those of 25/7 independent ones do (the variance of the sum of five indicators is 7 pq where two are equal).
+/// Independent numbers of one result: z and the radius of an arc are correlated, so that the shares of five numbers vary like
+/// those of 25/7 independent ones (the variance of the sum of five indicators is 7 pq if two are equal).
 const INDEPENDENT: f64 = 25.0 / 7.0;
-/// Least share of the scans that have to be answered.
+/// Minimum share of the scans that have to be accepted.
 const ANSWERED_MIN: f64 = 0.9;
 const SIGMA_MM: f64 = 0.02;
 const RADIUS_MM: f64 = 50.0;
 
-/// What a kind has to do with the uncertainty that is stated.
+/// Expected relation of a kind to the stated uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Due {
     /// U contains as many errors as it claims.
     Held,
-    /// The same, but more may be contained: limits of a data sheet are wider than the error of one sensor, and coarse steps are
-    /// in the scatter of the points and in the line `resolution`.
+    /// The same, but the share may be higher: limits of a data sheet are wider than the error of one sensor, and coarse steps are
+    /// contained both in the scatter of the points and in the line `resolution`.
     AtLeast,
-    /// No scan shows the error and no calibration states it. For comparison with the kind that states it.
+    /// The scan does not show the error and no calibration declares it. For comparison with the kind that declares it.
     Undeclared,
 }
 
@@ -60,7 +60,7 @@ struct Scene {
     nominal_radius_mm: Option<f64>,
 }
 
-/// What is off in a scan, by chance or not.
+/// A change of a scan, random or not.
 type Change = Box<dyn Fn(&mut Scene, &mut ChaCha8Rng) + Sync>;
 
 struct Kind {
@@ -81,7 +81,7 @@ fn drawn(name: &'static str, due: Due, change: impl Fn(&mut Scene, &mut ChaCha8R
     Kind { name, due, change: Box::new(change) }
 }
 
-/// The scan that the files of `field` were made from: radius 50 mm, 120°, noise 0.02 mm.
+/// The scan from which the files of `field` were made: radius 50 mm, 120°, noise 0.02 mm.
 fn scene(seed: u64) -> Scene {
     let density = count("COAXIS_DENSITY", 1) as usize;
     let axis = AxisLine { p: 0.8_f64.to_radians().tan(), q: 1.1_f64.to_radians().tan(), y0: 3.0, z0: -7.0 };
@@ -118,7 +118,7 @@ fn reflections(ratio: f64, offset_mm: f64) -> impl Fn(&mut Scene) + Sync {
     move |scene| scene.part.sensor.reflections = Reflections { ratio, offset_mm }
 }
 
-/// The rail lies along this direction of the file; the points are in no order.
+/// The rail has this direction in the file; the points are in random order.
 fn along(x_axis: [f64; 3], z_axis: [f64; 3]) -> impl Fn(&mut Scene) + Sync {
     move |scene| {
         let frame = Frame { origin_mm: [10.0, -20.0, 30.0], x_axis, z_axis };
@@ -126,25 +126,25 @@ fn along(x_axis: [f64; 3], z_axis: [f64; 3]) -> impl Fn(&mut Scene) + Sync {
     }
 }
 
-/// A bent scale of z whose limits at the edges of the range are ± `limit_mm`, and how it is declared: by its whole change over
+/// A bent scale of z with the limits ± `limit_mm` at the ends of the range. It is declared by its total change over
 /// the depth of the part, as docs/estimation.md says.
 fn bend(limit_mm: f64, is_declared: bool) -> impl Fn(&mut Scene, &mut ChaCha8Rng) + Sync {
     move |scene, chance| {
         let size_mm = chance.random_range(-limit_mm..limit_mm);
         scene.part.sensor.bend = Bend { size_mm, middle_mm: scene.part.axis.at(122.5)[1], range_mm: RADIUS_MM };
         if is_declared {
-            // The arc of 120° lies between a half and the whole of the range, so the change is three quarters of the limit.
+            // The arc of 120° covers between half and all of the range, so the change is three quarters of the limit.
             scene.type_b.sensor_linearity_mm = 0.75 * limit_mm;
         }
     }
 }
 
-/// A wave along the laser line, and its standard deviation and correlation: those of a wave of any phase, whose correlation
-/// cos(2πd/period) begins as exp(−d²/2L²) does with L = period/2π.
+/// A wave along the laser line, declared with the standard deviation and correlation of a wave of random phase, whose correlation
+/// cos(2πd/period) starts like exp(−d²/2L²) with L = period/2π.
 fn ripple(amplitude_mm: f64, period_mm: f64, is_declared: bool) -> impl Fn(&mut Scene, &mut ChaCha8Rng) + Sync {
     move |scene, chance| {
         scene.part.sensor = SensorErrors { ripple: Ripple { amplitude_mm, period_mm }, ..SensorErrors::default() };
-        // Any place of the part in the field of the sensor, and so any phase.
+        // Any position of the part in the field of the sensor, and so any phase.
         scene.part.axis.y0 = chance.random_range(-0.5 * period_mm..0.5 * period_mm);
         if is_declared {
             scene.type_b.sensor_linearity_mm = amplitude_mm / 2f64.sqrt();
@@ -153,7 +153,7 @@ fn ripple(amplitude_mm: f64, period_mm: f64, is_declared: bool) -> impl Fn(&mut 
     }
 }
 
-/// Points beyond 40° of incidence curl away; the arc ends at 60°. Declared as a data sheet's limit ± a is: a/√3.
+/// Points beyond 40° of incidence deviate; the arc ends at 60°. Declared like a limit ± a of a data sheet: a/√3.
 fn curl(limit_mm: f64, is_declared: bool) -> impl Fn(&mut Scene, &mut ChaCha8Rng) + Sync {
     move |scene, chance| {
         let mm_per_rad = chance.random_range(-limit_mm..limit_mm) / 20f64.to_radians();
@@ -235,12 +235,12 @@ fn kinds() -> Vec<Kind> {
     ]
 }
 
-/// What became of the scans of a kind.
+/// Results of the scans of a kind.
 #[derive(Debug, Default)]
 struct Tally {
     scans_count: usize,
     refused: Vec<&'static str>,
-    /// Errors over standard uncertainties.
+    /// Errors divided by standard uncertainties.
     answers: Vec<[f64; 5]>,
 }
 
@@ -287,7 +287,7 @@ impl Tally {
         worst.map_or(0, |(index, _)| index)
     }
 
-    /// What is wrong with it, if anything.
+    /// The fault of the kind, if it has one.
     fn fault(&self, due: Due) -> Option<String> {
         if (self.answers.len() as f64) < ANSWERED_MIN * self.scans_count as f64 {
             return Some(format!("refused: {:?}", self.refused));

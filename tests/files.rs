@@ -1,5 +1,5 @@
-//! Every Rust file below `tests` is a module of the one test binary. A file that no module declares would never run, and cargo says
-//! nothing about it.
+//! Every Rust file below `tests` is a module of the single test binary. A file that no module declares would never run, and cargo
+//! does not report it.
 
 #![expect(clippy::expect_used, reason = "a test may fail")]
 
@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 fn rust_files(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).expect("readable folder") {
         let path = entry.expect("readable entry").path();
-        // The Python environment, say.
+        // For example, the Python environment.
         let is_hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
         if path.is_dir() && !is_hidden {
             rust_files(&path, found);
@@ -19,7 +19,7 @@ fn rust_files(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// Whether the text declares this module, and its own file is where the module is looked for.
+/// Whether the text declares this module, and its file is where the compiler looks for it.
 fn declares(parent: &Path, name: &str) -> bool {
     let text = fs::read_to_string(parent).unwrap_or_default();
     let declaration = format!("mod {name};");

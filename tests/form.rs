@@ -1,5 +1,5 @@
-//! A part that is no straight cylinder is told from one: synthetic parts are tapered and bent by known amounts, and the pose must
-//! say so and hold the truth within what it states.
+//! A part that is not a straight cylinder is detected: synthetic parts are tapered and bent by known amounts; the estimate must
+//! report this, and its stated uncertainty must contain the truth.
 
 #![expect(clippy::panic, clippy::expect_used, reason = "a test may fail")]
 
@@ -11,7 +11,7 @@ fn part(seed: u64) -> Part {
     Part { arc_deg: 120.0, profiles_count: 100, points_count: 200, ..Part::with_interference(seed) }
 }
 
-/// The scan with every point moved by what `change` makes of (ξ, u, w): its place from −1 to 1 along the part and its
+/// The scan with every point moved by `change` of (ξ, u, w): the position from −1 to 1 along the part and the
 /// coordinates about the axis.
 fn deformed(scan: &Scan, part: &Part, change: impl Fn(f64, f64, f64) -> [f64; 2]) -> Scan {
     let (mut y, mut z) = (Vec::new(), Vec::new());
@@ -44,7 +44,7 @@ fn errors(pose: &Pose, truth: &Truth) -> [f64; 2] {
 }
 
 #[test]
-fn a_tapered_part_is_said_to_be_and_its_tilt_is_known_as_well_as_stated() {
+fn a_tapered_part_is_reported_and_its_tilt_is_within_its_uncertainty() {
     for (seed, taper_deg) in [(1, 0.005_f64), (2, -0.02), (3, 0.1)] {
         let part = part(seed);
         let (scan, truth) = make(&part).expect("a part");
@@ -56,7 +56,7 @@ fn a_tapered_part_is_said_to_be_and_its_tilt_is_known_as_well_as_stated() {
             _ => None,
         });
         let said = said.expect("a warning");
-        // One step is linear: exact for a taper within the noise, too large beyond, where the points leave the window.
+        // One step is linear: exact for a taper within the noise, too large for a greater one, where points leave the window.
         let beyond = taper_deg.abs() > 0.05;
         let allowed = if beyond { 3.0 } else { 0.1 };
         assert!((said / taper_deg - 1.0).abs() < allowed, "{said}° of {taper_deg}°");
@@ -66,7 +66,7 @@ fn a_tapered_part_is_said_to_be_and_its_tilt_is_known_as_well_as_stated() {
 }
 
 #[test]
-fn a_bent_part_is_said_to_be() {
+fn a_bent_part_is_reported() {
     let part = part(4);
     let (scan, _) = make(&part).expect("a part");
     let bent = deformed(&scan, &part, |place, u, w| [u + 0.03 * place * place, w + 0.04 * place * place]);
@@ -78,7 +78,7 @@ fn a_bent_part_is_said_to_be() {
 }
 
 #[test]
-fn a_straight_cylinder_is_said_to_be_neither() {
+fn a_straight_cylinder_is_reported_as_neither() {
     let mut fields_count = 0;
     for seed in 0..40 {
         let (scan, _) = make(&part(seed)).expect("a part");
@@ -89,17 +89,18 @@ fn a_straight_cylinder_is_said_to_be_neither() {
         assert!(others.is_empty() || others == ["layers"], "seed {seed}: {others:?}");
         fields_count += others.len();
     }
-    // Chance shows a field in one of twenty, in the means or in the slopes; four of 40 are expected, and nine or more in 1.6 %.
+    // A field appears by chance in one of twenty, in the means or in the slopes; four of 40 are expected, and nine or more have a
+    // probability of 1.6 %.
     assert!(fields_count < 9, "{fields_count} of 40");
 }
 
-/// An oval part: y about the axis is larger by a thousandth, 0.1 mm of 200 mm radius at the ends of 120°.
+/// An oval part: y about the axis is larger by a thousandth, 0.1 mm for 200 mm radius at the ends of 120°.
 fn oval(_: f64, u: f64, w: f64) -> [f64; 2] {
     [u * 1.001, w]
 }
 
 #[test]
-fn a_smooth_form_of_several_sigmas_is_no_layer() {
+fn a_smooth_form_deviation_of_several_sigmas_is_not_a_layer() {
     type Form = fn(f64, f64, f64) -> [f64; 2];
     let taper: Form = |place, u, w| [u * (1.0 + 0.0035 * place), w * (1.0 + 0.0035 * place)];
     let bow: Form = |place, u, w| [u, w + 0.1 * place * place];
@@ -108,7 +109,7 @@ fn a_smooth_form_of_several_sigmas_is_no_layer() {
             let plain = part(seed);
             let part = if interference { plain } else { Part { interference: Interference::NONE, ..plain } };
             let (scan, truth) = make(&part).expect("a part");
-            // The line `form` of a tapered part is half a degree wide here.
+            // The budget line `form` of a tapered part is half a degree here.
             let settings = Settings { angle_uncertainty_max_deg: 1.0, ..Settings::default() };
             let estimate = estimate(&deformed(&scan, &part, form), &settings, &Progress::default());
             let Outcome::Accepted(pose) = &estimate.outcome else {
@@ -120,7 +121,7 @@ fn a_smooth_form_of_several_sigmas_is_no_layer() {
     }
 }
 
-/// Two strips of floor from 110 to 400 mm beside the axis and 125 mm below it, 300 points of a profile beside 200 on the part.
+/// Two strips of support from 110 to 400 mm beside the axis and 125 mm below it, 300 points of a profile besides 200 on the part.
 fn on_a_floor(scan: &Scan, part: &Part) -> Scan {
     let (mut y, mut z, mut stations) = (Vec::new(), Vec::new(), Vec::new());
     for (index, station) in scan.stations().iter().enumerate() {
@@ -133,7 +134,7 @@ fn on_a_floor(scan: &Scan, part: &Part) -> Scan {
         for place in 0..300_u32 {
             let side = if place < 150 { -1.0 } else { 1.0 };
             y.push(axis_y + side * (110.0 + 290.0 * f64::from(place % 150) / 149.0));
-            // Noise enough for a plane: the digits of a sine.
+            // The digits of a sine are sufficient noise for a plane.
             z.push(axis_z - 125.0 + 0.05 * (f64::from(place) * 12.9898 + index as f64 * 78.233).sin());
         }
         stations.push(Station { x: station.x, start, end: y.len() });
@@ -142,7 +143,7 @@ fn on_a_floor(scan: &Scan, part: &Part) -> Scan {
 }
 
 #[test]
-fn a_floor_that_holds_most_points_is_not_the_part() {
+fn a_support_with_most_of_the_points_is_not_the_part() {
     for seed in 0..4 {
         let part =
             Part { radius_mm: 100.0, arc_deg: 150.0, profiles_count: 100, points_count: 200, ..Part::smooth(seed) };
@@ -155,9 +156,9 @@ fn a_floor_that_holds_most_points_is_not_the_part() {
     }
 }
 
-/// Part of ±30° with a floor 50 mm below its axis beside it, which crosses its circle at ±87 mm, far from the arc.
+/// Part of ±30° with a support 50 mm below its axis, which intersects its circle at ±87 mm, far from the arc.
 #[test]
-fn a_floor_that_crosses_the_circle_far_from_a_short_arc_does_not_hold_the_radius() {
+fn a_support_that_crosses_the_circle_far_from_a_short_arc_does_not_constrain_the_radius() {
     for seed in 0..4 {
         let part =
             Part { radius_mm: 100.0, arc_deg: 60.0, profiles_count: 100, points_count: 200, ..Part::smooth(seed) };
@@ -187,10 +188,10 @@ fn a_floor_that_crosses_the_circle_far_from_a_short_arc_does_not_hold_the_radius
     }
 }
 
-/// A clamp that follows the part lies on 60 % of the arc of every profile: nothing but a nominal radius tells which is the part,
-/// and it does so whether the radius is fitted or held.
+/// A clamp that follows the part covers 60 % of the arc of every profile: only a nominal radius distinguishes it from the part,
+/// both if the radius is fitted and if it is fixed.
 #[test]
-fn a_clamp_on_every_profile_is_told_by_the_nominal_radius_alone() {
+fn a_clamp_on_every_profile_is_distinguished_by_the_nominal_radius_alone() {
     let clamp = Interference {
         clamps: 1.0,
         clamp_arc: 0.6,
@@ -216,11 +217,11 @@ fn a_clamp_on_every_profile_is_told_by_the_nominal_radius_alone() {
     }
 }
 
-/// Eight lobes of 0.01 mm, a fifth of the noise: no single profile shows them, all of them together do, and a circle through two
-/// of them on 90° is up to 0.019 mm off (least squares of (sin, cos, 1) against cos(8θ + φ), the worst φ). What is stated is
-/// what a step with the same mean square would do, 0.03 mm high: 0.1 mm.
+/// Eight lobes of 0.01 mm, a fifth of the noise: no single profile shows them, but all of them together do, and a circle through
+/// two of them on 90° is in error by up to 0.019 mm (least squares of (sin, cos, 1) against cos(8θ + φ), the worst φ). The stated
+/// uncertainty is the effect of a step with the same mean square, 0.03 mm high: 0.1 mm.
 #[test]
-fn what_a_part_that_is_not_round_repeats_is_in_its_uncertainty() {
+fn the_uncertainty_contains_the_repeated_form_of_a_part_that_is_not_round() {
     for seed in 0..6 {
         let phase = f64::from(u32::try_from(seed).expect("small"));
         let lobed = |_: f64, u: f64, w: f64| {
@@ -241,7 +242,7 @@ fn what_a_part_that_is_not_round_repeats_is_in_its_uncertainty() {
     }
 }
 
-/// A scan of 100 profiles of which every so many see the part with 200 points; the others have 20 points each, anywhere.
+/// A scan of 100 profiles of which every n-th shows the part with 200 points; the others have 20 points each at random positions.
 fn seen_by_one_in(profiles_count: usize, seed: u64) -> Estimate {
     let part = Part { interference: Interference::NONE, ..part(seed) };
     let (scan, _) = make(&part).expect("a part");
@@ -254,7 +255,7 @@ fn seen_by_one_in(profiles_count: usize, seed: u64) -> Estimate {
                 z.push(point[1]);
             }
         } else {
-            // Anywhere: the digits of sines.
+            // Random positions from the digits of sines.
             let digits = |place: f64| 400.0 * (((index as f64 * 12.989 + place).sin() * 4375.85).fract() - 0.5);
             y.extend((0..20).map(|place| digits(f64::from(place) * 78.233)));
             z.extend((0..20).map(|place| digits(f64::from(place) * 37.719 + 0.5)));
@@ -266,7 +267,7 @@ fn seen_by_one_in(profiles_count: usize, seed: u64) -> Estimate {
 }
 
 #[test]
-fn a_pose_rests_on_a_tenth_of_the_profiles_at_least() {
+fn a_pose_needs_at_least_a_tenth_of_the_profiles() {
     for seed in 0..4 {
         let few = seen_by_one_in(17, seed).outcome;
         let is_named = matches!(few, Outcome::Refused(Refusal::TooFewValidProfiles { profiles_min: 10, .. }));
@@ -276,7 +277,7 @@ fn a_pose_rests_on_a_tenth_of_the_profiles_at_least() {
     }
 }
 
-/// Where second reflections shift up to half of the points, as the inner side of a tube does, the answer is right or a refusal,
+/// If second reflections shift up to half of the points, like the inner side of a tube, the result is correct or a refusal,
 /// and never a surface between both.
 #[test]
 fn a_fit_between_two_surfaces_is_refused() {

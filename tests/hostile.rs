@@ -1,12 +1,12 @@
-//! Any bytes: seeded mutations of valid files, from format to profiles, never end in a panic or an abort; with
-//! `COAXIS_MUTATIONS=80000`, as in `tests/run long`, a million of them. Each reader runs in a child process with little address space, for running out of memory aborts, which no
-//! test could catch within its own process.
+//! Arbitrary bytes: seeded mutations of valid files never cause a panic or an abort between format detection and profiles. With
+//! `COAXIS_MUTATIONS=80000`, as in `tests/run long`, there are a million of them. Each decoder runs in a child process with little
+//! address space, because running out of memory aborts, which no test can catch within its own process.
 
 #![expect(
     clippy::expect_used,
     clippy::indexing_slicing,
     clippy::print_stdout,
-    reason = "a test that panics has failed, as it should"
+    reason = "a panic fails the test as intended"
 )]
 
 use crate::made::count;
@@ -19,9 +19,9 @@ use rand_chacha::ChaCha8Rng;
 use std::io::{BufRead, Write};
 use std::process::Command;
 
-/// Mutations of each file that continuous integration has time for.
+/// Mutations per file in continuous integration.
 const MUTATIONS: u64 = 10_000;
-/// Where most mutations strike: headers.
+/// Most mutations change bytes before this offset: headers.
 const HEAD: usize = 700;
 const ADDRESS_SPACE_KIB: u64 = 768 * 1024;
 /// Set in the child; the test then does the work instead of starting a child.
@@ -56,7 +56,7 @@ fn points() -> Vec<[f32; 3]> {
     scan.stations().iter().map(of).collect::<Option<Vec<_>>>().expect("all there").concat()
 }
 
-/// The small scan as a table without a header whose first column names the points, some by number alone.
+/// The small scan as a table without a header whose first column contains point names, some of them only numbers.
 fn csv_named() -> Vec<u8> {
     let name = |i: usize| if i.is_multiple_of(3) { format!("{i}") } else { format!("p{i}") };
     let rows = points().into_iter().enumerate();
@@ -100,7 +100,7 @@ fn pcd_ascii() -> Vec<u8> {
     pcd("ascii", rows.as_bytes())
 }
 
-/// Field after field; literals of up to 32 bytes, and copies where four bytes repeat.
+/// Each field after the other; literals of up to 32 bytes, and copies where four bytes repeat.
 fn pcd_compressed() -> Vec<u8> {
     let points = points();
     let mut plain: Vec<u8> = (0..3).flat_map(|axis| points.iter().flat_map(move |p| p[axis].to_le_bytes())).collect();
@@ -132,7 +132,7 @@ fn gzip(bytes: &[u8]) -> Vec<u8> {
     encoder.finish().expect("memory takes everything")
 }
 
-/// The whole way of an upload; profiles or a reason.
+/// The complete processing of an upload; the result is the number of profiles or a reason.
 fn take_in(bytes: &[u8], declared: Option<Format>) -> Result<usize, String> {
     let limits = small_limits();
     let claims = FormatClaims { parameter: declared, ..FormatClaims::default() };
@@ -152,7 +152,7 @@ fn take_in(bytes: &[u8], declared: Option<Format>) -> Result<usize, String> {
     Ok(scan.stations().len())
 }
 
-/// Damages a file in one to three places.
+/// Damages a file in one to three positions.
 fn mutate(bytes: &mut Vec<u8>, rng: &mut ChaCha8Rng) {
     const NUMBERS: [&str; 10] = [
         "0",
@@ -189,7 +189,7 @@ fn mutate(bytes: &mut Vec<u8>, rng: &mut ChaCha8Rng) {
                 bytes[at..at + size].copy_from_slice(&word[..size]);
             }
             _ => {
-                // The next number in the text becomes another.
+                // The next number in the text is replaced.
                 let is_part = |byte: &u8| byte.is_ascii_digit() || matches!(byte, b'.' | b'-');
                 let Some(start) = bytes[at..].iter().position(is_part).map(|start| at + start) else { continue };
                 let length = bytes[start..].iter().take_while(|byte| is_part(byte)).count();
@@ -203,7 +203,7 @@ fn mutate(bytes: &mut Vec<u8>, rng: &mut ChaCha8Rng) {
 /// Runs the mutations of one file in a child process.
 fn survives(test: &str, declared: Option<Format>, valid: &[u8]) {
     if std::env::var_os(CHILD).is_some() {
-        assert_eq!(take_in(valid, declared), Ok(10), "the file is valid as long as it is whole");
+        assert_eq!(take_in(valid, declared), Ok(10), "the unmodified file is valid");
         let is_read = |seed: &u64| {
             let mut bytes = valid.to_vec();
             mutate(&mut bytes, &mut ChaCha8Rng::seed_from_u64(*seed));
@@ -211,12 +211,12 @@ fn survives(test: &str, declared: Option<Format>, valid: &[u8]) {
         };
         let mutations = count("COAXIS_MUTATIONS", MUTATIONS);
         let read = (0..mutations).filter(is_read).count() as u64;
-        // Profiles or a reason: both will do, but mutations that only ever end in one of them test little.
+        // Both profiles and a reason are accepted, but mutations that always cause the same one test little.
         println!("{read} of {mutations} still read");
         assert!(read > mutations / 1000 && read < mutations - mutations / 10, "{read}");
         return;
     }
-    // The path of a test as its binary knows it has no name of the binary.
+    // The test binary expects the path of a test without the name of the binary.
     let (_, test) = test.split_once("::").expect("a path");
     let child = Command::new("bash")
         .args(["-c", "ulimit -v $0 && exec \"$@\"", &ADDRESS_SPACE_KIB.to_string()])
@@ -231,7 +231,7 @@ fn survives(test: &str, declared: Option<Format>, valid: &[u8]) {
     println!("{said}");
 }
 
-/// One test per reader; the second word is the format that is declared.
+/// One test per decoder; the second word is the declared format.
 macro_rules! readers {
     ($($name:ident: $declared:expr, $valid:expr;)*) => {$(
         #[test]

@@ -1,5 +1,4 @@
-//! Scans of real instruments against what is known of them from independent fits (the README beside the data). Skipped where
-//! the data are not there.
+//! Scans of real instruments, compared with independent fits (the README beside the data). Skipped if the data are not present.
 
 #![expect(clippy::expect_used, clippy::panic, clippy::print_stdout, reason = "a test may fail")]
 
@@ -76,7 +75,7 @@ fn the_tank_is_measured_from_its_file_and_its_unit_alone() {
 }
 
 #[test]
-fn the_tank_is_the_same_in_every_orientation() {
+fn the_result_for_the_tank_is_the_same_in_every_orientation() {
     let Some(folder) = outside("real") else { return };
     let points = points_of(&tank(&folder));
     let mut chance = ChaCha8Rng::seed_from_u64(15);
@@ -101,7 +100,7 @@ fn the_tank_is_the_same_in_every_orientation() {
 }
 
 #[test]
-fn the_lamp_post_is_measured_right_or_refused() {
+fn the_lamp_post_is_measured_correctly_or_refused() {
     let Some(folder) = outside("real") else { return };
     let path = folder.join("lamppost/lamppost.pcd");
     let upright = Frame { origin_mm: [-9900.0, 0.0, 0.0], x_axis: [0.0, 0.0, 1.0], z_axis: [1.0, 0.0, 0.0] };
@@ -160,7 +159,7 @@ fn sewer_pipes_have_their_diameter() {
 }
 
 #[test]
-fn limits_hold_on_the_bullet_and_thinning_does_not_change_the_verdict() {
+fn the_bullet_is_within_its_limits_and_thinning_does_not_change_the_verdict() {
     let Some(folder) = outside("real") else { return };
     let all = points_of(&cloud(&folder.join("bullet-land/land.npy"), None));
     let settings = Settings {
@@ -198,7 +197,7 @@ fn limits_hold_on_the_bullet_and_thinning_does_not_change_the_verdict() {
 }
 
 #[test]
-fn the_mug_is_found_by_its_nominal_radius_alone() {
+fn the_mug_is_measured_with_only_its_nominal_radius_given() {
     let Some(folder) = outside("real") else { return };
     let ask = Ask {
         settings: Settings {
@@ -222,9 +221,9 @@ fn the_laser_patch_that_is_no_cylinder_is_refused() {
     assert!(pose(&estimate).is_none());
 }
 
-/// No accepted answer of the robust method is far from least squares, which on these points without outliers says the same.
+/// Every accepted result of the robust method is close to least squares, which is equivalent on these points without outliers.
 #[test]
-fn the_robust_method_agrees_with_the_nist_sets_where_it_answers() {
+fn an_accepted_result_of_the_robust_method_agrees_with_the_nist_sets() {
     let Some(folder) = outside("real") else { return };
     let mut answered = 0;
     for set in 1..=30 {

@@ -1,5 +1,5 @@
-//! Laws that any estimate must obey, whatever the method: exact data give exact answers, and moving, turning, scaling or
-//! shuffling the input does to the output what it should. Truth is the synthetic part; no figure comes from our own output.
+//! Invariants of every estimation method: exact data give exact results, and moving, rotating, scaling or shuffling the input
+//! transforms the output accordingly. The truth is the synthetic part; no value is taken from the output of the program.
 
 #![expect(clippy::expect_used, clippy::panic, reason = "a test may fail")]
 
@@ -38,7 +38,7 @@ fn pose(scan: &Scan, settings: &Settings) -> Pose {
     }
 }
 
-/// The scan with every point (x, y, z) replaced by `change` of it; x must depend on x alone.
+/// The scan with every point (x, y, z) replaced by `change` of it; the new x must depend only on x.
 fn changed(scan: &Scan, change: impl Fn([f64; 3]) -> [f64; 3]) -> Scan {
     let (mut y, mut z, mut stations) = (Vec::new(), Vec::new(), Vec::new());
     for station in scan.stations() {
@@ -67,7 +67,7 @@ proptest! {
         };
         let (scan, truth) = make(&part).expect("valid");
         let found = pose(&scan, &Settings { method, arc_min_deg: 5.0, ..Settings::default() });
-        // Relative to the radius, the smallest length that enters.
+        // Relative to the radius, the smallest length of the input.
         let tolerance = 1e-9 * radius_mm;
         let axis = found.on_rail().expect("near X").axis;
         let [y_ref, z_ref] = axis.at(truth.x_ref_mm);
@@ -133,7 +133,7 @@ proptest! {
         let shuffled = Scan::new(scan.stations().to_vec(), Columns::F64 { y, z }, "shuffled".to_owned()).expect("valid");
         let (before, after) = (pose(&scan, &by(Method::SectionLine)), pose(&shuffled, &by(Method::SectionLine)));
         prop_assert!((after.axis.z0 - before.axis.z0).abs() < 1e-6 && (after.axis.q - before.axis.q).abs() < 1e-9);
-        // The start samples every so many points, so the scale of the weights may differ in its third digit.
+        // The initial value uses every n-th point, so the scale of the weights may differ in its third digit.
         let (before, after) = (pose(&scan, &by(Method::Cylinder)), pose(&shuffled, &by(Method::Cylinder)));
         let (at_before, at_after) = (before.axis.at(before.x_ref), after.axis.at(before.x_ref));
         let [_, _, y, z, _] = before.uncertainty.budget[0].standard;
@@ -171,7 +171,7 @@ fn refusal(profiles: &[Vec<[f64; 2]>], method: Method) -> Refusal {
 }
 
 #[test]
-fn what_cannot_give_an_axis_is_refused_by_name() {
+fn points_that_do_not_determine_an_axis_are_refused_by_name() {
     let line: Vec<[f64; 2]> = (0..100).map(|i| [f64::from(i), 3.0 + 0.5 * f64::from(i)]).collect();
     let circle = |radius: f64| (0..100).map(|i| [radius * f64::from(i).sin(), radius * f64::from(i).cos()]).collect();
     for method in ROBUST {
@@ -198,7 +198,7 @@ fn what_cannot_give_an_axis_is_refused_by_name() {
 fn a_profile_whose_centre_lies_beside_the_axis_is_rejected_as_off_axis() {
     let (scan, _) = make(&Part { profiles_count: 40, ..Part::smooth(1) }).expect("valid");
     let beside = scan.stations()[20];
-    // So far that its centre tells, and for the common model still so near that its points lie within ε.
+    // The offset is large enough to be detected by the centre, and for `cylinder` small enough that the points are within ε.
     for (method, by_mm) in [(Method::SectionLine, 2.0), (Method::Cylinder, 0.065)] {
         let moved = changed(&scan, |[x, y, z]| if x == beside.x { [x, y + by_mm, z] } else { [x, y, z] });
         let profiles = run(&moved, &by(method)).profiles;
@@ -208,7 +208,7 @@ fn a_profile_whose_centre_lies_beside_the_axis_is_rejected_as_off_axis() {
 }
 
 #[test]
-fn hostile_numbers_never_panic_and_never_give_a_pose_that_is_not_finite() {
+fn extreme_numbers_cause_neither_a_panic_nor_a_pose_that_is_not_finite() {
     let huge =
         |scale: f64| (0..60).map(|i| [scale * f64::from(i).sin(), scale * f64::from(i).cos()]).collect::<Vec<_>>();
     for (scale, method) in
@@ -221,11 +221,11 @@ fn hostile_numbers_never_panic_and_never_give_a_pose_that_is_not_finite() {
     }
 }
 
-/// (y, z) of a place (0 to 1) of a profile.
+/// (y, z) at a position (0 to 1) along a profile.
 type Point<'a> = &'a mut dyn FnMut(usize, f64) -> [f64; 2];
 
 #[test]
-fn what_is_no_cylinder_is_refused_by_every_robust_method() {
+fn a_scan_without_a_cylinder_is_refused_by_every_robust_method() {
     let mut chance = ChaCha8Rng::seed_from_u64(5);
     let mut noise = |sigma: f64| rand_distr::Normal::new(0.0, sigma).expect("valid").sample(&mut chance);
     let profiles = |point: Point<'_>| -> Vec<Vec<[f64; 2]>> {

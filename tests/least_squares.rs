@@ -1,12 +1,12 @@
-//! The cylinder of least squares against reference sets with published results, its covariance against simulations, and
-//! points that determine no cylinder.
+//! The least-squares cylinder on reference sets with published results, its covariance compared with simulations, and
+//! points that do not determine a cylinder.
 
 #![expect(
     clippy::expect_used,
     clippy::indexing_slicing,
     clippy::panic,
     clippy::print_stdout,
-    reason = "a test that panics has failed, as it should, and says where it skips"
+    reason = "a panic fails the test as intended, and a skipped test is reported"
 )]
 
 use coaxis::estimation::{GaussianCylinder, LeastSquaresError, basis, least_squares_cylinder};
@@ -19,13 +19,13 @@ use rand_distr::{Distribution, StandardNormal};
 use std::fs;
 use std::path::Path;
 
-/// NIST gives its results to 20 digits, found in more than double precision from coordinates of 5 decimals.
+/// NIST states its results with 20 digits, calculated in more than double precision from coordinates of 5 decimals.
 const DIRECTION_MAX_RAD: f64 = 1e-8;
-/// Of the size of the set, the distance of its farthest point from the centroid.
+/// Relative to the size of the set, the distance of its farthest point from the centroid.
 const LENGTH_MAX: f64 = 1e-7;
 const MOTIONS: usize = 20;
 
-/// The points of a file, as a user of the library reads it.
+/// The points of a file, read through the interface of the library.
 fn points_of(path: &Path) -> Vec<[f64; 3]> {
     let bytes = fs::read(path).expect("the file is there");
     let name = path.display().to_string();
@@ -103,14 +103,15 @@ fn nist(folder: &Path, number: usize) -> (Vec<[f64; 3]>, Published) {
 }
 
 #[test]
-fn the_reference_sets_of_nist_give_the_published_cylinders_wherever_they_lie() {
+fn the_reference_sets_of_nist_give_the_published_cylinders_after_any_motion() {
     let Some(folder) = crate::real::outside("real/nist-cylinders") else { return };
     let mut worst = [[0.0_f64; 3]; 2];
     for number in 1..=30 {
         let (points, published) = nist(&folder, number);
         let mut random = ChaCha8Rng::seed_from_u64(number as u64);
         for motion in 0..=MOTIONS {
-            // The first is none; sizes from a hundredth to a hundredfold, shifts by some sizes of the set.
+            // The first motion is the identity; the sizes are from a hundredth to a hundredfold, the shifts
+            // some sizes of the set.
             let (turn, shift, scale) = if motion == 0 {
                 (UnitQuaternion::identity(), Vector3::zeros(), 1.0)
             } else {
@@ -159,7 +160,7 @@ fn other_programs_find_the_same_cylinders() {
         };
         let errors = published.errors(&points, &found);
         println!("{name}: {}", written(&errors));
-        // It is given to 9 to 12 digits.
+        // The results are given with 9 to 12 digits.
         assert!(errors.iter().all(|error| *error < 1e-9), "{name}: {errors:?}");
         assert!((found.sigma / second[sigma].as_f64().expect("sigma") - 1.0).abs() < 1e-6, "{name}: {}", found.sigma);
         let [value, tolerance] = [0, 1].map(|index| expected[name][radius][index].as_f64().expect("a number"));
@@ -177,20 +178,20 @@ fn files_that_begin_with_their_number_of_points_are_measured() {
         let truth = Published { point: Vector3::new(0.0, 3.0, -7.0), direction, radius: 50.0 };
         let errors = deviation(&found, &points, &truth);
         for (error, variance) in errors.iter().zip(Matrix5::from(found.covariance).diagonal().iter()) {
-            // Beyond 5 standard uncertainties once in two million.
+            // 5 standard uncertainties are exceeded once in two million times.
             assert!(error.abs() < 5.0 * variance.sqrt(), "{name}: {errors}");
         }
     }
 }
 
-/// How far a cylinder is from the truth, in the parameters of its covariance.
+/// Deviation of a cylinder from the truth, in the parameters of its covariance.
 fn deviation(found: &GaussianCylinder, points: &[[f64; 3]], truth: &Published) -> Vector5<f64> {
     let [first, second] = basis(found.direction).map(Vector3::from);
     let direction = Vector3::from(found.direction);
     let sense = direction.dot(&truth.direction).signum();
     let nearest = truth.point + truth.direction * truth.direction.dot(&(centroid(points) - truth.point));
     let shift = Vector3::from(found.point) - nearest;
-    // The direction found is square to both vectors, so the difference from the truth has the components of −truth.
+    // The direction found is perpendicular to both vectors, so the difference from the truth has the components of −truth.
     let tilt = -truth.direction * sense;
     Vector5::new(
         tilt.dot(&first),
@@ -213,7 +214,7 @@ fn the_covariance_is_that_of_repeated_measurements() {
         radius: 25.0,
     };
     let [first, second] = basis(truth.direction.into()).map(Vector3::from);
-    // The same places in every repeat: half of the circumference, 80 mm long.
+    // The same positions in every repetition: half of the circumference, 80 mm long.
     let exact: Vec<(Vector3<f64>, Vector3<f64>)> = (0..COUNT)
         .map(|_| {
             let (sin, cos) = random.random_range(0.0..std::f64::consts::PI).sin_cos();
@@ -224,7 +225,7 @@ fn the_covariance_is_that_of_repeated_measurements() {
     let (mut empirical, mut stated) = (Matrix5::<f64>::zeros(), Matrix5::<f64>::zeros());
     let (mut variance, mut mahalanobis) = (0.0, 0.0);
     for _ in 0..REPEATS {
-        // In all directions: along the surface noise changes no distance.
+        // In all directions: noise along the surface does not change the distance.
         let shake = |random: &mut ChaCha8Rng| Vector3::from_fn(|_, _| NOISE * normal(random));
         let points: Vec<[f64; 3]> = exact.iter().map(|(point, _)| (point + shake(&mut random)).into()).collect();
         let found = least_squares_cylinder(&points).expect("a cylinder");
@@ -235,7 +236,7 @@ fn the_covariance_is_that_of_repeated_measurements() {
         variance += found.sigma.powi(2) / REPEATS as f64;
         mahalanobis += error.dot(&covariance.cholesky().expect("definite").solve(&error)) / REPEATS as f64;
     }
-    // A variance of 2000 values scatters by √(2/2000) = 3.2 %, a covariance, over the root of the product of the variances,
+    // A variance from 2000 values varies by √(2/2000) = 3.2 %, a covariance, relative to the root of the product of the variances,
     // by √((1 + ρ²)/2000); 4.5 of these standard deviations are exceeded once in ten thousand runs of these 15 numbers.
     let allowed = |correlation: f64| 4.5 * ((1.0 + correlation.powi(2)) / REPEATS as f64).sqrt();
     let mut worst = 0.0_f64;
@@ -247,14 +248,14 @@ fn the_covariance_is_that_of_repeated_measurements() {
             worst = worst.max(difference.abs());
         }
     }
-    // σ² of 55 degrees of freedom scatters by √(2/55/2000) = 0.43 %, and σ²/R² of it, 6e-7, is bias.
+    // σ² of 55 degrees of freedom varies by √(2/55/2000) = 0.43 %, and σ²/R² of it, 6e-7, is bias.
     assert!((variance / NOISE.powi(2) - 1.0).abs() < 4.5 * 0.0043, "{}", variance.sqrt());
-    // Five squares over a variance of 55 degrees of freedom: 5 F(5, 55), of mean 5 · 55/53 and of standard deviation 3.5.
+    // Five squares divided by a variance of 55 degrees of freedom: 5 F(5, 55), with mean 5 · 55/53 and standard deviation 3.5.
     assert!((mahalanobis - 5.0 * 55.0 / 53.0).abs() < 4.5 * 3.5 / (REPEATS as f64).sqrt(), "{mahalanobis}");
     println!("largest difference of 15 covariances {:.1} % of the standard uncertainties", worst * 100.0);
 }
 
-/// Points at (angle, place along the axis, distance from it) of a cylinder somewhere.
+/// Points at (angle, position along the axis, distance from it) of a cylinder with an arbitrary pose.
 fn somewhere(places: &[(f64, f64, f64)]) -> Vec<[f64; 3]> {
     let direction = Vector3::new(0.3, -0.5, 0.8).normalize();
     let [first, second] = basis(direction.into()).map(Vector3::from);
@@ -281,10 +282,10 @@ fn points_that_determine_no_cylinder_are_refused_with_the_reason() {
         // A plane along the axis.
         let plane: Vec<_> = (0..count).map(|index| (0.4, turn(index * index % 17), index as f64)).collect();
         assert!(matches!(error(&plane), LeastSquaresError::Coplanar { .. }), "{}", error(&plane));
-        // Two lines along the axis: every circle through two points will do.
+        // Two lines along the axis: every circle through two points fits.
         let lines: Vec<_> = (0..count).map(|index| (turn(index % 2), turn(index), 5.0)).collect();
         assert!(matches!(error(&lines), LeastSquaresError::Coplanar { .. }), "{}", error(&lines));
-        // On this curve z cos φ is 2 sin φ: a tilt towards one side and a shift towards the other undo each other.
+        // On this curve z cos φ equals 2 sin φ: a tilt towards one side and a shift towards the other cancel each other.
         let angle = |index: usize| (index as f64 / count as f64 - 0.5) * 2.0;
         let curve: Vec<_> = (0..count).map(|index| (angle(index), 2.0 * angle(index).tan(), 5.0)).collect();
         assert!(matches!(error(&curve), LeastSquaresError::Undetermined { .. }), "{}", error(&curve));
@@ -321,7 +322,7 @@ fn any_size_and_any_place_that_numbers_can_express_is_measured() {
         assert!((found.radius / (expected.radius * scale) - 1.0).abs() < 1e-9, "{scale}: {}", found.radius);
         assert!((found.sigma / (expected.sigma * scale) - 1.0).abs() < 1e-9, "{scale}: {}", found.sigma);
     }
-    // Where coordinates are rounded to a hundredth of the radius, that is what is left of them; beyond, an error.
+    // If coordinates are rounded to a hundredth of the radius, this is the remaining accuracy; for coarser rounding, an error.
     for far in [1e13, 1e15, 1e17, 1e99] {
         let shifted: Vec<[f64; 3]> = unit.iter().map(|point| point.map(|value| value + far)).collect();
         if let Ok(found) = least_squares_cylinder(&shifted) {
@@ -332,9 +333,9 @@ fn any_size_and_any_place_that_numbers_can_express_is_measured() {
 }
 
 #[test]
-fn few_points_anywhere_give_the_same_cylinder_from_every_side() {
-    // Such points have several minima. The directions that the search starts from stand still while the points are turned, so
-    // that a search which misses the least minimum misses it from some sides only.
+fn few_random_points_give_the_same_cylinder_after_every_rotation() {
+    // Such points have several minima. The initial directions of the search are fixed while the points are rotated, so that
+    // a search which misses the global minimum misses it for some rotations only.
     let mut random = ChaCha8Rng::seed_from_u64(50);
     for count in [6, 7, 9, 15] {
         for set in 0..10 {
@@ -347,7 +348,7 @@ fn few_points_anywhere_give_the_same_cylinder_from_every_side() {
             let first = sigma(&UnitQuaternion::identity());
             for _ in 0..5 {
                 let other = sigma(&random_rotation(&mut random));
-                // The sum of squares is flat at a minimum, so only its rounding is left.
+                // The sum of squares is flat at a minimum, so only its rounding remains.
                 assert!((other - first).abs() < 1e-9, "set {set} of {count}: {first} and {other}");
             }
         }
@@ -357,7 +358,7 @@ fn few_points_anywhere_give_the_same_cylinder_from_every_side() {
 #[test]
 fn exact_points_give_the_exact_cylinder_whatever_its_shape() {
     let mut random = ChaCha8Rng::seed_from_u64(30);
-    // (radius, length, arc rad): a wire, a ring, a flat patch, a long patch, a whole cylinder; mm.
+    // (radius, length, arc rad): a wire, a ring, a flat patch, a long patch, a complete cylinder; mm.
     for (radius, length, arc) in
         [(0.1_f64, 1000.0_f64, 6.2_f64), (100.0, 0.5, 6.2), (1000.0, 50.0, 0.1), (50.0, 2000.0, 0.8), (5.0, 10.0, 6.2)]
     {
@@ -376,7 +377,7 @@ fn exact_points_give_the_exact_cylinder_whatever_its_shape() {
                 })
                 .collect();
             let found = least_squares_cylinder(&points).expect("a cylinder");
-            // All that is left is the rounding of the coordinates, 2⁻⁵³ of up to 17 lengths or radii in each.
+            // Only the rounding of the coordinates remains, 2⁻⁵³ of up to 17 lengths or radii in each.
             let rounding = f64::EPSILON * 17.0 * (length + radius);
             let stated = Matrix5::from(found.covariance) / found.sigma.powi(2);
             let errors = deviation(&found, &points, &truth);
@@ -389,9 +390,9 @@ fn exact_points_give_the_exact_cylinder_whatever_its_shape() {
 }
 
 #[test]
-fn a_large_set_has_the_same_bits_with_any_number_of_threads_and_its_order_does_not_mislead_the_sample() {
+fn a_large_set_has_the_same_bits_with_any_number_of_threads_and_its_order_does_not_bias_the_sample() {
     let mut random = ChaCha8Rng::seed_from_u64(40);
-    // 300 profiles of 1000 points: a stride of a sample would take one column.
+    // 300 profiles of 1000 points: a sample with a constant stride would take a single column.
     let turn = Rotation3::from_axis_angle(&Unit::new_normalize(Vector3::new(1.0, 2.0, 3.0)), 0.7);
     let points: Vec<[f64; 3]> = (0..300_000)
         .map(|index| {

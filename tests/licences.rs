@@ -1,4 +1,4 @@
-//! The licence texts that the image carries.
+//! The licence texts in the container image.
 
 #![expect(clippy::expect_used, reason = "a test may fail")]
 
@@ -9,7 +9,7 @@ use std::process::Command;
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
-/// What the command prints, run in the folder of the project.
+/// The output of the command, run in the folder of the project.
 fn printed(command: &mut Command) -> String {
     let printed = command.current_dir(ROOT).output().expect("runs");
     assert!(printed.status.success(), "{}", String::from_utf8_lossy(&printed.stderr));
@@ -35,7 +35,7 @@ fn the_licences_of_the_image_name_every_crate_and_the_source_of_those_under_mpl(
         "GNU LESSER GENERAL PUBLIC LICENSE",
         "glibc, linked statically",
         "SQLite, compiled by libsqlite3-sys, is in the public domain",
-        // Beside tables that regex-syntax has taken over, and in the COPYRIGHT of rand.
+        // With tables that regex-syntax contains, and in the COPYRIGHT of rand.
         "UNICODE, INC. LICENSE AGREEMENT",
         "Copyrights in the Rand project",
     ] {

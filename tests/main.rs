@@ -1,4 +1,4 @@
-//! All integration tests, in one binary, so that there is one program to link. A module of each file; the modules around them are
+//! All integration tests, in one binary, so that only one program is linked. Each file is a module; the enclosing modules are
 //! the groups of `tests/run`.
 
 mod made;
@@ -22,7 +22,7 @@ mod calculation {
     mod scan_files;
 }
 
-/// Errors and stated uncertainties over many seeds. `tests/run long` takes more seeds than these do by themselves.
+/// Errors and stated uncertainties over many seeds. `tests/run long` uses more seeds than the default.
 #[path = "."]
 mod statistics {
     mod coverage;
@@ -41,7 +41,7 @@ mod devices {
     mod simulated_cell;
 }
 
-/// The program as a command, and what the project holds itself to.
+/// The program as a command, and the rules of the project.
 #[path = "."]
 mod project {
     mod api_policy;

@@ -1,6 +1,6 @@
-//! The files of `tests/data`, and measured files that are not part of the project, measured as a user would measure them and
-//! compared with what is known from elsewhere: synthetic scans with their truth, published points with published fits, real
-//! scans with the object that was scanned.
+//! The files of `tests/data`, and measured files that are not part of the project, measured as by a user and
+//! compared with independent data: synthetic scans with their truth, published points with published fits, real
+//! scans with the dimensions of the scanned object.
 
 #![expect(clippy::panic, clippy::expect_used, reason = "a test may fail")]
 
@@ -13,12 +13,12 @@ use std::fs::{self, File};
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-/// Errors of a correct estimate lie within 5 standard deviations of the bound but once in two million.
+/// Errors of a correct estimate exceed 5 standard deviations of the bound once in two million times.
 const BOUNDS_MAX: f64 = 5.0;
-/// The freely fitted ellipse of `section_line` is biased by 0.4 mm on 90° of a part of 200 mm radius
+/// The free ellipse fit of `section_line` has a bias of 0.4 mm on 90° of a part of 200 mm radius
 /// (docs/estimation.md), the shortest arc here;
 const OFFSET_MAX_MM: f64 = 0.5;
-/// that bias coming and going along 0.3 m of part tilts the line by so much.
+/// the tilt of the line if that bias varies along 0.3 m of the part.
 const ANGLE_MAX_DEG: f64 = 0.1;
 
 fn data(name: &str) -> PathBuf {
@@ -77,7 +77,7 @@ fn errors(pose: &Pose, truth: &Truth) -> [f64; 5] {
 }
 
 #[test]
-fn cylinder_finds_the_truth_of_every_made_file_within_its_bound() {
+fn cylinder_finds_the_truth_of_every_synthetic_file_within_its_bound() {
     for (scan, truth) in made() {
         let bound = truth.bound.as_ref().expect("noise has a bound");
         let bounds = [bound.deflection_deg, bound.pitch_deg, bound.y_ref_mm, bound.z_ref_mm, bound.radius_mm];
@@ -88,7 +88,7 @@ fn cylinder_finds_the_truth_of_every_made_file_within_its_bound() {
 }
 
 #[test]
-fn section_line_finds_the_truth_of_every_made_file_as_well_as_ellipses_can() {
+fn section_line_finds_the_truth_of_every_synthetic_file_within_the_bias_of_ellipses() {
     for (scan, truth) in made() {
         let pose = accepted(&data(&scan), &json!({"method": "section_line"}));
         let [deflection, pitch, y, z, _] = errors(&pose, &truth);
@@ -98,7 +98,7 @@ fn section_line_finds_the_truth_of_every_made_file_as_well_as_ellipses_can() {
     }
 }
 
-/// Two slabs of the 20 published points are profiles enough for `cylinder`; its axis along Z is put along the rail.
+/// Two slabs of the 20 published points are sufficient profiles for `cylinder`; its axis along Z is rotated to the rail.
 #[test]
 fn cylinder_agrees_with_published_fits_of_published_points() {
     let Some(folder) = crate::real::outside("reference") else { return };
@@ -110,28 +110,28 @@ fn cylinder_agrees_with_published_fits_of_published_points() {
     let published = &json_of(&folder.join("expected.json"))["cylinder20.xyz"];
     let number = |pointer: &str| published.pointer(pointer).and_then(Value::as_f64).expect("a number");
     assert!((pose.radius - number("/radius/0")).abs() < number("/radius/1"), "radius {}", pose.radius);
-    // Weighted or not, fits of the same points agree within the noise of one.
+    // Weighted and unweighted fits of the same points agree within the noise of one.
     let noise = number("/second_opinion/sigma");
     assert!((pose.radius - number("/second_opinion/radius")).abs() < noise, "radius {}", pose.radius);
-    // y of the rail is −Y of the file, for Y = Z × X; z of the rail is X of the file.
+    // y of the rail is −Y of the file, because Y = Z × X; z of the rail is X of the file.
     let [y, z] = pose.axis.at(number("/second_opinion/point/2"));
     let off = (y + number("/second_opinion/point/1")).hypot(z - number("/second_opinion/point/0"));
     assert!(off < noise, "{off} off the axis");
-    // The slabs lie 0.5 apart: their centres agree within the noise, so slopes within four times of it.
+    // The slabs are 0.5 apart: their centres agree within the noise, so the slopes within four times the noise.
     let slopes =
         [pose.axis.p + number("/second_opinion/direction/1"), pose.axis.q - number("/second_opinion/direction/0")];
     assert!(slopes.iter().all(|slope| slope.abs() < 4.0 * noise), "{slopes:?}");
 }
 
 #[test]
-fn single_points_are_refused_for_what_they_lack() {
+fn too_few_points_are_refused_with_the_reason() {
     let Some(folder) = crate::real::outside("reference") else { return };
     // Least squares needs six points and no profiles.
     let by_profiles = Method::ALL.into_iter().filter(|method| *method != Method::LeastSquares);
     for method in by_profiles.map(Method::name) {
         for file in ["tracker8.xyz", "cylinder20.xyz"] {
             let unsorted = refusal(&folder.join(file), &json!({"method": method}));
-            assert_eq!(unsorted, "too_few_profiles", "{file}: nothing says which points make a profile");
+            assert_eq!(unsorted, "too_few_profiles", "{file}: the points of a profile are unknown");
         }
         let slabs = json!({"method": method, "profile_by": "x_pitch_mm=13", "points_min": 6});
         let code = refusal(&folder.join("tracker8.xyz"), &slabs);
@@ -139,7 +139,7 @@ fn single_points_are_refused_for_what_they_lack() {
     }
 }
 
-/// The rail of this scan is Y: as it comes, its profiles span 0.07 mm of X, and along Y they are smaller than ε.
+/// The rail of this scan is Y: in the file's frame its profiles span 0.07 mm of X, and along Y they are smaller than ε.
 #[test]
 fn a_real_scan_of_no_cylinder_is_refused() {
     let Some(patch) = crate::real::outside("real/laser-profile-patch.npy") else { return };
@@ -151,7 +151,7 @@ fn a_real_scan_of_no_cylinder_is_refused() {
     }
 }
 
-/// Stereo sees the far inside of the mug, too: radii of 38 to 40 mm are all the mug's.
+/// The stereo camera also sees the far inside of the mug: radii of 38 to 40 mm are all surfaces of the mug.
 #[test]
 fn a_mug_on_a_table_is_measured_by_its_recipe() {
     let Some(mug) = crate::real::outside("real/mug-on-table.pcd") else { return };

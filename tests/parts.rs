@@ -1,5 +1,5 @@
-//! Two parts in one scan: each is found and measured as if it had come alone, whatever lies between them. Truth and bound
-//! come from the maker of the parts, never from an estimate.
+//! Two parts in one scan: each is detected and measured like a single part, whatever lies between them. Truth and bound
+//! come from the generator of the parts, never from an estimate.
 
 #![expect(clippy::panic, clippy::expect_used, reason = "a test may fail")]
 
@@ -11,14 +11,14 @@ use coaxis::geometry::AxisLine;
 use coaxis::scan::synthetic::{Interference, Part, Truth, make, make_several};
 use coaxis::scan::{Columns, Scan, Station};
 
-/// An error of a normal estimator that reaches its bound is larger than this many bounds once in 10⁶ times.
+/// An error of a normal estimator that reaches its bound exceeds this many bounds once in 10⁶ times.
 const BOUNDS_MAX: f64 = 5.0;
 
 fn moving() -> Part {
     Part { arc_deg: 120.0, length_mm: 380.0, profiles_count: 190, points_count: 320, ..Part::smooth(1) }
 }
 
-/// Behind the moving part, 60 mm from it, thinner, tilted otherwise and under clamps.
+/// After the moving part, 60 mm from it, thinner, with another tilt and with clamps.
 fn fixed() -> Part {
     let clamps = Interference { clamps: 0.4, clamp_arc: 0.5, clamp_height_mm: 20.0, ..Interference::default() };
     Part {
@@ -70,7 +70,7 @@ fn refusal(estimate: &Estimate) -> &Refusal {
     }
 }
 
-/// Whether the pose is as near to the truth as the data allow.
+/// Asserts that the error of the pose is within the bound.
 fn assert_within_bounds(estimate: &Estimate, truth: &Truth) {
     let (pose, bound) = (pose(estimate), truth.bound.expect("noise has a bound"));
     let [y, z] = pose.axis.at(truth.x_ref_mm);
@@ -105,13 +105,13 @@ fn scan_of(mut profiles: Profiles) -> Scan {
     Scan::new(stations, Columns::F64 { y, z }, "made".to_owned()).expect("in order")
 }
 
-/// The scan with further profiles of these points behind `x`, a millimetre and a half apart.
+/// The scan with further profiles of these points after `x`, 1.5 mm apart.
 fn with_between(scan: &Scan, x: f64, count: usize, points: impl Fn(usize) -> Vec<[f64; 2]>) -> Scan {
     let between = (0..count).map(|index| (x + 1.5 * (index + 1) as f64, points(index)));
     scan_of(profiles_of(scan).into_iter().chain(between).collect())
 }
 
-/// The floor below the rail, a little uneven.
+/// The support below the rail, slightly uneven.
 fn floor(index: usize) -> Vec<[f64; 2]> {
     let uneven = |i: usize| 0.05 * ((i * 37 + index * 11) % 13) as f64 / 13.0;
     (0..320).map(|i| [i as f64 * 1.25 - 200.0, -160.0 + uneven(i)]).collect()
@@ -144,7 +144,7 @@ fn a_piece_of_a_scan_shares_its_points() {
 }
 
 #[test]
-fn a_part_gives_the_same_bits_alone_and_among_others() {
+fn a_part_gives_the_same_bits_alone_and_with_others() {
     let (scan, _) = both();
     for method in Method::ALL {
         let settings = Settings { method, ..Settings::default() };
@@ -161,10 +161,10 @@ fn a_part_gives_the_same_bits_alone_and_among_others() {
 }
 
 #[test]
-fn what_lies_between_the_parts_neither_joins_them_nor_makes_a_third() {
+fn objects_between_the_parts_neither_join_them_nor_form_a_third_part() {
     let (scan, truths) = both();
     let few = |_| (0..12).map(|i| [f64::from(i), 180.0]).collect();
-    // One profile that shows an arc by itself: a screw that stands up, say.
+    // A single profile that shows an arc, e.g. of an upright screw.
     let lonely = |index: usize| {
         if index != 18 {
             return floor(index);
@@ -188,22 +188,22 @@ fn what_lies_between_the_parts_neither_joins_them_nor_makes_a_third() {
 }
 
 #[test]
-fn profiles_without_the_part_make_no_gap_unless_they_last() {
+fn profiles_without_the_part_form_a_gap_only_over_a_sufficient_length() {
     let (scan, _) = make(&moving()).expect("a part");
     let floors_to = |x_max: f64, count: usize| {
         let rest = profiles_of(&scan).into_iter().filter(|(x, _)| *x < 200.0 || *x > x_max);
         with_between(&scan_of(rest.collect()), 199.0, count, floor)
     };
     assert_eq!(parts(&floors_to(212.0, 8), &settings(), &gap(20.0)).parts.len(), 1, "hidden for 16 mm");
-    // As where something hides the part altogether: a gap like any other.
+    // If an object hides the part completely, this is a gap like any other.
     assert_eq!(parts(&floors_to(230.0, 20), &settings(), &gap(20.0)).parts.len(), 2, "hidden for 34 mm");
-    // The profiles are 2 mm apart; a gap of 1 mm that was asked for would be between any two of them.
+    // The profiles are 2 mm apart; a gap of 1 mm would separate all of them.
     assert_eq!(parts(&scan, &settings(), &gap(1.0)).parts.len(), 1);
     assert_eq!(parts(&both().0, &settings(), &gap(70.0)).parts.len(), 1, "60 mm are less than 70");
 }
 
 #[test]
-fn an_empty_window_is_refused_with_its_bounds_and_the_others_are_answered() {
+fn an_empty_window_is_refused_with_its_bounds_and_the_others_are_measured() {
     let (scan, truths) = both();
     let windows = PartRule::Windows(vec![
         window("before", -100.0, -1.0),
@@ -221,7 +221,7 @@ fn an_empty_window_is_refused_with_its_bounds_and_the_others_are_answered() {
 }
 
 #[test]
-fn a_profile_where_two_windows_meet_is_of_the_first_and_none_is_of_two() {
+fn a_profile_on_the_border_of_two_windows_belongs_to_the_first_only() {
     let (scan, _) = make(&moving()).expect("a part");
     let x = scan.stations()[95].x;
     let found = parts(&scan, &settings(), &PartRule::Windows(vec![window("a", 10.0, x), window("b", x, 300.0)]));
@@ -231,7 +231,7 @@ fn a_profile_where_two_windows_meet_is_of_the_first_and_none_is_of_two() {
 }
 
 #[test]
-fn each_window_has_a_nominal_radius_of_its_own() {
+fn each_window_has_its_own_nominal_radius() {
     let (scan, truths) = both();
     let settings = Settings { radius: RadiusRule::Fixed, ..settings() };
     let with = |window: Window, radius| Window { nominal_radius_mm: Some(radius), ..window };
@@ -243,7 +243,7 @@ fn each_window_has_a_nominal_radius_of_its_own() {
 }
 
 #[test]
-fn another_number_of_parts_than_expected_is_refused_with_the_numbers_and_no_pose() {
+fn an_unexpected_number_of_parts_is_refused_with_the_numbers_and_without_a_pose() {
     let (scan, _) = both();
     let rule = PartRule::ByGap(ByGap { gap_min_mm: 20.0, count: Some(3) });
     let found = parts(&scan, &settings(), &rule);
@@ -259,13 +259,13 @@ fn another_number_of_parts_than_expected_is_refused_with_the_numbers_and_no_pose
 fn a_scan_without_any_part_is_refused() {
     let scan = scan_of((0..50).map(|index| (index as f64, floor(index))).collect());
     let found = parts(&scan, &settings(), &gap(20.0));
-    // As it would be without parts: what is straight has no curvature.
+    // The same refusal as without parts: a straight profile has no curvature.
     assert!(matches!(found.refusal, Some(Refusal::PointsCollinear { .. })), "{:?}", found.refusal);
     assert_eq!((found.parts.len(), found.profiles().len()), (0, 50));
 }
 
 #[test]
-fn more_parts_than_may_be_are_refused_unmeasured() {
+fn too_many_parts_are_refused_without_a_measurement() {
     let short = |i: u32| Part {
         x_start_mm: f64::from(i) * 100.0,
         length_mm: 40.0,
@@ -281,7 +281,7 @@ fn more_parts_than_may_be_are_refused_unmeasured() {
 }
 
 #[test]
-fn a_scan_of_two_parts_that_is_measured_as_one_is_warned_of() {
+fn two_parts_that_are_measured_as_one_give_a_warning() {
     let first = Part { arc_deg: 120.0, profiles_count: 60, points_count: 120, length_mm: 300.0, ..Part::smooth(1) };
     let second = Part { radius_mm: 150.0, x_start_mm: 340.0, profiles_count: 40, seed: 2, ..first };
     let (scan, _) = make_several(&[first, second]).expect("parts");

@@ -1,5 +1,5 @@
-//! Modbus TCP with programs that are not ours: our adaptors against a PLC made with pymodbus (tests/plc_modbus.py), and a
-//! pymodbus client (tests/modbus_client.py) against our simulated PLC. On loopback, on the real clock.
+//! Modbus TCP with third-party programs: the adaptors against a PLC based on pymodbus (tests/plc_modbus.py), and a
+//! pymodbus client (tests/modbus_client.py) against the simulated PLC. On loopback, on the real clock.
 
 #![expect(clippy::expect_used, clippy::panic, reason = "a test may fail")]
 
@@ -14,7 +14,7 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 use std::time::Duration;
 use tokio::time::sleep;
 
-/// A program that ends with its owner, and what it prints.
+/// A program that is stopped when its handle is dropped, and its output.
 struct Program {
     child: Child,
     lines: Lines<BufReader<ChildStdout>>,
@@ -34,7 +34,7 @@ impl Program {
 
     fn line(&mut self) -> String {
         self.lines.next().and_then(Result::ok).expect(
-            "the program has ended without a word; where its packages are missing, run tests/run first, which installs them",
+            "the program has ended without output; if its packages are missing, run tests/run first, which installs them",
         )
     }
 }
@@ -46,17 +46,17 @@ impl Drop for Program {
     }
 }
 
-/// The Python that has the packages of tests/requirements.txt, with one of the scripts here.
+/// The Python interpreter with the packages of tests/requirements.txt, with one of the scripts here.
 fn python(script: &str) -> Command {
     let tests = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests");
     let python = std::env::var_os("COAXIS_PYTHON").map_or_else(|| tests.join(".venv/bin/python"), PathBuf::from);
-    assert!(python.exists(), "{} is missing; run tests/run first, which makes it", python.display());
+    assert!(python.exists(), "{} is missing; run tests/run first, which creates it", python.display());
     let mut command = Command::new(python);
     command.arg(tests.join(script));
     command
 }
 
-/// The foreign PLC, and the settings that lead to it.
+/// The third-party PLC, and the settings to connect to it.
 fn foreign_plc() -> (Program, Settings) {
     let mut plc = Program::start(&mut python("plc_modbus.py"));
     let ready = plc.line();
@@ -74,7 +74,7 @@ fn x_to(x: f64, speed: f64) -> Action {
     Action::MoveTo { axes: Axes { x: true, ..Axes::default() }, targets: only_x(x), speeds: only_x(speed) }
 }
 
-/// Reads until the device says that this command is over.
+/// Reads until the device reports the end of this command.
 async fn until_over(device: &mut dyn Manipulator, sequence: u16) -> Reading {
     for _ in 0..400 {
         let reading = device.read().await.expect("a reading");
@@ -111,7 +111,7 @@ async fn a_foreign_plc_is_enabled_homed_moved_and_halted() {
     let reading = m1.connect().await.expect("connects");
     assert_eq!((reading.state, reading.mode, reading.fault_code), (AxisState::Disabled, Mode::Automatic, 0));
     assert!(reading.safety.allows_motion() && !reading.axes.x.homed);
-    // The PLC's own limits, in its source: 200 mm, and 180 degrees at 30 degrees/s.
+    // The limits in the source of the PLC: 200 mm, and 180 degrees at 30 degrees/s.
     let Axes { x, c, .. } = reading.axes;
     assert_eq!((x.lower, x.upper, x.speed), (-200.0, 200.0, 50.0));
     assert!((c.upper - std::f64::consts::PI).abs() < 1e-12 && (c.speed.to_degrees() - 30.0).abs() < 1e-12);
@@ -140,7 +140,7 @@ async fn a_foreign_plc_is_enabled_homed_moved_and_halted() {
 }
 
 #[tokio::test]
-async fn a_foreign_plc_keeps_the_contract_of_manipulators() {
+async fn a_foreign_plc_meets_the_contract_of_manipulators() {
     let (_plc, settings) = foreign_plc();
     let settings = Settings { base: 256, ..settings };
     let mut m2 = make_ready(&settings).await;
@@ -149,7 +149,7 @@ async fn a_foreign_plc_keeps_the_contract_of_manipulators() {
 }
 
 #[tokio::test]
-async fn a_foreign_plc_keeps_the_contract_of_stages() {
+async fn a_foreign_plc_meets_the_contract_of_stages() {
     let (_plc, settings) = foreign_plc();
     let settings = Settings { base: 512, ..settings };
     drop(make_ready(&settings).await);
@@ -159,7 +159,7 @@ async fn a_foreign_plc_keeps_the_contract_of_stages() {
 }
 
 #[tokio::test]
-async fn a_foreign_plc_in_another_word_order_is_noticed() {
+async fn a_foreign_plc_with_another_word_order_is_detected() {
     let (_plc, settings) = foreign_plc();
     for word_order in [WordOrder::Cdab, WordOrder::Badc, WordOrder::Dcba] {
         let layout = Layout { word_order, ..Layout::default() };
@@ -169,7 +169,7 @@ async fn a_foreign_plc_in_another_word_order_is_noticed() {
 }
 
 #[tokio::test]
-async fn a_foreign_plc_that_goes_away_is_a_lost_link() {
+async fn a_foreign_plc_that_exits_is_a_lost_link() {
     let (plc, settings) = foreign_plc();
     let mut m1 = open("m1", &settings).expect("settings that can be");
     m1.connect().await.expect("connects");
@@ -180,12 +180,12 @@ async fn a_foreign_plc_that_goes_away_is_a_lost_link() {
 }
 
 #[test]
-fn a_foreign_client_finds_our_simulated_plc_as_documented() {
+fn a_foreign_client_finds_the_simulated_plc_as_documented() {
     let mut served =
         Program::start(Command::new(env!("CARGO_BIN_EXE_coaxis")).args(["simulate", "plc", "--modbus", "127.0.0.1:0"]));
     let line = served.line();
     let port = line.rsplit_once(':').map(|(_, port)| port).unwrap_or_else(|| panic!("it says {line:?}"));
     let output = python("modbus_client.py").arg(port).output().expect("runs");
     let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{said}; where pymodbus is missing, run tests/run first, which installs it");
+    assert!(output.status.success(), "{said}; if pymodbus is missing, run tests/run first, which installs it");
 }

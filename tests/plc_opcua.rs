@@ -1,5 +1,5 @@
-//! The OPC UA adaptor against a PLC of other people's making: tests/plc_opcua.py, on asyncua, without a line of ours. What is
-//! true is what that PLC says it executed, not what we believe. Runs on the real clock, on loopback.
+//! The OPC UA adaptor against an independent PLC: tests/plc_opcua.py, based on asyncua, without code of this project. The
+//! assertions use the commands that the PLC reports as executed. Runs on the real clock, on loopback.
 
 #![cfg(feature = "opcua")]
 #![expect(clippy::expect_used, clippy::panic, reason = "a test may fail")]
@@ -15,14 +15,14 @@ use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
-/// The longest that anything here may take: the machine of the tests is a busy one.
+/// Maximum duration of any step, on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(20);
-/// The longest that a call may take by the default settings, and what a busy machine adds.
+/// Maximum duration of a call with the default settings, plus an allowance for a busy machine.
 const DEADLINE: Duration = Duration::from_millis(300 + 200);
 const NOTHING: [u16; 0] = [];
 const WATCHDOG: Duration = Duration::from_millis(400);
 
-/// The foreign PLC; ends with its owner.
+/// The third-party PLC; it is stopped when the value is dropped.
 struct Plc {
     process: Child,
     lines: Receiver<String>,
@@ -62,7 +62,7 @@ impl Plc {
         Self::start(free_port(), &[])
     }
 
-    /// The numbers that it has executed since it was asked last.
+    /// The numbers of the commands executed since the last call.
     fn executed(&mut self) -> Vec<u16> {
         let stdin = self.process.stdin.as_mut().expect("piped");
         writeln!(stdin, "so far").and_then(|()| stdin.flush()).expect("it lives");
@@ -77,7 +77,7 @@ impl Plc {
         }
     }
 
-    /// Waits for a line, and for nothing else: the thread that would read the PLC stands still.
+    /// Waits for this line. Blocks the thread, so that no reading reaches the PLC.
     fn says(&self, wanted: &str) {
         while self.lines.recv_timeout(PATIENCE).expect(wanted) != wanted {}
     }
@@ -100,7 +100,7 @@ fn free_port() -> u16 {
     listener.local_addr().expect("bound").port()
 }
 
-/// A folder of its own, gone afterwards.
+/// A temporary folder, deleted when the value is dropped.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -121,7 +121,7 @@ fn settings(plc: &Plc, folder: &Folder) -> Settings {
     Settings {
         endpoint: format!("opc.tcp://127.0.0.1:{}", plc.port),
         security: Security { pki: Some(folder.0.join("pki")), ..Security::default() },
-        // Only to get to know each other; a busy machine takes its time.
+        // For connecting only, because a busy machine is slow.
         connect_ms: 20_000,
         ..Settings::default()
     }
@@ -150,7 +150,8 @@ impl Bench {
         self.link.send(&order).await.map(|()| self.sequence)
     }
 
-    /// Reads until it is so. Each reading asks the PLC, and it answers once a cycle at most: nothing spins.
+    /// Reads until the condition is true. Each reading waits for the PLC, which answers at most once per
+    /// cycle, so this does not spin.
     async fn until(&mut self, holds: impl Fn(&Reading) -> bool) -> Reading {
         let until = async {
             loop {
@@ -163,7 +164,7 @@ impl Bench {
         tokio::time::timeout(PATIENCE, until).await.expect("in time")
     }
 
-    /// Tells it, and waits for the end of it.
+    /// Sends a command and waits for its end.
     async fn done(&mut self, action: Action) -> Reading {
         let sequence = self.tell(action).await.expect("handed over");
         let ended = |reading: &Reading| {
@@ -187,7 +188,7 @@ fn to(axis: Axis, target: f64, speed: f64) -> Action {
     Action::MoveTo { axes: Axes::from_fn(|of| of == axis), targets: only(target), speeds: only(speed) }
 }
 
-/// Enable, home, move, halt half-way, refuse, watchdog, reset: what every device must do.
+/// Enable, home, move, halt on the way, refuse, watchdog, reset: the required functions of every device.
 async fn whole_life(plc: &mut Plc, settings: &Settings) {
     let mut bench = Bench::new(settings);
     let first = bench.link.connect().await.expect("connected");
@@ -196,7 +197,7 @@ async fn whole_life(plc: &mut Plc, settings: &Settings) {
     assert_eq!((first.axes.y.actual, first.axes.z.actual), (1.0, -2.0));
     assert!((first.axes.c.actual - 3_f64.to_radians()).abs() < 1e-15);
     assert!((first.axes.c.upper - 20_f64.to_radians()).abs() < 1e-15 && first.axes.x.lower == -50.0);
-    assert_eq!(plc.executed(), NOTHING, "to connect is to do nothing");
+    assert_eq!(plc.executed(), NOTHING, "connecting executes no command");
 
     assert_eq!(bench.done(Action::Enable).await.state, AxisState::Standstill);
     let refused = bench.done(to(Axis::X, 1.0, 10.0)).await;
@@ -205,7 +206,7 @@ async fn whole_life(plc: &mut Plc, settings: &Settings) {
     let there = bench.done(to(Axis::C, (-5_f64).to_radians(), 10_f64.to_radians())).await;
     assert_eq!((there.acknowledged.result, there.state), (CommandResult::Done, AxisState::Standstill));
     assert!((there.axes.c.actual - (-5_f64).to_radians()).abs() < 1e-12 && there.axes.c.in_position);
-    assert_eq!(there.axes.y.actual, 1.0, "the others stay");
+    assert_eq!(there.axes.y.actual, 1.0, "the others keep their position");
 
     let outside = bench.done(to(Axis::X, 50.1, 10.0)).await;
     assert_eq!((outside.acknowledged.result, outside.fault_code), (CommandResult::Rejected, 101));
@@ -215,7 +216,7 @@ async fn whole_life(plc: &mut Plc, settings: &Settings) {
     let halted = bench.done(Action::Halt).await;
     assert!(!halted.state.moves() && halted.axes.x.actual < 39.0, "{halted:?}");
     let later = bench.link.read().await.expect("a reading");
-    assert_eq!(later.axes.x.actual, halted.axes.x.actual, "it holds");
+    assert_eq!(later.axes.x.actual, halted.axes.x.actual, "it keeps its position");
     assert_eq!(plc.executed(), [1, 3, 4, 6, 7]);
 }
 
@@ -227,7 +228,7 @@ async fn a_foreign_plc_is_commanded_from_enable_to_halt() {
 }
 
 #[tokio::test]
-async fn with_a_foreign_plc_the_adaptor_keeps_the_contract_of_all_adaptors() {
+async fn with_a_foreign_plc_the_adaptor_meets_the_contract_of_all_adaptors() {
     let (mut plc, folder) = (Plc::open(), Folder::new("contract"));
     let mut bench = Bench::ready(&settings(&plc, &folder)).await;
     let report = check_manipulator(&mut bench.link).await;
@@ -239,7 +240,7 @@ async fn with_a_foreign_plc_the_adaptor_keeps_the_contract_of_all_adaptors() {
 }
 
 #[tokio::test]
-async fn signed_encrypted_and_with_a_password_it_is_the_same() {
+async fn a_foreign_plc_works_with_signature_encryption_and_password() {
     let folder = Folder::new("secure");
     std::fs::write(folder.0.join("password"), "kept aside\n").expect("written");
     let mut plc = Plc::start(free_port(), &["--secure", folder.0.to_str().expect("a path")]);
@@ -260,7 +261,7 @@ async fn signed_encrypted_and_with_a_password_it_is_the_same() {
     assert!(matches!(&refused, DeviceError::LinkLost { .. }), "{refused}");
     assert!(!refused.to_string().contains("guessed"), "{refused}");
 
-    // Our own certificate is one, too, and not the server's.
+    // The client's own certificate is a valid certificate, but not the server's.
     settings.security.password_file = Some(folder.0.join("password"));
     settings.security.server_certificate = Some(folder.0.join("pki/own/cert.der"));
     let stranger = Bench::new(&settings).link.connect().await.expect_err("another certificate");
@@ -268,7 +269,7 @@ async fn signed_encrypted_and_with_a_password_it_is_the_same() {
 }
 
 #[tokio::test]
-async fn a_plc_that_is_not_what_it_should_be_is_refused_by_name() {
+async fn a_plc_with_a_wrong_node_is_refused_with_the_name_of_the_node() {
     let folder = Folder::new("wrong");
     for (fault, said) in [
         ("radians", "axes.c.unit is unit 4405297, which is not the degree (17476)"),
@@ -286,7 +287,7 @@ async fn a_plc_that_is_not_what_it_should_be_is_refused_by_name() {
 }
 
 #[tokio::test]
-async fn a_heartbeat_that_stands_still_is_silence() {
+async fn a_heartbeat_that_stops_is_reported_as_silence() {
     let folder = Folder::new("frozen");
     let plc = Plc::start(free_port(), &["--fault", "frozen"]);
     let mut bench = Bench::new(&settings(&plc, &folder));
@@ -304,13 +305,13 @@ async fn a_heartbeat_that_stands_still_is_silence() {
 }
 
 #[tokio::test]
-async fn a_plc_that_hears_nothing_stops_by_itself() {
+async fn a_plc_without_communication_stops_by_itself() {
     let (plc, folder) = (Plc::open(), Folder::new("watchdog"));
     let settings = settings(&plc, &folder);
     let mut bench = Bench::ready(&settings).await;
     bench.tell(to(Axis::X, 45.0, 20.0)).await.expect("handed over");
     bench.until(|reading| reading.axes.x.actual > 0.5).await;
-    // Nobody reads, so nobody is heard, until the PLC says that it has had enough.
+    // No reading is sent until the watchdog of the PLC reports the lost communication.
     plc.says("watchdog m1");
     let stopped = bench.link.read().await.expect("a reading");
     assert_eq!((stopped.state, stopped.fault_code), (AxisState::ErrorStop, 1));
@@ -321,7 +322,7 @@ async fn a_plc_that_hears_nothing_stops_by_itself() {
 }
 
 #[tokio::test]
-async fn what_was_lost_with_the_link_is_never_sent_again() {
+async fn a_command_that_was_lost_with_the_link_is_never_sent_again() {
     let folder = Folder::new("vanish");
     let mut plc = Plc::open();
     let settings = settings(&plc, &folder);
@@ -335,14 +336,14 @@ async fn what_was_lost_with_the_link_is_never_sent_again() {
     assert!(matches!(lost, Err(DeviceError::LinkLost { .. } | DeviceError::Silent { .. })), "{lost:?}");
     let lost = tokio::time::timeout(DEADLINE, bench.tell(Action::Halt)).await.expect("within the deadline");
     assert!(matches!(lost, Err(DeviceError::LinkLost { .. })), "{lost:?}");
-    // A new PLC at the same place. Nothing but `connect` reaches it, and that does nothing.
+    // A new PLC at the same address. Only `connect` reaches it, and that executes no command.
     let mut plc = Plc::start(port, &[]);
     let none = bench.link.read().await;
     assert!(matches!(none, Err(DeviceError::LinkLost { .. })), "{none:?}");
     let found = bench.link.connect().await.expect("connected anew");
     assert_eq!((found.acknowledged.sequence, found.axes.x.actual), (0, 0.0));
     bench.done(Action::Enable).await;
-    assert_eq!(plc.executed(), [5], "and only what was said after that");
+    assert_eq!(plc.executed(), [5], "only the command after the reconnection");
 }
 
 #[tokio::test]
@@ -357,7 +358,7 @@ async fn a_command_to_a_plc_that_does_not_answer_is_executed_once_at_most() {
     assert!(sent.expect_err("silent").leaves_unknown());
     plc.signal("-CONT");
     let found = bench.link.connect().await.expect("connected anew");
-    // Whether it arrived is read, not guessed.
+    // Whether the command arrived is read from the PLC.
     let arrived = found.acknowledged.sequence == bench.sequence;
     let next = bench.done(to(Axis::X, 2.0, 20.0)).await;
     assert_eq!((next.acknowledged.result, next.axes.x.actual), (CommandResult::Done, 2.0));

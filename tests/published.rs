@@ -1,7 +1,7 @@
-//! The published single-profile tables and the published whole-part situation, held to truth that is derived here from the
+//! The published tables for single profiles and the published complete part, compared with the truth that is derived here from the
 //! ellipse of a tilted cylinder.
 
-#![expect(clippy::expect_used, clippy::print_stdout, reason = "a test may fail, and says what it saw")]
+#![expect(clippy::expect_used, clippy::print_stdout, reason = "a test may fail, and prints its results")]
 
 use crate::made::{errors, standard};
 use coaxis::estimation::{Estimate, Method, Outcome, Progress, Reason, Settings, estimate};
@@ -15,7 +15,7 @@ const SEEDS: usize = 100;
 const POINTS: usize = 640;
 
 /// One profile of R = 200 mm, deflection and pitch 5°, centre (0, 0), σ = 0.05 mm in y and z; `offset` moves the point at
-/// a place (0 to 1) of the arc away from the centre, mm.
+/// a position (0 to 1) of the arc away from the centre, mm.
 fn profile(arc_deg: f64, seed: u64, offset: impl Fn(f64) -> f64) -> Vec<[f64; 2]> {
     let slope = 5f64.to_radians().tan();
     let n2 = 1.0 + 2.0 * slope * slope;
@@ -31,7 +31,7 @@ fn profile(arc_deg: f64, seed: u64, offset: impl Fn(f64) -> f64) -> Vec<[f64; 2]
         .collect()
 }
 
-/// One profile a seed, measured as a scan; what a profile gives does not depend on its neighbours.
+/// One profile per seed, measured as one scan; the result of a profile does not depend on its neighbours.
 fn measure(arc_deg: f64, method: Method, offset: impl Fn(f64) -> f64) -> Estimate {
     let (mut y, mut z, mut stations) = (Vec::new(), Vec::new(), Vec::new());
     for seed in 0..SEEDS {
@@ -100,14 +100,15 @@ fn tables_one_and_two_the_robust_method_finds_smooth_and_drilled_profiles() {
             assert!(mean <= 0.05, "mean centre error {mean} mm at {arc_deg}°");
             assert!(errors[94] <= 0.1, "95th percentile {} mm at {arc_deg}°", errors[94]);
             assert_eq!(count(&estimate, None), SEEDS, "all valid at {arc_deg}°");
-            // ε of 0.111 mm keeps 97.4 % of a noise of 0.05 mm in both directions, of 96 % of the points where 4 % are sunk.
+            // ε of 0.111 mm keeps 97.4 % of the points with a noise of 0.05 mm in both directions, of 96 % of the points if
+            // 4 % are recessed.
             assert!((mean_ratio(&estimate) - ratio).abs() < 0.005, "ratio {}", mean_ratio(&estimate));
         }
     }
 }
 
 #[test]
-fn tables_one_and_two_the_inner_point_rule_rejects_the_straight_hole_and_the_fixture() {
+fn tables_one_and_two_the_inlier_rule_rejects_the_straight_hole_and_the_fixture() {
     for arc_deg in [160.0, 180.0] {
         let hole = measure(arc_deg, Method::SectionLine, straight_hole);
         assert_eq!(count(&hole, Some(Reason::LowInlierRatio)), SEEDS);
@@ -119,7 +120,7 @@ fn tables_one_and_two_the_inner_point_rule_rejects_the_straight_hole_and_the_fix
 }
 
 #[test]
-fn tables_one_and_two_the_plain_method_follows_every_interference() {
+fn tables_one_and_two_the_non_robust_method_follows_every_interference() {
     for arc_deg in [160.0, 180.0] {
         for (offset, least_mm) in [(screw_holes as fn(f64) -> f64, 0.5), (straight_hole, 10.0), (clamp, 10.0)] {
             let errors = centre_errors(&measure(arc_deg, Method::SectionLinePlain, offset));
@@ -129,7 +130,7 @@ fn tables_one_and_two_the_plain_method_follows_every_interference() {
 }
 
 #[test]
-fn table_three_a_whole_part_with_interference_is_found_by_the_robust_methods_and_missed_by_the_plain_one() {
+fn table_three_a_whole_part_with_interference_is_found_by_the_robust_methods_and_missed_by_the_non_robust_one() {
     for seed in 0..50 {
         let (scan, truth) = make(&Part::with_interference(seed)).expect("valid");
         let errors = |method| {
@@ -148,13 +149,13 @@ fn table_three_a_whole_part_with_interference_is_found_by_the_robust_methods_and
         let (angle_deg, offset_mm) = errors(Method::SectionLine);
         assert!(angle_deg <= 0.02 && offset_mm <= 0.3, "seed {seed}: {angle_deg}° and {offset_mm} mm");
         let (angle_deg, offset_mm) = errors(Method::SectionLinePlain);
-        assert!(angle_deg > 1.0 && offset_mm > 10.0, "seed {seed}: plain {angle_deg}° and {offset_mm} mm");
+        assert!(angle_deg > 1.0 && offset_mm > 10.0, "seed {seed}: non-robust {angle_deg}° and {offset_mm} mm");
     }
 }
 
-/// A free ellipse is pulled along the viewing direction; what is stated must hold the truth all the same.
+/// A free ellipse is biased along the viewing direction; the stated uncertainty must contain the truth nevertheless.
 #[test]
-fn the_stated_uncertainty_of_section_line_holds_the_truth_on_short_arcs_and_with_few_profiles() {
+fn the_stated_uncertainty_of_section_line_contains_the_truth_on_short_arcs_and_with_few_profiles() {
     let seeds_count = crate::made::count("COAXIS_SEEDS", 20);
     let numbers_count = 5.0 * seeds_count as f64;
     for (arc_deg, profiles_count) in [(160.0, 100), (140.0, 100), (110.0, 100), (90.0, 100), (70.0, 100), (160.0, 4)] {
@@ -175,7 +176,7 @@ fn the_stated_uncertainty_of_section_line_holds_the_truth_on_short_arcs_and_with
         println!(
             "{arc_deg}°, {profiles_count} profiles: {held_count} of {numbers_count} held; z_ref stated {stated:.3} mm, seen {seen:.3} mm"
         );
-        // 95 %, less three standard deviations of what is counted.
+        // 95 %, less three standard deviations of the counted number.
         let least = 0.95 * numbers_count - 3.0 * (0.95 * 0.05 * numbers_count).sqrt();
         assert!(held_count as f64 >= least, "{held_count} of {numbers_count} at {arc_deg}°");
     }

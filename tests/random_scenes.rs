@@ -1,15 +1,15 @@
-//! Thousands of random scenes: whatever is answered must be right within what it says of itself, five of its own standard
-//! uncertainties in every parameter. A refusal is allowed, an answer that is wrong and sure of itself is not.
+//! Thousands of random scenes: every accepted result must be correct within five of its own stated standard
+//! uncertainties in every parameter. A refusal is allowed, a wrong result with a small uncertainty is not.
 //!
-//! `COAXIS_SCENES=10000 cargo test --release --test all random_scenes:: -- --nocapture` runs all of them and prints what became
-//! of them; `COAXIS_FIRST_SCENE=10000` as well runs the next ones. From number 1 000 000 on the scenes are drawn from
-//! everything that can be simulated (`wide.rs`), pass through the same steps as an uploaded file, and are reported by kind.
+//! `COAXIS_SCENES=10000 cargo test --release --test all random_scenes:: -- --nocapture` runs all of them and prints the counts
+//! of results; `COAXIS_FIRST_SCENE=10000` in addition runs the next ones. From number 1 000 000 on the scenes are drawn from
+//! everything that can be simulated (`wide.rs`), are processed like an uploaded file, and are reported by kind.
 
 #![expect(
     clippy::expect_used,
     clippy::print_stdout,
     clippy::indexing_slicing,
-    reason = "a test may fail, and says what it saw"
+    reason = "a test may fail, and prints its results"
 )]
 
 mod wide;
@@ -23,20 +23,20 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Scenes that continuous integration has time for.
+/// Scenes in continuous integration.
 const SCENES: u64 = 400;
-/// What is still wrong, scenes in a thousand, rounded down (docs/accuracy.md). To be lowered, never raised.
+/// Allowed number of wrong results, scenes in a thousand, rounded down (docs/accuracy.md). To be lowered, never raised.
 const WRONG_PER_THOUSAND: f64 = 0.1;
-/// Scenes of every kind that continuous integration has time for.
+/// Scenes of every kind in continuous integration.
 const WIDE_SCENES: u64 = 200;
-/// Scenes in a thousand that may be wrong without a systematic error of the sensor. When they were first drawn, 15 of 2000 were,
+/// Scenes in a thousand that may be wrong without a systematic error of the sensor. In the first run, 15 of 2000 were wrong
 /// and 161 were refused; the few of one run vary by chance. To be lowered, never raised.
 const WIDE_WRONG_PER_THOUSAND: f64 = 15.0;
 /// Share of these that may be refused.
 const WIDE_REFUSED_MAX: f64 = 0.12;
-/// Wrong is what is off by more of its own standard uncertainties,
+/// A result is wrong if its error exceeds this many of its own standard uncertainties,
 const UNCERTAINTIES_MAX: f64 = 5.0;
-/// and by more than rounding, mm and radians.
+/// and exceeds rounding, mm and radians.
 const ROUNDING: f64 = 1e-9;
 
 /// Share of the scenes that may be refused; in most of these a layer or clamp is on every profile.
@@ -49,7 +49,7 @@ impl Chance {
         self.0.random_range(low..high)
     }
 
-    /// By orders of magnitude.
+    /// Log-uniform between the bounds.
     fn scaled(&mut self, low: f64, high: f64) -> f64 {
         self.between(low.ln(), high.ln()).exp()
     }
@@ -58,7 +58,7 @@ impl Chance {
         self.0.random_bool(share)
     }
 
-    /// Between the bounds in a share of the scenes, else zero.
+    /// Between the bounds in a share of the scenes, otherwise zero.
     fn sometimes(&mut self, share: f64, low: f64, high: f64) -> f64 {
         if self.happens(share) { self.between(low, high) } else { 0.0 }
     }
@@ -68,7 +68,7 @@ fn interference(chance: &mut Chance, radius_mm: f64) -> Interference {
     if chance.happens(0.25) {
         return Interference::default();
     }
-    // Holes are up to 30 mm deep, which a thin part has no room for.
+    // Holes are up to 30 mm deep, which is too deep for a thin part.
     let holes = if radius_mm > 40.0 { 1.0 } else { 0.0 };
     let shares = [
         chance.sometimes(0.4 * holes, 0.0, 1.0),
@@ -167,7 +167,7 @@ fn fate(seed: u64) -> Fate {
     }
 }
 
-/// What became of scenes.
+/// Counts of the results of scenes.
 struct Fates {
     first: u64,
     fates: Vec<Fate>,
@@ -210,7 +210,7 @@ impl Fates {
         }
     }
 
-    /// By the kinds that the wider scenes were drawn from; a scene counts for each of its kinds.
+    /// By the kinds from which the wider scenes were drawn; a scene counts for each of its kinds.
     fn print_kinds(&self) {
         let mut kinds: BTreeMap<&str, [usize; 4]> = BTreeMap::new();
         for (seed, fate) in (self.first..).zip(&self.fates) {
@@ -238,7 +238,7 @@ impl Fates {
     }
 }
 
-/// Scenes whose answer is wrong if one step of the estimation is switched off, each tried so, on 30 November 2026.
+/// Scenes whose result is wrong if one step of the estimation is disabled, each verified on 30 November 2026.
 const STEPS: [(&str, &[u64]); 7] = [
     ("only the connected arc determines the radius", &[603_714, 709_635]),
     ("a surface beneath the fit is searched", &[812_304, 812_779]),
@@ -261,7 +261,7 @@ fn scenes_that_depend_on_one_step_are_not_wrong() {
 }
 
 #[test]
-fn no_answer_is_wrong_by_more_than_it_says() {
+fn no_result_is_wrong_by_more_than_its_uncertainty() {
     let first = count("COAXIS_FIRST_SCENE", 0);
     if first >= wide::FIRST {
         return;
@@ -271,13 +271,13 @@ fn no_answer_is_wrong_by_more_than_it_says() {
     fates.print();
     let allowed = (WRONG_PER_THOUSAND * scenes_count as f64 / 1000.0) as usize;
     assert!(fates.wrong.len() <= allowed, "{} answers are wrong", fates.wrong.len());
-    // Refusals are no way out.
+    // The number of refusals is limited as well.
     let refused_count = fates.refused_count();
     assert!(refused_count as f64 <= REFUSED_MAX * scenes_count as f64, "{refused_count} refused");
 }
 
 #[test]
-fn few_answers_are_wrong_in_scenes_of_every_kind() {
+fn few_results_are_wrong_in_scenes_of_every_kind() {
     let first = count("COAXIS_FIRST_SCENE", wide::FIRST);
     if first < wide::FIRST {
         return;

@@ -1,6 +1,7 @@
-//! Every file of `tests/data`, and of the measured files and reference sets, is read with the counts that its header or its truth states.
+//! Every file of `tests/data`, of the measured files and of the reference sets is decoded with the counts of its header or
+//! its truth.
 
-#![expect(clippy::expect_used, clippy::indexing_slicing, reason = "a test that panics has failed, as it should")]
+#![expect(clippy::expect_used, clippy::indexing_slicing, reason = "a panic fails the test as intended")]
 
 use coaxis::geometry::Frame;
 use coaxis::scan::decode::{FormatClaims, Limits, Request, Unit, decode, find_format};
@@ -34,7 +35,7 @@ fn scan_of(cloud: Cloud) -> Scan {
     slice(cloud, &SliceRequest::default(), &Limits::default()).expect("slices")
 }
 
-/// (profiles, places for points) of a synthetic scan.
+/// (profiles, points including missing ones) of a synthetic scan.
 fn truth_of(name: &str) -> (usize, usize) {
     let truth: serde_json::Value = serde_json::from_slice(&bytes_of(name)).expect("JSON");
     let count = |key: &str| usize::try_from(truth[key].as_u64().expect("a count")).expect("small");
@@ -42,7 +43,7 @@ fn truth_of(name: &str) -> (usize, usize) {
 }
 
 #[test]
-fn made_scans_have_the_profiles_and_points_of_their_truth() {
+fn synthetic_scans_have_the_profiles_and_points_of_their_truth() {
     for (name, rule) in [
         ("clean-arc110.ply", "x_value"),
         ("interference-arc140.csv", "column=profile"),
@@ -55,7 +56,7 @@ fn made_scans_have_the_profiles_and_points_of_their_truth() {
         let (missing, found) = (cloud.missing_count, cloud.columns.len());
         let scan = scan_of(cloud);
         assert_eq!((scan.stations().len(), scan.rule()), (profiles, rule), "{name}");
-        // The table leaves drop-outs out: its rows are its points, without the header and the end.
+        // The table does not contain drop-outs: its rows are its points, without the header and the end.
         let places = if name.ends_with("csv") {
             bytes_of("made/interference-arc140.csv").iter().filter(|byte| **byte == b'\n').count() - 1
         } else {
@@ -79,13 +80,13 @@ fn the_truth_s_middle_is_the_middle_of_the_stations() {
 }
 
 #[test]
-fn single_precision_is_kept_and_double_too() {
+fn single_and_double_precision_are_preserved() {
     assert!(matches!(cloud_of("made/clean-arc110.ply", None).columns, Columns::F32 { .. }));
     assert!(matches!(cloud_of("made/small-arc120.npy", None).columns, Columns::F64 { .. }));
 }
 
 #[test]
-fn the_bolt_is_read_past_its_faces_and_its_unit_is_known() {
+fn the_bolt_is_read_without_its_faces_and_with_its_unit() {
     let Some(bolt) = crate::real::outside("real/stud-bolt.ply") else { return };
     let cloud = cloud_at(&bolt, None);
     assert_eq!((cloud.columns.len(), cloud.missing_count), (8565, 0));
@@ -99,11 +100,11 @@ fn the_bolt_is_read_past_its_faces_and_its_unit_is_known() {
 }
 
 #[test]
-fn the_mug_unpacks_and_is_cut_out_of_its_scene_in_a_declared_frame() {
+fn the_mug_is_decompressed_and_cut_out_of_its_scene_in_a_declared_frame() {
     let Some(mug) = crate::real::outside("real/mug-on-table.pcd") else { return };
     let cloud = cloud_at(&mug, Some(Unit::Metre));
     assert_eq!(cloud.columns.len() as u64 + cloud.missing_count, 640 * 480);
-    // Some frame across the view; what counts is that the window holds in it.
+    // Some frame across the view; the test is that the window is applied in it.
     let frame = Frame { origin_mm: [0.0, 0.0, 800.0], x_axis: [0.0, -1.0, 0.0], z_axis: [0.0, 0.0, -1.0] };
     let region = Region { x_mm: Some([-300.0, 300.0]), y_mm: Some([-200.0, 200.0]), z_mm: Some([-200.0, 200.0]) };
     let request = SliceRequest { rule: None, frame: Some(frame), region: Some(region) };

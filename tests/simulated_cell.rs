@@ -1,12 +1,12 @@
-//! The simulated cell keeps the contract that every adaptor keeps, fails as it is told to, and shows its sensor the part where
-//! the manipulators really carry it. Truth is the synthetic part; time is paused.
+//! The simulated cell meets the contract of every adaptor, fails on command, and its sensor sees the part at the position to which
+//! the manipulators carry it. The truth is the synthetic part; time is paused.
 
 #![expect(
     clippy::expect_used,
     clippy::panic,
     clippy::indexing_slicing,
     clippy::print_stdout,
-    reason = "a test may fail, and says what it saw"
+    reason = "a test may fail, and prints its results"
 )]
 
 use crate::made::count;
@@ -27,7 +27,7 @@ use std::time::Duration;
 use tokio::time::{sleep, timeout};
 
 const M1: Device = Device::Manipulator(Carrier::M1);
-/// Scans of the cell as shipped that continuous integration has time for.
+/// Scans of the cell with the default settings in continuous integration.
 const SCANS: u64 = 6;
 
 fn mountings() -> Pair<Mounting> {
@@ -55,7 +55,7 @@ fn go(targets: Position) -> Action {
 }
 
 #[tokio::test(start_paused = true)]
-async fn every_made_device_keeps_the_contract() {
+async fn every_simulated_device_meets_the_contract() {
     let world = world(&Settings::default());
     let (mut sensor, mut stage) = (world.sensor(), world.stage());
     for carrier in Carrier::ALL {
@@ -142,11 +142,11 @@ async fn the_contract_finds_an_adaptor_that_breaks_it() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn each_fault_shows_as_what_it_is() {
+async fn each_fault_is_reported_by_name() {
     let world = world(&Settings::default());
     let (faults, mut m1) = (world.faults(), world.manipulator(Carrier::M1));
     let mut sequence = 0;
-    // The fault, the error by name, whether the device has executed the command all the same.
+    // The fault, the name of the error, and whether the device has executed the command nevertheless.
     let cases: [(Fault, &str, bool); 7] = [
         (Fault::LinkLost { arrives: false }, "LinkLost", false),
         (Fault::LinkLost { arrives: true }, "LinkLost", true),
@@ -181,7 +181,7 @@ async fn dead_peer(faults: &FaultSwitch, m1: &mut dyn Manipulator) {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_limit_switch_a_stall_and_lost_profiles_show_as_what_they_are() {
+async fn a_limit_switch_a_stall_and_lost_profiles_are_reported_by_name() {
     let world = world(&Settings::default());
     let (faults, mut m1) = (world.faults(), world.manipulator(Carrier::M1));
     m1.connect().await.expect("a link");
@@ -208,7 +208,7 @@ async fn a_limit_switch_a_stall_and_lost_profiles_show_as_what_they_are() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_stage_that_nobody_hears_stops_and_says_so() {
+async fn a_stage_without_communication_stops_and_reports_it() {
     let world = world(&Settings::default());
     let mut stage = world.stage();
     stage.connect().await.expect("a link");
@@ -219,7 +219,7 @@ async fn a_stage_that_nobody_hears_stops_and_says_so() {
     assert!(stopped.actual_mm < 61.0 && !stopped.moves && stopped.fault_code != 0, "{stopped:?}");
 }
 
-/// A driver as simple as can be: it never sends twice; what it does not know it reads.
+/// A minimal driver: it never sends a command twice and reads every state that it does not know.
 struct Driver {
     m1: SimulatedManipulator,
     sequence: u16,
@@ -237,19 +237,19 @@ impl Driver {
         panic!("no reading in 200 attempts");
     }
 
-    /// Whether the device has taken it.
+    /// Whether the device has accepted the command.
     async fn command(&mut self, action: Action) -> bool {
         self.sequence += 1;
         let sent = self.m1.send(&command(self.sequence, action)).await;
         self.reading().await.acknowledged.sequence == self.sequence || {
-            assert!(sent.is_err(), "handed over, and not there");
+            assert!(sent.is_err(), "sent, but not received");
             false
         }
     }
 }
 
 #[tokio::test(start_paused = true)]
-async fn by_chance_or_not_a_command_is_executed_once_or_not_at_all() {
+async fn a_command_is_executed_at_most_once_under_random_faults() {
     let mut struck_count = 0;
     for seed in 0..200 {
         let world = world(&Settings { seed, ..Settings::default() });
@@ -273,12 +273,12 @@ async fn by_chance_or_not_a_command_is_executed_once_or_not_at_all() {
         assert_eq!((record.all_ignored().len(), record.all_out_of_limits().len()), (0, 0), "seed {seed}");
         struck_count += world.faults().struck().len();
     }
-    // About one exchange in ten of some 50 a run.
+    // About one exchange in ten of some 50 in each run.
     assert!(struck_count > 1_000, "{struck_count}");
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_request_that_is_dropped_half_way_costs_the_connection() {
+async fn a_request_that_is_dropped_before_its_end_closes_the_connection() {
     let world = world(&Settings::default());
     let mut m1 = world.manipulator(Carrier::M1);
     m1.connect().await.expect("a link");
@@ -287,7 +287,7 @@ async fn a_request_that_is_dropped_half_way_costs_the_connection() {
     assert!(m1.connect().await.is_ok() && m1.read().await.is_ok());
 }
 
-/// Enables both manipulators, sends them to their targets and stays until they are there.
+/// Enables both manipulators, sends them to their targets and waits until they have reached them.
 async fn carry(world: &World, targets: &Pair<Position>) {
     let mut devices = Pair::from_fn(|carrier| world.manipulator(carrier));
     for carrier in Carrier::ALL {
@@ -343,7 +343,7 @@ fn scan_of(profiles: &[Profile]) -> Scan {
     Scan::new(stations, Columns::F32 { y, z }, "made".to_owned()).expect("a scan")
 }
 
-/// As the service measures a scan by the sensor of a cell that states no calibration.
+/// Measures as the service does for a scan by the sensor of a cell without calibration data.
 fn measured(world: &World, profiles: &[Profile]) -> Pose {
     let cell = Cell { simulated: world.settings().clone(), ..Cell::default() };
     let stated = Config::default().estimation;
@@ -354,7 +354,7 @@ fn measured(world: &World, profiles: &[Profile]) -> Pose {
     }
 }
 
-/// How far the pose is from the truth, in its own standard uncertainties: deflection, pitch, y, z.
+/// Error of the pose in its own standard uncertainties: deflection, pitch, y, z.
 fn off(pose: &Pose, truth: &AxisLine) -> [f64; 4] {
     let ([y, z], [true_y, true_z]) = (pose.axis.at(pose.x_ref), truth.at(pose.x_ref));
     let deflection = pose.axis.deflection().radians() - truth.deflection().radians();
@@ -365,7 +365,7 @@ fn off(pose: &Pose, truth: &AxisLine) -> [f64; 4] {
 }
 
 #[tokio::test(start_paused = true)]
-async fn the_sensor_sees_the_part_where_the_manipulators_really_carry_it() {
+async fn the_sensor_sees_the_part_at_the_true_position_of_the_manipulators() {
     let world = world(&Settings::default());
     let start = world.truth();
     let sees = async |name: &str| {
@@ -373,15 +373,15 @@ async fn the_sensor_sees_the_part_where_the_manipulators_really_carry_it() {
         let (pose, truth) = (measured(&world, &profiles), world.truth());
         let off = off(&pose, &truth);
         assert!(off.iter().all(|off| off.abs() < 3.0), "{name}: {off:?}, {pose:?}");
-        // 5 µm of the rail and 0.05 mm of noise over 240 000 points: nobody gets away with a large uncertainty.
+        // 5 µm of the rail and 0.05 mm of noise over 240 000 points: the stated uncertainty must not be large.
         assert!(pose.uncertainty.covariance[3][3].sqrt() < 0.02, "{name}");
         pose.axis
     };
     let seen = sees("at the start").await;
     carry(&world, &Pair { m1: lift(6.0, -3.0, 0.0), m2: lift(2.0, -9.0, 0.0) }).await;
     let lifted = sees("lifted").await;
-    // The line of the clamps turns by -4 mm and -6 mm on 500 mm, and the coupling takes 2 % of the other axis' way with it.
-    // The backlash is all on one side. An angle of 0.012 turns a tilt of 0.02 by its square and less: 1e-4.
+    // The line of the clamps rotates by -4 mm and -6 mm on 500 mm, and the coupling adds 2 % of the other axis' travel.
+    // The backlash is on one side only. An angle of 0.012 changes a tilt of 0.02 by its square and less: 1e-4.
     let (turned_y, turned_z) = (-(4.0 + 0.02 * 6.0) / 500.0, -(6.0 + 0.02 * 4.0) / 500.0);
     let truth = world.truth();
     for (from, to) in [(start, truth), (seen, lifted)] {
@@ -420,7 +420,7 @@ async fn the_uncertainty_of_the_cell_as_shipped_contains_the_errors() {
     }
     let share = within.iter().sum::<u64>() as f64 / (5 * scans_count) as f64;
     println!("{within:?} of {scans_count} within U, {:.1} % of all, at worst {worst:.1} u", 100.0 * share);
-    // A share of 5n numbers scatters by √(0.954·0.046/5n); three of them are granted to few scans.
+    // A share of 5n numbers has the standard deviation √(0.954·0.046/5n); three of these are allowed for few scans.
     let granted = 3.0 * (0.954 * 0.046 / (5 * scans_count) as f64).sqrt();
     assert!((0.93_f64.min(0.954 - granted)..=0.98_f64.max(0.954 + granted)).contains(&share), "{share}");
     assert!(worst <= 5.0, "off by {worst} u");
@@ -431,7 +431,7 @@ const fn lift(y: f64, z: f64, c: f64) -> Position {
 }
 
 #[tokio::test(start_paused = true)]
-async fn the_same_seed_gives_the_same_bytes_and_another_does_not() {
+async fn the_same_seed_gives_the_same_bytes_and_another_seed_others() {
     let mut taken = Vec::new();
     for seed in [5, 5, 6] {
         let world = world(&Settings { seed, ..Settings::default() });
@@ -452,7 +452,7 @@ async fn a_fast_cell_sees_the_same_as_a_slow_one() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn beyond_the_part_and_outside_of_the_field_nothing_is_seen() {
+async fn no_points_are_seen_beyond_the_part_and_outside_of_the_field() {
     let mut settings = Settings::default();
     settings.sensor.drop_out_ratio = 0.0;
     settings.sensor.field_half_width_mm = 100.0;
@@ -462,6 +462,6 @@ async fn beyond_the_part_and_outside_of_the_field_nothing_is_seen() {
         assert_eq!(profile.y.len() as u64 + profile.missing_count, 640);
         assert!(profile.y.iter().all(|y| y.abs() <= 100.0));
     }
-    // The end plane is square to an axis that is tilted by 1.2°: the top of it lies up to 5 mm before 800 mm.
+    // The end plane is perpendicular to an axis that is tilted by 1.2°: its top is up to 5 mm before 800 mm.
     assert!(profiles[0].y.len() > 200 && profiles[19].y.is_empty(), "{} points", profiles[0].y.len());
 }

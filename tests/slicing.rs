@@ -1,8 +1,8 @@
-//! How a cloud is sliced, and in which order its points come, does not matter: clouds sliced at half, one and two times a pitch,
-//! and shuffled give the same verdict and poses within one standard uncertainty of each other.
+//! The slicing of a cloud and the order of its points do not matter: clouds sliced at half, one and two times a pitch,
+//! and shuffled, give the same verdict and poses within one standard uncertainty of each other.
 //!
-//! Every second point is another draw of the noise: its pose differs from that of all points by √(2σ² − σ²), so by 0.71 of its
-//! own standard uncertainty, and it is held to the expanded one.
+//! Every second point has a different draw of the noise: its pose differs from that of all points by √(2σ² − σ²), i.e. by 0.71 of
+//! its own standard uncertainty, and is compared with the expanded one.
 
 #![expect(clippy::expect_used, clippy::indexing_slicing, clippy::print_stdout, reason = "a test may fail")]
 
@@ -19,9 +19,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-/// Cases that continuous integration has time for.
+/// Cases in continuous integration.
 const CASES: u64 = 20;
-/// Of a hundred cases so many have to agree.
+/// Share of the cases that have to agree.
 const AGREEING: f64 = 0.98;
 
 fn cloud_of(points: &[[f64; 3]]) -> Cloud {
@@ -32,7 +32,7 @@ fn cloud_of(points: &[[f64; 3]]) -> Cloud {
     Cloud { stripes, columns, labels, unit, blanks: Vec::new(), missing_count: 0 }
 }
 
-/// A cloud of a part along X: every point at an x of its own.
+/// A cloud of a part along X: every point has its own x.
 fn points(seed: u64) -> (Vec<[f64; 3]>, f64) {
     let mut chance = ChaCha8Rng::seed_from_u64(seed);
     let radius_mm = chance.random_range(20.0..200.0);
@@ -54,7 +54,7 @@ fn points(seed: u64) -> (Vec<[f64; 3]>, f64) {
     let mut points = Vec::new();
     for station in scan.stations() {
         for [x, y, z] in scan.points_of(station) {
-            // Moved along the axis, as the points of a cloud lie anywhere along the part.
+            // Moved along the axis, because the points of a cloud have arbitrary positions along the part.
             let by = chance.random_range(-0.5..0.5) * spacing;
             points.push([x + by, y + line.p * by, z + line.q * by]);
         }
@@ -85,7 +85,7 @@ fn agrees(seed: u64) -> bool {
         estimated(&points, Some(2.0 * pitch)),
         estimated(&shuffled, Some(pitch)),
     ];
-    // The third is thinned.
+    // The third estimate uses every second point.
     let most = [1.0, 1.0, 2.0, 1.0, 1.0, 1.0, 1.0];
     let poses: Vec<_> = estimates.iter().filter_map(pose).collect();
     if poses.is_empty() {

@@ -1,12 +1,12 @@
-//! What calibration says goes into the budget as it goes into the pose: synthetic scans are disturbed as the budget assumes, and
-//! the poses must scatter as it states.
+//! The calibration data have the same effect on the budget as on the pose: synthetic scans are disturbed as the budget assumes, and
+//! the poses must scatter as stated.
 
 #![expect(
     clippy::panic,
     clippy::expect_used,
     clippy::indexing_slicing,
     clippy::print_stdout,
-    reason = "a test may fail, and says what it saw"
+    reason = "a test may fail, and prints its results"
 )]
 
 use crate::made::count;
@@ -17,15 +17,15 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// Seeds of a case that continuous integration has time for. All of them: `COAXIS_SEEDS=150 cargo test --test all type_b::`.
+/// Seeds per case in continuous integration. All of them: `COAXIS_SEEDS=150 cargo test --test all type_b::`.
 const SEEDS: u64 = 50;
 
-/// Whether a root mean square of `count` draws is what is stated: it scatters by 1/√(2 count), and four of them are granted.
+/// Whether a root mean square of `count` draws is as stated: its relative standard deviation is 1/√(2 count); four are allowed.
 fn is_as_stated(ratio: f64, count: f64) -> bool {
     (ratio - 1.0).abs() < 4.0 / (2.0 * count).sqrt()
 }
 
-/// Half the noise of the disturbance, and many points, so that what is seen is the disturbance.
+/// Half the noise of the disturbance, and many points, so that the disturbance dominates.
 fn part(seed: u64) -> Part {
     Part { profiles_count: 41, points_count: 80, noise_sigma_mm: 0.01, arc_deg: 150.0, ..Part::smooth(seed) }
 }
@@ -41,12 +41,12 @@ fn line(pose: &Pose, source: &str) -> [f64; 5] {
     pose.uncertainty.budget.iter().find(|line| line.source == source).expect("a line of the budget").standard
 }
 
-/// The scan as a stage takes it that is off by `u` mm in y and in z, smoothly along the rail with this correlation length.
+/// The scan taken with a stage that deviates by `u` mm in y and in z, smoothly along the rail with this correlation length.
 fn carried_off(scan: &Scan, u: f64, length: f64, seed: u64) -> Scan {
     let off = [0, 1].map(|axis| smooth_deviation(length, 2 * seed + axis));
     let (mut y, mut z) = (Vec::new(), Vec::new());
     for station in scan.stations() {
-        // The deviation is drawn between −400 and 400 mm, the parts lie between 0 and 800.
+        // The deviation is drawn between −400 and 400 mm, the parts are between 0 and 800.
         let [off_y, off_z] = [0, 1].map(|axis| u * off[axis](station.x - 400.0));
         for point in (station.start..station.end).filter_map(|i| scan.columns().get(i)) {
             y.push(point[0] + off_y);
@@ -57,7 +57,7 @@ fn carried_off(scan: &Scan, u: f64, length: f64, seed: u64) -> Scan {
 }
 
 #[test]
-fn poses_scatter_as_the_straightness_of_the_stage_says() {
+fn poses_scatter_as_stated_for_the_straightness_of_the_stage() {
     let seeds_count = count("COAXIS_SEEDS", SEEDS);
     for (method, length) in [(Method::Cylinder, 30.0), (Method::Cylinder, 400.0), (Method::SectionLine, 100.0)] {
         let (u, mut squares, mut stated) = (0.02, [0.0; 4], [0.0; 4]);
@@ -87,7 +87,7 @@ fn poses_scatter_as_the_straightness_of_the_stage_says() {
 }
 
 #[test]
-fn a_nominal_radius_that_is_off_moves_the_pose_by_its_line_of_the_budget() {
+fn an_error_of_the_nominal_radius_moves_the_pose_by_its_line_of_the_budget() {
     let (scan, _) = make(&Part { arc_deg: 60.0, noise_sigma_mm: 0.05, ..part(3) }).expect("a part");
     for radius in [RadiusRule::Fixed, RadiusRule::Prior] {
         let at = |nominal: f64| Settings {
@@ -99,14 +99,14 @@ fn a_nominal_radius_that_is_off_moves_the_pose_by_its_line_of_the_budget() {
         let (right, off) = (pose(&scan, &at(200.0)), pose(&scan, &at(200.02)));
         let [.., z, r] = line(&right, "nominal_radius");
         let [before, after] = [&right, &off].map(|pose| pose.axis.at(right.x_ref)[1]);
-        // Newton's step is linear, the pose is not quite.
+        // Newton's step is linear, the pose only approximately.
         assert!(((after - before).abs() / z - 1.0).abs() < 0.02, "{radius:?}: {} mm, {z} mm", after - before);
         assert!(((off.radius - right.radius).abs() / r - 1.0).abs() < 0.02, "{radius:?}: {r} mm");
     }
 }
 
 #[test]
-fn the_budget_has_a_line_for_everything_that_was_said_and_none_for_what_was_not() {
+fn the_budget_has_a_line_for_each_declared_source_and_no_other() {
     let (scan, _) = make(&part(1)).expect("a part");
     let sources = |settings: &Settings| -> Vec<String> {
         pose(&scan, settings).uncertainty.budget.into_iter().map(|line| line.source).collect()
@@ -125,7 +125,7 @@ fn the_budget_has_a_line_for_everything_that_was_said_and_none_for_what_was_not(
     assert_eq!(sources(&sections)[2..], all);
 }
 
-/// The scan as a sensor takes it whose z deviates by `deviation(y, z)` mm.
+/// The scan taken with a sensor whose z deviates by `deviation(y, z)` mm.
 fn distorted(scan: &Scan, deviation: impl Fn(f64, f64) -> f64) -> Scan {
     let (mut y, mut z) = (Vec::new(), Vec::new());
     for point in (0..scan.columns().len()).filter_map(|i| scan.columns().get(i)) {
@@ -172,7 +172,7 @@ fn errors(pose: &Pose, truth: &Truth) -> [f64; 5] {
 }
 
 #[test]
-fn poses_scatter_as_the_linearity_of_the_sensor_says() {
+fn poses_scatter_as_stated_for_the_linearity_of_the_sensor() {
     let (u, seeds_count) = (0.02, count("COAXIS_SEEDS", SEEDS));
     for (method, arc_deg, length, declared) in [
         (Method::Cylinder, 120.0, 30.0, Some(30.0)),
@@ -190,7 +190,7 @@ fn poses_scatter_as_the_linearity_of_the_sensor_says() {
             let (scan, truth) = make(&part).expect("a part");
             let deviation = smooth_deviation(length, seed);
             let scan = distorted(&scan, |y, _| u * deviation(y));
-            // A large deviation over a short stretch may look like a layer on the part.
+            // A large deviation over a short distance may look like a layer on the part.
             let Outcome::Accepted(pose) = estimate(&scan, &settings, &Progress::default()).outcome else { continue };
             accepted_count += 1;
             let (errors, line) = (errors(&pose, &truth), line(&pose, "sensor_linearity"));
@@ -204,11 +204,11 @@ fn poses_scatter_as_the_linearity_of_the_sensor_says() {
         assert!(count >= 0.98 * seeds_count as f64, "{accepted_count} accepted");
         let shares = within.map(|within| 100.0 * f64::from(within) / count);
         println!("{method:?}, {arc_deg}°, {declared:?} mm: U contains {shares:.1?} %");
-        // Of the scatter of a share, three standard deviations are granted. What of the deviation shows in the residuals is in the
-        // repeatability as well, so there may be more.
+        // Three standard deviations of a share are allowed. The part of the deviation that appears in the residuals is contained in
+        // the repeatability as well, so the share may be higher.
         let least = 100.0 * (0.954 - 3.0 * (0.954 * 0.046 / count).sqrt());
         assert!(shares.iter().all(|share| *share >= least), "{method:?}, {length} mm: {shares:?}");
-        // Of y_ref and z_ref; slopes and, by sections, the radius answer to it by less than to noise and bias of the fit.
+        // Of y_ref and z_ref; slopes and, with sections, the radius depend on it less than on noise and bias of the fit.
         for index in [2, 3] {
             let ratio = (squares[index] / count).sqrt() / (stated[index] / count);
             println!("  seen over stated {ratio:.2}");
@@ -218,7 +218,7 @@ fn poses_scatter_as_the_linearity_of_the_sensor_says() {
 }
 
 #[test]
-fn a_bent_distance_scale_is_within_the_uncertainty_where_it_is_declared() {
+fn a_bent_distance_scale_is_within_the_uncertainty_if_it_is_declared() {
     // The surface is seen from 100 to 200 mm above the axis, over which the deviation grows by 0.06 mm.
     let bent = |_: f64, z: f64| 0.02 * (z / 100.0).powi(2);
     let contained_count = |sensor_linearity_mm: f64| {

@@ -8,7 +8,7 @@ use std::process::{Child, ChildStderr, Command, Stdio};
 
 pub(crate) type Outcome<T> = Result<T, Box<dyn Error>>;
 
-/// What is measured: the path that was given, else this build. Cargo's own flags are no path.
+/// The program under test: the given path, or this build. Cargo's own flags are ignored.
 pub(crate) fn program() -> String {
     let given = std::env::args().skip(1).find(|argument| !argument.starts_with("--"));
     given.unwrap_or_else(|| env!("CARGO_BIN_EXE_coaxis").to_owned())
@@ -18,7 +18,7 @@ pub(crate) fn program() -> String {
 pub(crate) struct Serving {
     pub(crate) child: Child,
     pub(crate) address: String,
-    /// Read no further; closed, it would break the service's log.
+    /// Not read any further; closing it would break the service's log.
     _log: BufReader<ChildStderr>,
 }
 
@@ -34,7 +34,7 @@ impl Serving {
     }
 }
 
-/// Where it listens, which is not always the first thing that it says.
+/// The address on which it listens, which may not be in the first line of the log.
 fn address(log: &mut impl BufRead) -> Outcome<String> {
     let mut said = String::new();
     while log.read_line(&mut said)? > 0 {
@@ -52,7 +52,7 @@ impl Drop for Serving {
     }
 }
 
-/// A folder in memory that is removed at the end.
+/// A temporary folder in memory, deleted at the end.
 pub(crate) struct Folder(pub(crate) PathBuf);
 
 impl Folder {

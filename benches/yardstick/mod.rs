@@ -1,4 +1,4 @@
-//! What every benchmark is held against: the large scan, the time of adding up its coordinates once, and medians.
+//! Shared by the benchmarks: the large scan, the time of one summation of its coordinates as a reference, and medians.
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
 
@@ -16,7 +16,7 @@ pub(crate) fn large_part() -> Part {
     Part {
         profiles_count: PROFILES_COUNT,
         points_count: POINTS_COUNT,
-        // Stations an eighth of a millimetre apart, so that single precision holds them exactly.
+        // Stations an eighth of a millimetre apart, so that single precision represents them exactly.
         length_mm: (PROFILES_COUNT - 1) as f64 / 8.0,
         spike_ratio: 0.005,
         ..Part::with_interference(1)
@@ -40,7 +40,7 @@ pub(crate) fn narrowed(scan: &Scan) -> Result<Scan, Box<dyn Error>> {
     Ok(if scan.is_planar() { narrowed } else { narrowed.with_own_x(own_x.collect())? })
 }
 
-/// The yardstick: the plain loop that adds up y and z in double precision, in their order, once.
+/// The reference: a simple loop that sums y and z in double precision, in their order, once.
 pub(crate) fn sum(scan: &Scan) -> [f64; 2] {
     fn of<T: Copy + Into<f64>>(y: &[T], z: &[T]) -> [f64; 2] {
         y.iter().zip(z).fold([0.0; 2], |[sum_y, sum_z], (&y, &z)| [sum_y + y.into(), sum_z + z.into()])
@@ -51,14 +51,14 @@ pub(crate) fn sum(scan: &Scan) -> [f64; 2] {
     }
 }
 
-/// Milliseconds that some work takes.
+/// Duration of some work in milliseconds.
 pub(crate) fn timed<T>(work: impl FnOnce() -> T) -> f64 {
     let start = Instant::now();
     black_box(work());
     start.elapsed().as_secs_f64() * 1e3
 }
 
-/// The middle one.
+/// The median.
 pub(crate) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)

@@ -1,4 +1,4 @@
-//! What devices send, and what the simulated PLC gets: replies of a Gocator, registers over Modbus TCP, values over OPC UA.
+//! Data from devices, and data to the simulated PLC: replies of a Gocator, registers over Modbus TCP, values over OPC UA.
 
 use coaxis::device::gocator::codec::{
     Command as GocatorCommand, Identity, Message, Reply, Request as GocatorRequest, SensorState, Splitter, Version,
@@ -15,7 +15,7 @@ use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 use tokio_modbus::{Request, Response};
 
-/// As the default of `frame_mb_max` is far beyond a fuzzed stream, a smaller limit is reached.
+/// The default of `frame_mb_max` is far larger than a fuzzed stream, so a smaller limit is used.
 const FRAME_BYTES_MAX: usize = 16 << 10;
 
 /// The data and health channels: any stream in two pieces, from frames to profiles.
@@ -47,7 +47,7 @@ pub fn gocator_data(stream: &[u8]) {
         mirrored: false,
         translation_mm: [10.0, 0.0, 400.0],
     };
-    // Turned about z, so that every point has an x of its own.
+    // Rotated about z, so that every point has its own x.
     let turned = Extrinsic { sensor_x: [-sin, cos, 0.0], sensor_y: [cos, sin, 0.0], ..upright };
     let travels = [
         Travel::Time { speed_mm_s: -40.0, start_mm: 5.0 },
@@ -63,38 +63,38 @@ pub fn gocator_data(stream: &[u8]) {
     }
 }
 
-/// The control channel: replies to us, and requests to the simulated sensor.
+/// The control channel: replies to the client, and requests to the simulated sensor.
 pub fn gocator_control(frame: &[u8]) {
     if let Ok(request) = GocatorRequest::decode(frame) {
         let mut bytes = Vec::new();
         request.encode(&mut bytes);
-        assert_eq!(GocatorRequest::decode(&bytes), Ok(request), "a request is read as it is written");
+        assert_eq!(GocatorRequest::decode(&bytes), Ok(request), "a request reads back as written");
         let _ = GocatorCommand::from_id(request.id);
     }
     if let Ok(reply) = Reply::decode(frame) {
         let mut bytes = Vec::new();
         reply.encode(&mut bytes);
-        assert_eq!(Reply::decode(&bytes), Ok(reply), "a reply is read as it is written");
+        assert_eq!(Reply::decode(&bytes), Ok(reply), "a reply reads back as written");
         let _ = reply.status.to_string();
         let _ = (Version::decode(reply.payload), SensorState::decode(reply.payload));
         for identity in [Identity::decode_v1(reply.payload), Identity::decode_v2(reply.payload)].into_iter().flatten() {
             assert_eq!(
                 Identity::decode_v2(&identity.encode_v2(true)),
                 Ok(identity),
-                "an identity is read as it is written"
+                "an identity reads back as written"
             );
         }
     }
 }
 
-/// 200 mm and 200° to both sides.
+/// Limits of ± 200 mm and ± 200°.
 fn controller() -> Controller {
     let linear = AxisLimits { lower: -200.0, upper: 200.0, speed: 50.0, acceleration: 500.0, jerk: 5e3, step: 400.0 };
     let turn = AxisLimits { lower: -3.5, upper: 3.5, speed: 1.0, acceleration: 10.0, jerk: 100.0, step: 7.0 };
     Controller::new(ControllerSettings::exact(Axes { x: linear, y: linear, z: linear, c: turn }))
 }
 
-/// The bytes of an input, used up from the front; zeros behind the end.
+/// The bytes of an input, consumed from the front; zeros after the end.
 struct Bytes(Vec<u8>);
 
 impl Bytes {
@@ -127,7 +127,7 @@ fn layout(choice: u8) -> Layout {
     layout
 }
 
-/// The answer of a PLC as the input distorts it; nothing where the connection ends.
+/// The answer of a PLC as modified by the input; `None` if the connection ends.
 fn modbus_answer(plc: &Plc, bytes: &mut Bytes, head: [u8; 7], request: &[u8]) -> Option<Vec<u8>> {
     let [transaction_0, transaction_1, _, _, _, _, unit] = head;
     let framed = |pdu: Vec<u8>| {
@@ -136,12 +136,12 @@ fn modbus_answer(plc: &Plc, bytes: &mut Bytes, head: [u8; 7], request: &[u8]) ->
     };
     let number = |at: usize| u16::from_be_bytes([request[at], request[at + 1]]);
     match bytes.byte() {
-        // Bytes without any order.
+        // Arbitrary bytes.
         0xFF => Some((0..bytes.byte()).map(|_| bytes.byte()).collect()),
-        // Any answer to this request.
+        // An arbitrary answer to this request.
         0xFE => Some(framed((0..bytes.byte()).map(|_| bytes.byte()).collect())),
         0xFD => None,
-        // The true answer with some changed registers.
+        // The correct answer with some changed registers.
         changes_count => {
             let answer = match request.first()? {
                 3 => plc.answer(unit, &Request::ReadHoldingRegisters(number(1), number(3))),
@@ -169,7 +169,7 @@ fn modbus_answer(plc: &Plc, bytes: &mut Bytes, head: [u8; 7], request: &[u8]) ->
     }
 }
 
-/// Answers the requests of a client until one of both has enough.
+/// Answers the requests of a client until one of them ends.
 async fn modbus_peer(plc: Arc<Plc>, bytes: Arc<Mutex<Bytes>>, mut stream: DuplexStream) {
     loop {
         let mut head = [0; 7];
@@ -188,13 +188,13 @@ async fn modbus_peer(plc: Arc<Plc>, bytes: Arc<Mutex<Bytes>>, mut stream: Duplex
     }
 }
 
-/// Runs on a clock that jumps where everything waits.
+/// Runs on a paused clock that advances when all tasks wait.
 fn on_paused_time(work: impl Future<Output = ()>) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build();
     runtime.expect("a runtime").block_on(work);
 }
 
-/// A manipulator and a stage whose PLC answers as the input says.
+/// A manipulator and a stage whose PLC answers as the input determines.
 pub fn modbus(input: &[u8]) {
     let mut bytes = Bytes::of(input);
     let layout = layout(bytes.byte());
@@ -229,7 +229,7 @@ pub fn modbus(input: &[u8]) {
     });
 }
 
-/// What a reading promises to those who move by it.
+/// Checks the guarantees of a reading.
 fn check(reading: Option<Reading>) {
     let Some(Reading { axes, .. }) = reading else { return };
     for AxisReading { actual, commanded, lower, upper, speed, .. } in [axes.x, axes.y, axes.z, axes.c] {
@@ -238,7 +238,7 @@ fn check(reading: Option<Reading>) {
     }
 }
 
-/// The simulated PLC under any requests.
+/// The simulated PLC with arbitrary requests.
 pub fn modbus_plc(input: &[u8]) {
     let mut bytes = Bytes::of(input);
     let plc = Plc::new(layout(bytes.byte()), vec![controller(), controller()]);

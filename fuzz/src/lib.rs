@@ -1,5 +1,5 @@
-//! The functions behind the fuzz targets: each takes arbitrary bytes to a place where bytes of strangers enter coaxis. An error is
-//! as good as a result there; a panic, an overflow, a broken promise, too much memory or too much time is a fault. `fuzz/run`
+//! The functions of the fuzz targets: each passes arbitrary bytes to a function through which untrusted bytes enter coaxis. An
+//! error is an acceptable result; a panic, an overflow, a violated guarantee, excessive memory or excessive time is a fault. `fuzz/run`
 //! builds and runs all targets.
 
 pub mod devices;

@@ -1,4 +1,4 @@
-//! Scan files, from their bytes to profiles, on the path of an upload: inflate, find the format, decode, remove missing points,
+//! Scan files, from bytes to profiles, on the path of an upload: decompress, detect the format, decode, remove missing points,
 //! group into profiles.
 
 use coaxis::scan::decode::{
@@ -14,7 +14,7 @@ use std::io::{BufRead, Cursor, Write};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-/// Small enough that the memory limit of `fuzz/run` shows memory that is reserved because a file states a size.
+/// Small enough that the memory limit of `fuzz/run` detects memory that is reserved because of a size stated in a file.
 fn limits() -> Limits {
     Limits {
         points_max: 200_000,
@@ -25,8 +25,8 @@ fn limits() -> Limits {
     }
 }
 
-/// Numbers that decide what a request states beside the file: from the sum of the bytes, so that a file is whole and the same file
-/// is always read alike.
+/// Numbers that determine the request parameters of a file, from the sum of the bytes, so that the file is unmodified and the same
+/// file is always read in the same way.
 struct Choice(u32);
 
 impl Choice {
@@ -34,7 +34,7 @@ impl Choice {
         Self(bytes.iter().fold(0, |sum: u32, byte| sum.wrapping_add(u32::from(*byte))))
     }
 
-    /// One of the values; half of the time none.
+    /// One of the values; none in half of the cases.
     fn option<T: Copy>(&mut self, values: &[T]) -> Option<T> {
         let count = u32::try_from(2 * values.len()).expect("few");
         let index = self.0 % count;
@@ -60,7 +60,7 @@ pub fn file(format: Format, bytes: &[u8]) {
     profiles(decode(format, &mut { bytes }, &request), &mut choice, &limits);
 }
 
-/// A matrix of heights, as NPY where it begins like one.
+/// A matrix of heights, decoded as NPY if it begins like one.
 pub fn matrix(bytes: &[u8]) {
     let limits = limits();
     let mut choice = Choice::of(bytes);
@@ -75,12 +75,12 @@ pub fn matrix(bytes: &[u8]) {
     profiles(decode(format, &mut { bytes }, &request), &mut choice, &limits);
 }
 
-/// A scan that is packed by gzip or Zstandard, its format found by the bytes within.
+/// A scan compressed by gzip or Zstandard; its format is detected from the decompressed bytes.
 pub fn packed(bytes: &[u8]) {
     let limits = limits();
     let packed = match Encoding::sniff(bytes) {
         Some(_) => bytes.to_vec(),
-        // The files of the tests are not packed.
+        // The files of the tests are not compressed.
         None => {
             let mut gzip = GzEncoder::new(Vec::new(), Compression::fast());
             gzip.write_all(bytes).expect("memory takes everything");
@@ -97,7 +97,7 @@ pub fn packed(bytes: &[u8]) {
     profiles(decode(format, &mut reader, &request), &mut choice, &limits);
 }
 
-/// What a file is taken for, by its bytes and by what is claimed about it.
+/// The detected format of a file, from its bytes and its declared properties.
 pub fn format(bytes: &[u8]) {
     let (claim, head) = bytes.split_at(bytes.len().min(32));
     let text = std::str::from_utf8(claim).ok();
@@ -108,17 +108,17 @@ pub fn format(bytes: &[u8]) {
         FormatClaims { parameter: text.and_then(Format::from_name), ..FormatClaims::default() },
     ] {
         if let (Ok(found), Some(parameter)) = (find_format(&claims, head), claims.parameter) {
-            assert_eq!(found, parameter, "the parameter decides");
+            assert_eq!(found, parameter, "the parameter has priority");
         }
         let _ = find_format(&claims, bytes);
     }
     let _ = (Encoding::sniff(bytes), text.and_then(Encoding::from_name), text.and_then(Unit::from_name));
     if let Some(Ok(rule)) = text.map(ProfileRule::parse) {
-        assert_eq!(ProfileRule::parse(&rule.to_string()), Ok(rule), "a rule is read as it is written");
+        assert_eq!(ProfileRule::parse(&rule.to_string()), Ok(rule), "a rule reads back as written");
     }
 }
 
-/// The bytes as entries of an archive whose checksums are right, which mutated archives seldom have: names end at a line end, an
+/// The bytes as entries of an archive with correct checksums, which mutated archives seldom have: names end at a line end, an
 /// entry ends at the next beginning of an NPY file.
 pub fn npz_entry(bytes: &[u8]) {
     const MAGIC: &[u8] = b"\x93NUMPY";
@@ -140,11 +140,11 @@ pub fn npz_entry(bytes: &[u8]) {
     file(Format::Npz, &archive);
 }
 
-/// What every decoder promises about its points, and what becomes of them.
+/// Checks the guarantees of every decoder about its points, and groups them into profiles.
 fn profiles(decoded: Result<Cloud, DecodeError>, choice: &mut Choice, limits: &Limits) {
     let cloud = match decoded {
         Ok(cloud) => cloud,
-        // Messages show parts of the file.
+        // Messages quote parts of the file.
         Err(error) => return assert!(error.to_string().len() < 4096, "a message must not be long: {error}"),
     };
     let points_count = cloud.columns.len() as u64 + cloud.missing_count;

@@ -1,4 +1,4 @@
-//! What operators and clients write: recipes in JSON, configurations in TOML, variables of the environment.
+//! Input of operators and clients: recipes in JSON, configurations in TOML, environment variables.
 
 use coaxis::config::{Config, Layers};
 use coaxis::service::{Equipment, Recipe};
@@ -10,15 +10,15 @@ pub fn recipe(bytes: &[u8]) {
     assert_eq!(
         serde_json::from_str::<Recipe>(&text).ok().as_ref(),
         Some(&recipe),
-        "a recipe is read as it is written: {text}"
+        "a recipe reads back as written: {text}"
     );
     let checked = recipe.check().is_ok();
     let resolved = recipe.resolve(&Config::default().estimation);
-    assert!(checked || resolved.is_err(), "what the check refuses cannot be resolved");
+    assert!(checked || resolved.is_err(), "a recipe that the check refuses cannot be resolved");
     let _ = recipe.clone().over(&Recipe::default());
 }
 
-/// A configuration file, then lines `NAME=value` behind a line `[environment]` as variables.
+/// A configuration file, followed by lines `NAME=value` after a line `[environment]` as variables.
 pub fn config(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
     let (file, variables) = text.split_once("\n[environment]\n").unwrap_or((text, ""));
@@ -27,6 +27,6 @@ pub fn config(bytes: &[u8]) {
     let variables = variables.map(|(name, value)| (format!("COAXIS_{name}").into(), value.into()));
     let Ok(layers) = layers.environment(variables) else { return };
     let Ok(config) = layers.build() else { return };
-    assert!(config.check().is_ok(), "what was built passes the check");
+    assert!(config.check().is_ok(), "a built configuration passes the check");
     let _ = Equipment::of(&config.cell);
 }

@@ -1,4 +1,4 @@
-//! What every handler may use. Nothing here belongs to a single request.
+//! State shared by all handlers; it contains nothing about a single request.
 
 use super::server::connections::Connections;
 use super::server::metrics::Metrics;
@@ -8,33 +8,33 @@ use crate::service::Service;
 use std::sync::Arc;
 use tokio::sync::Semaphore;
 
-/// Shared by all requests; cheap to clone.
+/// Shared by all requests; inexpensive to clone.
 #[derive(Debug, Clone)]
 pub(in crate::http) struct App {
-    /// The product's verbs.
+    /// The use cases.
     pub(in crate::http) service: Arc<Service>,
-    /// What is too much.
+    /// Limits of size and number.
     pub(in crate::http) limits: Arc<Limits>,
-    /// What is too slow.
+    /// Time limits.
     pub(in crate::http) timeouts: Arc<Timeouts>,
-    /// Names under which the service is reached, besides its addresses and localhost.
+    /// Host names of the service, besides its addresses and localhost.
     pub(in crate::http) hosts: Arc<[String]>,
     /// Places for connections.
     pub(in crate::http) connections: Connections,
     /// Health checks on reserved connections.
     pub(in crate::http) health_places: Arc<Semaphore>,
-    /// Places for clients that wait for something.
+    /// Places for waiting clients.
     pub(in crate::http) listeners: Listeners,
-    /// Places for bodies of scans that are coming in.
+    /// Places for scans that are being received.
     pub(in crate::http) uploads: Shares,
-    /// What is counted.
+    /// Counters.
     pub(in crate::http) metrics: Arc<Metrics>,
 }
 
 impl App {
     pub(in crate::http) fn new(config: &Config, service: Arc<Service>) -> Self {
         let limits = &config.limits;
-        // Half of the reserved places, so that health checks leave the other half to stops.
+        // Half of the reserved places, so that the other half remains for stops.
         let health_places = usize::try_from(limits.connections_reserved.div_ceil(2)).unwrap_or(Semaphore::MAX_PERMITS);
         Self {
             service,

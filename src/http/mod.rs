@@ -1,7 +1,7 @@
-//! The service over HTTP/1.1: the only module that knows HTTP.
+//! The service over HTTP/1.1: the only module that uses HTTP.
 //!
-//! * `server`: the listener, what happens to every request alike, the route table, the OpenAPI document, the metrics;
-//! * `wire`: between requests and values: extractors, bodies, numbers, paging, names, problems;
+//! * `server`: the listener, the processing common to all requests, the route table, the OpenAPI document, the metrics;
+//! * `wire`: conversion between requests and values: extractors, bodies, numbers, paging, names, problems;
 //! * `v1`: a file for each resource, with its wire types, their documentation and its handlers.
 //!
 //! ```text

@@ -1,5 +1,5 @@
-//! When a scan was taken, in terms that no clock on the wall changes: how often something had moved by then, how long this instance
-//! had run, and where the manipulators were. Goes into the record of what is measured from the scan.
+//! When a scan was taken, independent of changes to the wall clock: the number of motions before it, the uptime of the instance
+//! and the positions of the manipulators. It is stored in the record of every measurement of the scan.
 
 use crate::motion::{Axis, Carrier, Pair, Position};
 use jiff::Timestamp;
@@ -8,48 +8,48 @@ use serde::{Deserialize, Serialize};
 /// When a scan was taken, or arrived as a file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Acquisition {
-    /// The instance of the service; the other numbers say nothing to another one.
+    /// The instance of the service; the other numbers are valid only within it.
     pub instance_id: String,
-    /// How often something had moved the part by then.
+    /// Number of motions of the part before the scan.
     pub motions_count: u64,
-    /// How long the instance had run, ms.
+    /// Uptime of the instance, ms.
     pub uptime_ms: u64,
-    /// The time of the clock, for people.
+    /// Wall-clock time, for information.
     pub at: Timestamp,
-    /// Where the manipulators were, where that was known; mm, rad.
+    /// Positions of the manipulators, if they were known; mm, rad.
     pub positions: Option<Pair<Position>>,
 }
 
-/// Why a plan, or a pose, no longer holds.
+/// Why a plan or a pose is no longer valid.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Stale {
     /// The pose is too old.
-    #[error("the part was scanned {age_s} s ago, and holds for {max_s} s; measure again")]
+    #[error("the part was scanned {age_s} s ago, and its pose is valid for {max_s} s; measure again")]
     TooOld {
-        /// Since it was measured.
+        /// Age of the scan.
         age_s: u64,
-        /// How long a pose holds.
+        /// How long a pose is valid.
         max_s: u64,
     },
-    /// Something was moved since the measurement.
+    /// Something moved after the measurement.
     #[error("something was moved since the part was measured; measure again")]
     MovedSince,
-    /// The service was restarted since, and does not know what was moved meanwhile.
+    /// The service was restarted after the measurement and does not know what moved in between.
     #[error("the service was restarted since the part was measured; measure again")]
     Restarted,
-    /// A manipulator is not where it was when the part was measured.
+    /// The position of a manipulator has changed since the measurement.
     #[error(
         "axis {} of {} was at {then:.3} {unit} when the part was measured, and is at {now:.3} {unit}; measure again",
         axis.name(), carrier.name(), unit = axis.unit()
     )]
     Displaced {
-        /// Which.
+        /// The manipulator.
         carrier: Carrier,
-        /// Which.
+        /// The axis.
         axis: Axis,
-        /// Where it was; mm or degrees.
+        /// Its position at the measurement; mm or degrees.
         then: f64,
-        /// Where it is; mm or degrees.
+        /// Its position now; mm or degrees.
         now: f64,
     },
 }

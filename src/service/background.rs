@@ -1,6 +1,6 @@
-//! Tasks that continue when the client that began them disconnects: they follow jobs to their end, or do work that is done as a whole
-//! or not at all. And the end of the service within one budget of time: each stage may take until a share of it is over, and time
-//! that a stage does not need goes to the next one.
+//! Tasks that continue when the client that started them disconnects: they follow jobs to their end, or do work that must be
+//! completed or not done at all. The shutdown also has one time budget here: each stage may run until its share of the budget is
+//! used, and the time that a stage does not need passes to the next one.
 //!
 //! ```text
 //! shutdown begins ── motion stopped ── requests finished ── ends of jobs written ── store closed
@@ -17,7 +17,7 @@ use tokio::time::{Instant, timeout};
 use super::compute::ComputeError;
 use super::error::ServiceError;
 
-/// Tasks that see jobs to their end, and the news that one has.
+/// Tasks that follow jobs to their end, and a notification when a job has ended.
 #[derive(Debug)]
 pub(in crate::service) struct BackgroundTasks {
     tasks: Mutex<Vec<JoinHandle<()>>>,
@@ -29,33 +29,33 @@ impl BackgroundTasks {
         Self { tasks: Mutex::new(Vec::new()), ended: watch::Sender::new(0) }
     }
 
-    /// Has a task run to its end, whoever hangs up.
+    /// Runs a task to its end, even if the client disconnects.
     pub(in crate::service) fn add(&self, task: impl Future<Output = ()> + Send + 'static) {
         let mut tasks = self.tasks.lock().unwrap_or_else(PoisonError::into_inner);
         tasks.retain(|task| !task.is_finished());
         tasks.push(tokio::spawn(task));
     }
 
-    /// Work that goes on when its caller hangs up: it is done, recorded and remembered as a whole or not at all.
+    /// Runs work to its end even if its caller disconnects, so that it is done, recorded and remembered completely or not at all.
     pub(in crate::service) async fn run_detached<T: Send + 'static>(
         &self,
         work: impl Future<Output = Result<T, ServiceError>> + Send + 'static,
     ) -> Result<T, ServiceError> {
         let (sender, outcome) = oneshot::channel();
         self.add(async move {
-            // Nobody listens any more where the caller hung up.
+            // The receiver is gone if the caller disconnected.
             let _ = sender.send(work.await);
         });
         outcome.await.unwrap_or_else(|_| Err(ComputeError::Panicked.into()))
     }
 
-    /// How many tasks were added and have not been seen to end.
+    /// How many tasks were added and have not ended yet.
     #[cfg(test)]
     pub(in crate::service) fn count(&self) -> usize {
         self.tasks.lock().unwrap_or_else(PoisonError::into_inner).len()
     }
 
-    /// Waits for all tasks, and for those that they add; no longer than `wait`.
+    /// Waits for all tasks and for those that they add, at most for `wait`.
     pub(in crate::service) async fn finish(&self, wait: Duration) {
         let all = async {
             loop {
@@ -64,7 +64,7 @@ impl BackgroundTasks {
                     return;
                 }
                 for task in tasks {
-                    // One that panicked has ended, too.
+                    // A task that panicked has ended, too.
                     let _ = task.await;
                 }
             }
@@ -73,14 +73,14 @@ impl BackgroundTasks {
     }
 }
 
-/// Work that takes the processor for a while, beside the threads that answer.
+/// Runs processor-bound work outside the async threads.
 pub(in crate::service) async fn run_blocking<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, ServiceError> + Send + 'static,
 ) -> Result<T, ServiceError> {
     tokio::task::spawn_blocking(work).await.unwrap_or_else(|_| Err(ComputeError::Panicked.into()))
 }
 
-/// The budget, and when it began.
+/// The time budget of the shutdown, and when it began.
 #[derive(Debug)]
 pub(super) struct Shutdown {
     budget: Duration,
@@ -88,14 +88,14 @@ pub(super) struct Shutdown {
     begun: watch::Sender<bool>,
 }
 
-/// What has to be over by then.
+/// What must be finished by the end of the stage.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Stage {
-    /// Nothing moves, and the devices are let go.
+    /// Nothing moves, and the devices are released.
     Motion,
     /// Requests under way are answered.
     Requests,
-    /// The ends of jobs are written down.
+    /// The ends of jobs are recorded.
     Ends,
     /// The store is closed.
     Store,
@@ -118,30 +118,30 @@ impl Shutdown {
         Self { budget, begun_at: OnceLock::new(), begun: watch::Sender::new(false) }
     }
 
-    /// What is left for a stage at `now`; the budget begins with the first call.
+    /// Time left for a stage at `now`; the first call starts the budget.
     pub(super) fn left(&self, now: Instant, stage: Stage) -> Duration {
         let begun_at = *self.begun_at.get_or_init(|| now);
         (self.budget * stage.twelfths() / 12).saturating_sub(now.saturating_duration_since(begun_at))
     }
 
-    /// Tells everybody who waits that the service ends.
+    /// Notifies all waiting tasks that the service is shutting down.
     pub(super) fn begin(&self) {
         self.begun.send_replace(true);
     }
 
-    /// Whether the service ends.
+    /// Whether the service is shutting down.
     pub(super) fn has_begun(&self) -> bool {
         *self.begun.borrow()
     }
 
-    /// Becomes true when the service ends.
+    /// Becomes true when the service shuts down.
     pub(super) fn watch(&self) -> watch::Receiver<bool> {
         self.begun.subscribe()
     }
 
-    /// Returns when the service ends.
+    /// Returns when the service shuts down.
     pub(super) async fn wait(&self) {
-        // The sender lives as long as this.
+        // The sender lives as long as `self`.
         let _ = self.begun.subscribe().wait_for(|begun| *begun).await;
     }
 }
@@ -151,7 +151,7 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn all_stages_of_the_end_share_one_budget() {
+    async fn all_stages_of_the_shutdown_share_one_budget() {
         let shutdown = Shutdown::new(Duration::from_secs(12));
         let begun = crate::cell::now();
         let after = |seconds| begun + Duration::from_secs(seconds);

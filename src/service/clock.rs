@@ -1,15 +1,15 @@
-//! Where times and ids come from: the one place of the service that asks the machine.
+//! Source of times and ids: the only file of the service that reads the system clock.
 
 use jiff::Timestamp;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use uuid::{ContextV7, Uuid};
 
-/// The machine's clock and its source of ids.
+/// The system clock and the generator of ids.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::service) struct Clock;
 
-#[expect(clippy::disallowed_methods, reason = "service makes the times and ids that everybody else is given")]
+#[expect(clippy::disallowed_methods, reason = "the service supplies times and ids to all other layers")]
 impl Clock {
     /// The time now, to the microsecond that the store keeps.
     pub(in crate::service) fn now(self) -> Timestamp {
@@ -17,18 +17,18 @@ impl Clock {
         Timestamp::from_microsecond(now.as_microsecond()).unwrap_or(now)
     }
 
-    /// A new id that sorts behind all earlier ones of this process, also where the clock was set back meanwhile.
+    /// A new id that sorts after all earlier ones of this process, even if the clock was set back.
     pub(in crate::service) fn new_id(self, prefix: &str) -> String {
         let ids = IDS.lock().unwrap_or_else(PoisonError::into_inner);
         format!("{prefix}{}", next_id(&ids, self.now()))
     }
 
-    /// Now on the clock that the cell goes by.
+    /// The current time on the clock that the cell uses.
     pub(in crate::service) fn instant(self) -> tokio::time::Instant {
         tokio::time::Instant::now()
     }
 
-    /// A moment of the cell's clock on the wall's, to the microsecond.
+    /// Converts an instant of the cell's clock to wall-clock time, to the microsecond.
     pub(in crate::service) fn wall(self, at: tokio::time::Instant) -> Timestamp {
         let now = self.instant();
         let (behind, ahead) = (now.saturating_duration_since(at), at.saturating_duration_since(now));
@@ -37,33 +37,33 @@ impl Clock {
         Timestamp::from_microsecond(there).unwrap_or_else(|_| self.now())
     }
 
-    /// Begins to measure a duration.
+    /// Starts to measure a duration.
     pub(in crate::service) fn start(self) -> Stopwatch {
         Stopwatch(Instant::now())
     }
 }
 
-/// Counts on where the clock stands still or goes back.
+/// Continues to count while the clock stands still or goes back.
 static IDS: Mutex<ContextV7> = Mutex::new(ContextV7::new());
 
-/// An id of a time; those before 1970 are taken as 1970, which is where such ids begin.
+/// An id for a time; times before 1970 are treated as 1970, the first time that an id can encode.
 fn next_id(ids: &ContextV7, now: Timestamp) -> Uuid {
     let (seconds, nanos) = (u64::try_from(now.as_second()), u32::try_from(now.subsec_nanosecond()));
     Uuid::new_v7(uuid::Timestamp::from_unix(ids, seconds.unwrap_or(0), nanos.unwrap_or(0)))
 }
 
-/// A duration that runs.
+/// A running duration.
 #[derive(Debug, Clone, Copy)]
 pub struct Stopwatch(Instant);
 
 impl Stopwatch {
-    /// Time since it was started.
+    /// Time since the start.
     #[must_use]
     pub fn elapsed(self) -> Duration {
         self.0.elapsed()
     }
 
-    /// The same in whole milliseconds.
+    /// Time since the start in whole milliseconds.
     #[must_use]
     pub fn elapsed_ms(self) -> u64 {
         u64::try_from(self.elapsed().as_millis()).unwrap_or(u64::MAX)
@@ -75,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ids_grow_although_the_clock_goes_back_even_to_before_1970() {
+    fn ids_increase_when_the_clock_is_set_back_even_to_before_1970() {
         let ids = ContextV7::new();
         let at = |second| next_id(&ids, Timestamp::from_second(second).expect("a time"));
         let made = [at(1_800_000_000), at(1_700_000_000), at(-3_600), at(1_800_000_001)];

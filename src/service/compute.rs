@@ -1,5 +1,5 @@
-//! The one entry point to the processor: a pool of threads behind bounded queues, one for each kind of work. A few calculations
-//! of a queue run at a time, a few wait, and a further one is refused at once. A calculation has a deadline, and is told to stop
+//! The single entry point to the processor: a pool of threads behind bounded queues, one for each kind of work. A few calculations
+//! of a queue run at a time, a few wait, and a further one is refused at once. A calculation has a deadline; it is stopped
 //! when the deadline passes or its client disconnects. Async threads never calculate.
 
 use crate::estimation::Stop;
@@ -9,64 +9,64 @@ use std::time::Duration;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 use tokio::time::timeout;
 
-/// A bounded queue before a pool of threads.
+/// A bounded queue in front of a pool of threads.
 #[derive(Debug, Clone)]
 pub struct Compute {
     pool: Arc<rayon::ThreadPool>,
-    /// One permit for everybody who waits or runs.
+    /// One permit for each request that waits or runs.
     places: Arc<Semaphore>,
-    /// One permit for everybody who runs.
+    /// One permit for each request that runs.
     turns: Arc<Semaphore>,
     limits: QueueLimits,
 }
 
-/// What a queue takes.
+/// Capacity of a queue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct QueueLimits {
     /// Calculations that may run at a time.
     pub running_max: usize,
     /// Calculations that may wait.
     pub queue_max: usize,
-    /// For a calculation, from its start on.
+    /// Time limit of a calculation, counted from its start.
     pub deadline: Duration,
 }
 
-/// A place in the queue for one request; kept until its calculation has ended, also where its client hangs up.
+/// A place in the queue for one request, kept until its calculation has ended even if its client disconnects.
 #[derive(Debug, Clone)]
 pub struct Place {
     _permit: Arc<OwnedSemaphorePermit>,
 }
 
-/// The turn of a request that had a place.
+/// The permission of a queued request to run.
 #[derive(Debug)]
 pub struct Turn {
     _place: Place,
     _permit: OwnedSemaphorePermit,
 }
 
-/// Why a calculation was not made, or not finished.
+/// Why a calculation was not started or not finished.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum ComputeError {
     /// The queue is full.
-    #[error("{running_max} calculations run and {queue_max} wait, which are all that are allowed")]
+    #[error("{running_max} calculations run and {queue_max} wait, which is the maximum")]
     Busy {
         /// Calculations that may run at a time.
         running_max: usize,
         /// Calculations that may wait.
         queue_max: usize,
     },
-    /// It took too long and was told to stop.
+    /// The calculation exceeded its deadline and was stopped.
     #[error("the calculation did not end within {deadline_ms} ms and was stopped")]
     TooLong {
-        /// What it may take, from its start on.
+        /// The time limit, counted from its start.
         deadline_ms: u64,
     },
-    /// The calculation panicked; the pool goes on.
+    /// The calculation panicked; the pool continues.
     #[error("a calculation panicked")]
     Panicked,
 }
 
-/// How much the pool has to do right now.
+/// The current load of the pool.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Load {
     /// Calculations that run.
@@ -75,7 +75,7 @@ pub struct Load {
     pub queued_count: usize,
 }
 
-/// Tells a calculation to stop when nobody waits for it any more.
+/// Stops a calculation when its result is no longer wanted.
 struct StopWhenDropped(Stop);
 
 impl Drop for StopWhenDropped {
@@ -85,17 +85,17 @@ impl Drop for StopWhenDropped {
 }
 
 impl Compute {
-    /// A pool of `threads` threads (0: one a core) with a queue.
+    /// Starts a pool of `threads` threads (0: one per core) with a queue.
     ///
     /// # Errors
-    /// Where the threads cannot be started.
+    /// If the threads cannot be started.
     pub fn start(threads: usize, limits: QueueLimits) -> Result<Self, rayon::ThreadPoolBuildError> {
         let pool =
             rayon::ThreadPoolBuilder::new().num_threads(threads).thread_name(|i| format!("compute-{i}")).build()?;
         Ok(Self::to(Arc::new(pool), limits))
     }
 
-    /// A further queue for the same pool, with places of its own: neither is refused because the other is full.
+    /// A further queue for the same pool, with its own places: a full queue does not block the other one.
     #[must_use]
     pub fn beside(&self, running_max: usize, queue_max: usize) -> Self {
         Self::to(Arc::clone(&self.pool), QueueLimits { running_max, queue_max, ..self.limits })
@@ -107,20 +107,20 @@ impl Compute {
         Self { pool, places: Arc::new(places), turns: Arc::new(turns), limits }
     }
 
-    /// A place in the queue.
+    /// Takes a place in the queue.
     ///
     /// # Errors
-    /// [`ComputeError::Busy`] at once where there is none.
+    /// [`ComputeError::Busy`] at once if the queue is full.
     pub fn take_place(&self) -> Result<Place, ComputeError> {
         let place = Arc::clone(&self.places).try_acquire_owned().map_err(|_| self.busy())?;
         Ok(Place { _permit: Arc::new(place) })
     }
 
-    /// Runs `work` on the pool when it is its turn. Where the caller stops waiting or the deadline passes, it is told to stop, and its
-    /// result is dropped.
+    /// Runs `work` on the pool when it is its turn. If the caller stops waiting or the deadline passes, the work is asked to stop
+    /// and its result is dropped.
     ///
     /// # Errors
-    /// [`ComputeError::Busy`] at once where there is no place; [`ComputeError::TooLong`], [`ComputeError::Panicked`].
+    /// [`ComputeError::Busy`] at once if the queue is full; [`ComputeError::TooLong`], [`ComputeError::Panicked`].
     pub async fn run<T: Send + 'static>(
         &self,
         work: impl FnOnce(&Stop) -> T + Send + 'static,
@@ -129,16 +129,16 @@ impl Compute {
         self.run_in(turn, work).await
     }
 
-    /// Waits for the turn of a place.
+    /// Waits until a place in the queue may run.
     ///
     /// # Errors
-    /// [`ComputeError::Busy`] where the semaphore is closed, which it never is.
+    /// [`ComputeError::Busy`] if the semaphore is closed, which never happens.
     pub async fn take_turn(&self, place: &Place) -> Result<Turn, ComputeError> {
         let permit = Arc::clone(&self.turns).acquire_owned().await.map_err(|_| self.busy())?;
         Ok(Turn { _place: place.clone(), _permit: permit })
     }
 
-    /// Runs `work` on the pool in a turn that was taken before. The deadline counts from the moment at which a thread begins.
+    /// Runs `work` on the pool in a turn that was taken before. The deadline counts from the moment at which a thread starts it.
     ///
     /// # Errors
     /// [`ComputeError::TooLong`], [`ComputeError::Panicked`].
@@ -152,7 +152,7 @@ impl Compute {
         let stop = Stop::default();
         let _stopped = StopWhenDropped(stop.clone());
         let work = move || {
-            // Nobody listens any more where the client hung up.
+            // The receiver is gone if the client disconnected.
             let _ = begin.send(());
             work(&stop)
         };
@@ -162,7 +162,7 @@ impl Compute {
         outcome.map_err(|_| ComputeError::Panicked)?
     }
 
-    /// Refuses where a calculation asked for now would be refused, so that nobody sends a large body in vain.
+    /// Refuses if a calculation requested now would be refused, before the client sends a large body in vain.
     ///
     /// # Errors
     /// [`ComputeError::Busy`].
@@ -170,7 +170,7 @@ impl Compute {
         if self.places.available_permits() == 0 { Err(self.busy()) } else { Ok(()) }
     }
 
-    /// What runs and waits right now.
+    /// The current load.
     #[must_use]
     pub fn load(&self) -> Load {
         let QueueLimits { running_max, queue_max, .. } = self.limits;
@@ -189,10 +189,10 @@ impl Compute {
 }
 
 fn work_and_answer<T>(work: impl FnOnce() -> T, sender: oneshot::Sender<Result<T, ComputeError>>, turn: Turn) {
-    // A panic must not take the pool's thread with it. Nothing that `work` borrows is used again after one.
+    // A panic must not end the pool's thread. Nothing that `work` borrows is used again after a panic.
     let result = catch_unwind(AssertUnwindSafe(work)).map_err(|_| ComputeError::Panicked);
     drop(turn);
-    // Nobody listens any more where the client hung up.
+    // The receiver is gone if the client disconnected.
     let _ = sender.send(result);
 }
 
@@ -205,7 +205,7 @@ mod tests {
         QueueLimits { running_max: 1, queue_max, deadline: Duration::from_secs(60) }
     }
 
-    /// Starts a calculation that runs until told to end; returns once it runs.
+    /// Starts a calculation that runs until it receives a message; returns once it runs.
     async fn occupy(compute: &Compute) -> (mpsc::Sender<()>, tokio::task::JoinHandle<Result<(), ComputeError>>) {
         let (end, ended) = mpsc::channel::<()>();
         let (start, started) = oneshot::channel();
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn beyond_running_and_queue_the_answer_is_busy_at_once_and_a_hung_up_client_frees_its_place() {
+    async fn a_full_queue_answers_busy_at_once_and_a_disconnected_client_frees_its_place() {
         let compute = Compute::start(1, limits(1)).expect("threads");
         let (end, running) = occupy(&compute).await;
 
@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_panic_is_an_error_of_its_own_calculation_only() {
+    async fn a_panic_fails_only_its_own_calculation() {
         let compute = Compute::start(1, limits(0)).expect("threads");
         let panicked: Result<(), _> = compute.run(|_| panic!("made to")).await;
         assert_eq!(panicked, Err(ComputeError::Panicked));
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_takes_longer_than_its_deadline_is_told_to_stop_and_keeps_its_place_until_it_has() {
+    async fn a_calculation_past_its_deadline_is_stopped_and_keeps_its_place_until_it_has_ended() {
         let deadline = Duration::from_millis(20);
         let compute = Compute::start(1, QueueLimits { running_max: 1, queue_max: 0, deadline }).expect("threads");
         let (end, ended) = mpsc::channel::<()>();
@@ -264,7 +264,7 @@ mod tests {
             })
             .await;
         assert_eq!(outcome, Err(ComputeError::TooLong { deadline_ms: 20 }));
-        was_told.await.expect("it was told to stop");
+        was_told.await.expect("it was asked to stop");
         assert!(matches!(compute.run(|_| 1).await, Err(ComputeError::Busy { .. })), "it still runs");
         end.send(()).expect("it waits for this");
         while compute.load().running_count > 0 {
@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_nobody_waits_for_any_more_is_told_to_stop() {
+    async fn a_calculation_whose_client_disconnected_is_stopped() {
         let compute = Compute::start(1, limits(0)).expect("threads");
         let (told, was_told) = oneshot::channel();
         let mut running = Box::pin(compute.run(move |stop| {
@@ -285,7 +285,7 @@ mod tests {
         }));
         assert!(futures_poll_once(&mut running).await.is_none(), "it runs");
         drop(running);
-        was_told.await.expect("it was told to stop");
+        was_told.await.expect("it was asked to stop");
     }
 
     async fn futures_poll_once<F: Future + Unpin>(future: &mut F) -> Option<F::Output> {

@@ -1,5 +1,5 @@
-//! Examines what is kept in a folder: the database, its records, the files of the scans. Changes nothing, and may run beside a
-//! service.
+//! Examines a data folder: the database, its records and the files of the scans. It changes nothing and may run while a service
+//! uses the folder.
 
 use super::document;
 use super::error::ServiceError;
@@ -11,17 +11,17 @@ use super::operating::{jobs, plans};
 use crate::store::{Checkup, Cursor, JobRow, Listing, Page, ScanCheck, ScanRow, Store, StoreError};
 use std::path::Path;
 
-/// Records that are looked through at a time.
+/// Records that are examined at a time.
 const PAGE_ROWS: u32 = 200;
 
-/// How much was examined, and how much of it is not as it should be.
+/// How much was examined, and how many problems were found.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Examined {
     /// Records of every kind, scans included.
     pub records_count: u64,
     /// Files of scans.
     pub scans_count: u64,
-    /// What is not as it should be.
+    /// Problems found.
     pub findings_count: u64,
 }
 
@@ -32,10 +32,10 @@ struct Doctor<'a> {
     tell: &'a mut dyn FnMut(&str),
 }
 
-/// Examines the folder and tells each finding in words; `scrub` reads every byte of every scan.
+/// Examines the folder and reports each problem as text; `scrub` reads every byte of every scan.
 ///
 /// # Errors
-/// [`ServiceError::Store`] where the database cannot be opened or read.
+/// [`ServiceError::Store`] if the database cannot be opened or read.
 pub async fn examine(folder: &Path, scrub: bool, tell: &mut dyn FnMut(&str)) -> Result<Examined, ServiceError> {
     let checkup = Checkup::open(folder).await?;
     let mut doctor = Doctor { checkup, examined: Examined::default(), tell };
@@ -45,10 +45,10 @@ pub async fn examine(folder: &Path, scrub: bool, tell: &mut dyn FnMut(&str)) -> 
     Ok(doctor.examined)
 }
 
-/// Takes the database as it is, although acknowledged records were lost.
+/// Accepts the database in its present state although acknowledged records were lost.
 ///
 /// # Errors
-/// [`ServiceError::Store`], e.g. where a service is running on the folder.
+/// [`ServiceError::Store`], e.g. if a service is running on the folder.
 pub async fn accept_loss(folder: &Path) -> Result<(), ServiceError> {
     Ok(Store::accept_loss(folder).await?)
 }

@@ -1,8 +1,8 @@
-//! Documents as they stand in the store: with the version of their form, so that one of a later version is recognised, and one
-//! that cannot be read hides none of the others.
+//! Documents as stored: each has the version of its format, so that a document of a later version is recognised. A document that
+//! cannot be read does not hide the others.
 //!
 //! ```text
-//! {"document_version": 1, "content": …}     what is written before there were versions is the content alone
+//! {"document_version": 1, "content": …}     a document written before versions existed consists of the content alone
 //! ```
 
 use super::error::{ServiceError, Unreadable};
@@ -14,7 +14,7 @@ use std::sync::Arc;
 /// The version of the documents that this program writes, and the latest that it reads.
 const VERSION: u64 = 1;
 
-/// A record of a list.
+/// A record in a list.
 #[derive(Debug, Clone)]
 pub enum Entry<T> {
     /// It was read.
@@ -23,22 +23,22 @@ pub enum Entry<T> {
     Unreadable(UnreadableRecord),
 }
 
-/// What is known of a record that cannot be read.
+/// The known facts about a record that cannot be read.
 #[derive(Debug, Clone)]
 pub struct UnreadableRecord {
     /// Its id, or its name.
     pub id: String,
-    /// When it was made.
+    /// When it was created.
     pub created_at: Timestamp,
     /// Why it cannot be read.
     pub cause: Unreadable,
 }
 
 impl<T> Entry<T> {
-    /// What was read, or tried to be, as an entry of a list.
+    /// The list entry for the result of reading a record.
     ///
     /// # Errors
-    /// Anything but that it cannot be read.
+    /// Any error other than an unreadable record.
     pub(in crate::service) fn of(read: Result<T, ServiceError>, created_at: Timestamp) -> Result<Self, ServiceError> {
         match read {
             Ok(record) => Ok(Self::Record(record)),
@@ -104,7 +104,7 @@ mod tests {
     use crate::service::Recipe;
 
     #[test]
-    fn a_document_reads_back_with_and_without_a_version_and_a_later_one_says_so() {
+    fn a_document_reads_back_with_and_without_a_version_and_a_later_version_is_reported() {
         let recipe = Recipe { points_min: Some(33), ..Recipe::default() };
         let written = write("recipe", &recipe).expect("written");
         assert_eq!(written, r#"{"document_version":1,"content":{"points_min":33}}"#);

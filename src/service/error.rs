@@ -1,4 +1,4 @@
-//! Why the service could not do what it was asked.
+//! Why the service could not do what was requested.
 
 use super::acquisition::Stale;
 use super::compute::ComputeError;
@@ -13,55 +13,55 @@ use crate::store::StoreError;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A reason of the service.
+/// An error of the service.
 #[derive(Debug, thiserror::Error)]
 pub enum ServiceError {
     /// The pool is full, or a calculation panicked.
     #[error(transparent)]
     Compute(#[from] ComputeError),
-    /// As many uploads are under way as may be.
-    #[error("{uploads_max} uploads are under way, which are all that are allowed")]
+    /// The maximum number of uploads is under way.
+    #[error("{uploads_max} uploads are under way, which is the maximum")]
     UploadsBusy {
-        /// Uploads that may be under way.
+        /// Maximum number of simultaneous uploads.
         uploads_max: usize,
     },
-    /// The points of earlier scans by the sensor, which are still calculated with, take the memory for those.
+    /// The points of earlier scans by the sensor, which are still being processed, use the memory for those scans.
     #[error(
-        "a scan by the sensor is being taken or calculated, and its points may take all the memory for such scans (limits.memory_max_mb)"
+        "a scan by the sensor is being taken or calculated, and its points may use all the memory for such scans (limits.memory_max_mb)"
     )]
     ScansBusy,
-    /// The store did not do its part.
+    /// The store failed.
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The content of an upload cannot be used.
     #[error(transparent)]
     Content(#[from] ContentError),
-    /// The recipe cannot be used, or not with what the request says over it.
+    /// The recipe cannot be used, alone or with the values of the request.
     #[error(transparent)]
     Recipe(#[from] RecipeError),
-    /// What the request says cannot be, whatever the recipe.
+    /// A value of the request is invalid, whatever the recipe.
     #[error(transparent)]
     Option(RecipeError),
-    /// Nothing is kept under the id of this scan.
+    /// No scan is stored under this id.
     #[error("there is no scan {id}")]
     ScanUnknown {
         /// The id asked for.
         id: String,
     },
-    /// The record of a scan is there and its file is not.
+    /// The scan has a record, but its file is missing.
     #[error("the file of scan {id} is missing in the data folder")]
     ScanFileMissing {
         /// The scan's id.
         id: String,
     },
-    /// Nothing is kept under the id of this measurement.
+    /// No measurement is stored under this id.
     #[error("there is no measurement {id}")]
     MeasurementUnknown {
         /// The id asked for.
         id: String,
     },
-    /// The scan of this measurement is being taken or measured.
-    #[error("the measurement {id} is not over: the sensor scans, or the pose is calculated")]
+    /// The measurement is still being taken or calculated.
+    #[error("the measurement {id} is still running: the sensor scans, or the pose is being calculated")]
     MeasurementRunning {
         /// Its id.
         id: String,
@@ -71,28 +71,28 @@ pub enum ServiceError {
     MeasurementFailed {
         /// Its id.
         id: String,
-        /// How it ended.
+        /// Its final status.
         standing: JobStatus,
-        /// Why, in a short word.
+        /// The reason, as a short code.
         reason: String,
-        /// Why, as an operator would say it.
+        /// The reason, as text for an operator.
         text: String,
     },
-    /// Nothing is kept under the name of this recipe.
+    /// No recipe is stored under this name.
     #[error("there is no recipe {name}")]
     RecipeUnknown {
         /// The name asked for.
         name: String,
     },
-    /// The recipe is not at the revision that the caller knows.
-    #[error("the recipe {name} is at another revision than the one named")]
+    /// The recipe's revision differs from the one that the caller expects.
+    #[error("the recipe {name} has a different revision than the one given")]
     RecipeChanged {
         /// Its name.
         name: String,
         /// Its current revision.
         current_etag: String,
     },
-    /// A recipe was to be replaced that is not there.
+    /// The recipe to be replaced does not exist.
     #[error("there is no recipe {name} to be replaced")]
     RecipeAbsent {
         /// The name.
@@ -101,43 +101,43 @@ pub enum ServiceError {
     /// This service has no cell.
     #[error("this service has no cell; nothing can be moved or scanned")]
     CellAbsent,
-    /// The cell refuses.
+    /// The cell refused the request.
     #[error(transparent)]
     Cell(#[from] Refusal),
-    /// The cell's task has ended, so nothing is known of the devices any more.
-    #[error("the cell has ended, and told every device to halt; nothing is known of it any more")]
+    /// The cell's task has ended, so the state of the devices is unknown.
+    #[error("the cell has ended after commanding every device to halt; its state is unknown")]
     CellGone,
-    /// A lease was named that is not the one that is held.
-    #[error("the lease_id that was given is not that of the lease: {holder} holds it for another {} ms", remaining.as_millis())]
+    /// The given lease id is not that of the current lease.
+    #[error("the lease_id that was given is not that of the current lease, which {holder} has for another {} ms", remaining.as_millis())]
     LeaseOfAnother {
-        /// Who holds the lease.
+        /// Holder of the current lease.
         holder: String,
-        /// How long it lasts unless it is renewed.
+        /// Time until it expires unless it is renewed.
         remaining: Duration,
     },
     /// The motion is not allowed.
     #[error(transparent)]
     Motion(#[from] MotionRefusal),
-    /// A pose, or a plan made from it, no longer holds.
+    /// A pose, or a plan made from it, is no longer valid.
     #[error(transparent)]
     Stale(#[from] Stale),
-    /// A manipulator has not answered yet, so nobody knows where it is.
-    #[error("a manipulator has not answered yet, so where it is is not known")]
+    /// A manipulator has not answered yet, so its position is unknown.
+    #[error("a manipulator has not answered yet, so its position is unknown")]
     PositionsUnknown,
-    /// Nothing is kept under the id of this move.
+    /// No move is stored under this id.
     #[error("there is no move {id}")]
     MoveUnknown {
         /// The id asked for.
         id: String,
     },
-    /// Nothing is kept under the id of this plan.
+    /// No plan is stored under this id.
     #[error("there is no plan {id}")]
     PlanUnknown {
         /// The id asked for.
         id: String,
     },
     /// The measurement has no pose to plan from, or several.
-    #[error("the measurement {measurement_id} has no pose that a plan could begin at, or more than one; name the part")]
+    #[error("the measurement {measurement_id} has no pose, or more than one; name the part")]
     PoseMissing {
         /// Its id.
         measurement_id: String,
@@ -145,12 +145,12 @@ pub enum ServiceError {
     /// A request value is out of range.
     #[error("{field} must be {allowed}")]
     Value {
-        /// Which.
+        /// The field.
         field: &'static str,
-        /// What it may be.
+        /// The allowed values.
         allowed: String,
     },
-    /// A device of the configuration cannot be made.
+    /// A configured device cannot be created.
     #[error("the cell cannot be set up")]
     Equipment(#[source] Arc<EquipmentError>),
     /// The request's id was used for another request.
@@ -162,41 +162,41 @@ pub enum ServiceError {
     /// The measurement has no such part.
     #[error("there is no part {part} in the measurement; {}", parts_in_words(.names))]
     PartUnknown {
-        /// What was asked for.
+        /// The part asked for.
         part: String,
-        /// Its parts, in order of x.
+        /// The names of its parts, in order of x.
         names: Vec<String>,
     },
-    /// The measurement has fewer profiles.
+    /// The measurement has fewer profiles than the index asked for.
     #[error("the measurement has {profiles_count} profiles, there is no profile {index}")]
     ProfileUnknown {
         /// The index asked for, from 0.
         index: u64,
-        /// Profiles that there are.
+        /// Number of profiles.
         profiles_count: u64,
     },
-    /// A stored document cannot be read back.
+    /// A stored document cannot be read.
     #[error("the stored {what} {id} cannot be read: {cause}")]
     RecordUnreadable {
         /// Kind of record.
         what: &'static str,
         /// Its id.
         id: String,
-        /// Why not.
+        /// The reason.
         cause: Unreadable,
     },
-    /// The ends of jobs are not written yet, so nothing further is begun.
-    #[error("the ends of {count} jobs could not be written yet; nothing new is begun until the store takes them")]
+    /// The ends of jobs are not recorded yet, so no further job is started.
+    #[error("the ends of {count} jobs could not be written yet; no new job is started until the store accepts them")]
     EndsUnwritten {
-        /// How many.
+        /// Number of ends that are not recorded.
         count: usize,
     },
-    /// A record cannot be written down.
+    /// A record cannot be serialised.
     #[error("the {what} cannot be written down")]
     RecordUnwritable {
         /// Kind of record.
         what: &'static str,
-        /// Why not.
+        /// The reason.
         source: Arc<serde_json::Error>,
     },
     /// The threads that calculate cannot be started.
@@ -209,7 +209,7 @@ pub enum ServiceError {
 
 fn parts_in_words(names: &[String]) -> String {
     if names.is_empty() {
-        return "it was not asked for parts, or none were found".to_owned();
+        return "no parts were requested, or none were found".to_owned();
     }
     format!("there are {}, numbered from 1", names.join(", "))
 }
@@ -217,10 +217,10 @@ fn parts_in_words(names: &[String]) -> String {
 /// Why the content of an upload cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ContentError {
-    /// It is not a scan, or not one that can be cut into profiles as asked.
+    /// It is not a scan, or it cannot be cut into profiles as requested.
     #[error(transparent)]
     Scan(#[from] MeasureError),
-    /// It cannot be unpacked.
+    /// It cannot be decompressed.
     #[error(transparent)]
     Packing(DecodeError),
 }
@@ -234,15 +234,15 @@ impl From<MeasureError> for ServiceError {
 /// Why a stored document cannot be read.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum Unreadable {
-    /// A later program has written it.
+    /// It was written by a later program version.
     #[error("it was written by a later version of coaxis (document version {found}; this one reads up to {known})")]
     Later {
         /// Version of the document.
         found: u64,
-        /// The latest version that is read.
+        /// The latest version that this program reads.
         known: u64,
     },
-    /// It is no document, or not of the kind that it should be.
+    /// It is not a document, or not of the expected kind.
     #[error("it is damaged, or another version of coaxis has written it: {0}")]
     Damaged(Arc<serde_json::Error>),
 }

@@ -1,5 +1,5 @@
-//! What has happened, for clients: what the cell tells, the progress of jobs and the ends of measurements in one numbered list
-//! of which the newest are kept. Times are those of the wall.
+//! Events for clients: the cell's events, the progress of jobs and the ends of measurements in one numbered list, of which the
+//! newest are kept. Times are wall-clock times.
 
 use super::measuring::record::Verdict;
 use crate::cell::EventKind;
@@ -11,30 +11,30 @@ use tokio::sync::watch;
 /// How many events are kept.
 pub(in crate::service) const EVENTS_KEPT: usize = 1024;
 
-/// Something that has happened.
+/// An event.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Event {
     /// 1 for the first of this instance; without gaps.
     pub number: u64,
-    /// When.
+    /// Wall-clock time.
     pub at: Timestamp,
-    /// What.
+    /// What happened.
     pub what: Happening,
 }
 
-/// What can happen.
+/// Kinds of events.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Happening {
-    /// In the cell.
+    /// An event of the cell.
     Cell(EventKind),
-    /// A move or a scan has come this far.
+    /// Progress of a move or a scan.
     Progress {
         /// Id of the move or of the measurement.
         job: String,
         /// 0 to 1.
         progress: f64,
     },
-    /// A measurement by the sensor is recorded.
+    /// A measurement by the sensor was recorded.
     Measured {
         /// Its id.
         measurement_id: String,
@@ -45,36 +45,36 @@ pub enum Happening {
     NotMeasured {
         /// Its id.
         measurement_id: String,
-        /// A short word.
+        /// A short code.
         code: String,
-        /// What happened.
+        /// What happened, as text.
         text: String,
     },
 }
 
-/// Behind what somebody asks on.
+/// Where a client continues in the list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum After {
-    /// The event of this number; 0 for all.
+    /// After the event of this number; 0 for all.
     Number(u64),
-    /// An event of another instance, whose numbers say nothing here.
+    /// After an event of another instance, whose numbers do not apply to this one.
     AnotherInstance,
 }
 
-/// Events from a number on.
+/// Events after a given number.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Events {
     /// In order.
     pub events: Vec<Event>,
-    /// How many that were asked for are not kept any more, or never were of this instance.
+    /// How many of the requested events are no longer kept, or belong to another instance.
     pub missed_count: u64,
-    /// The number to ask on behind.
+    /// The number after which to continue.
     pub seen: u64,
-    /// The number of the newest of all.
+    /// The number of the newest event.
     pub newest: u64,
 }
 
-/// The ring.
+/// The ring buffer of events.
 #[derive(Debug)]
 pub(in crate::service) struct EventLog {
     kept: Mutex<VecDeque<Event>>,
@@ -82,12 +82,12 @@ pub(in crate::service) struct EventLog {
 }
 
 impl EventLog {
-    /// Empty.
+    /// An empty log.
     pub(in crate::service) fn new() -> Arc<Self> {
         Arc::new(Self { kept: Mutex::new(VecDeque::with_capacity(EVENTS_KEPT)), newest: watch::Sender::new(0) })
     }
 
-    /// Adds one.
+    /// Adds an event.
     pub(in crate::service) fn add(&self, at: Timestamp, what: Happening) {
         let mut kept = self.kept();
         let number = kept.back().map_or(0, |event| event.number) + 1;
@@ -95,13 +95,13 @@ impl EventLog {
             kept.pop_front();
         }
         kept.push_back(Event { number, at, what });
-        // Published under the same lock: where numbers came out of order, a reader that has the newest would be answered at
-        // once, without an event, and ask again and again.
+        // Published under the same lock: if numbers were published out of order, a reader that has the newest would be answered at
+        // once without an event, and would ask again and again.
         self.newest.send_replace(number);
     }
 
-    /// At most `limit` of those behind `after`. A number that this instance has not come to is of another one: then all that
-    /// are kept, and at least one missed.
+    /// At most `limit` of the events after `after`. A number that this instance has not reached belongs to another instance: then
+    /// the result is all that are kept, with at least one missed.
     pub(in crate::service) fn after(&self, after: After, limit: usize) -> Events {
         let kept = self.kept();
         let newest = kept.back().map_or(0, |event| event.number);
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reader_goes_on_behind_the_last_number_it_has() {
+    fn a_reader_continues_after_the_last_number_it_has() {
         let log = log(5);
         let events = log.after(After::Number(3), 10);
         assert_eq!((numbers(&events), events.missed_count, events.newest), (vec![4, 5], 0, 5));
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_published_in_their_order_whoever_adds_at_the_same_time() {
+    fn numbers_are_published_in_order_when_several_threads_add() {
         let log = EventLog::new();
         let mut newest = log.newest.subscribe();
         std::thread::scope(|scope| {
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_kept_any_more_is_counted_and_a_foreign_number_begins_anew() {
+    fn dropped_events_are_counted_and_a_number_of_another_instance_starts_anew() {
         let log = log(1030);
         let events = log.after(After::Number(2), 1);
         assert_eq!((numbers(&events), events.missed_count), (vec![7], 4));

@@ -1,34 +1,34 @@
-//! Memory that points may take. What a request can need is set aside before its file is read, so that many large requests at
-//! once wait for each other instead of taking the memory of the machine.
+//! Memory for points. The maximum that a request can need is reserved before its file is read, so that many large requests at
+//! once wait for each other instead of exhausting the memory of the machine.
 //!
 //! ```text
-//! limits.memory_max_mb = 1/8 (at least 256 MiB) scans by the sensor + 1/4 uploads that are read while they come in + the rest
+//! limits.memory_max_mb = 1/8 (at least 256 MiB) scans by the sensor + 1/4 uploads that are read on arrival + the rest
 //! ```
 //!
-//! The shares are separate, so that a slow client cannot hold up a calculation, nor an upload the line's own scan.
+//! The shares are separate, so that a slow client cannot delay a calculation, nor an upload the scans of the sensor.
 
 use super::compute::ComputeError;
 use crate::scan::decode::{DecodeError, Limits};
 use std::sync::Arc;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-/// What a point takes at most on its way from a file to a pose: 111 bytes were measured for double-precision points in no order.
+/// Maximum memory per point from file to pose: 111 bytes were measured for double-precision points in random order.
 const BYTES_PER_POINT: u64 = 128;
-/// What a profile takes beside its points: its verdict, and the same as JSON.
+/// Memory per profile besides its points: its verdict, and the same as JSON.
 const BYTES_PER_PROFILE: u64 = 640;
-/// What a calculation takes whatever it calculates.
+/// Fixed memory of a calculation.
 const BYTES_BESIDE: u64 = 32 << 20;
 const MIB: u64 = 1 << 20;
-/// For scans by the sensor at least: 1.3 million points.
+/// Minimum share for scans by the sensor: 1.3 million points.
 const SENSOR_MIB_MIN: u64 = 256;
-/// Bytes a point of a file of single-precision coordinates. Most text has more; packed formats and matrices may have fewer.
+/// Bytes per point of a file of single-precision coordinates. Most text has more; compressed formats and matrices may have fewer.
 const FILE_BYTES_PER_POINT: u64 = 12;
-/// What is set aside for the smallest file, points.
+/// Points reserved for the smallest file.
 const POINTS_LEAST: usize = 100_000;
-/// A file that held more points than were set aside for is read again with this many times as many: four readings reach the
-/// largest scan from the smallest.
+/// A file with more points than were reserved is read again with this factor: four attempts reach the largest scan from the
+/// smallest.
 const MORE: usize = 6;
-/// What a decoder may hold unpacked beside the points, bytes a point.
+/// Maximum decompressed data that a decoder keeps besides the points, bytes per point.
 const UNPACKED_PER_POINT: u64 = 64;
 
 /// A share of the memory.
@@ -36,10 +36,10 @@ const UNPACKED_PER_POINT: u64 = 64;
 pub(in crate::service) struct Memory {
     free: Arc<Semaphore>,
     whole_mib: u32,
-    /// Points for which all of it is enough, and no more than a scan may have.
+    /// Points that the share is sufficient for, limited to the maximum of a scan.
     points_max: usize,
     profiles_max: usize,
-    /// Whether a file for which it is too little has no other share to be read with.
+    /// Whether a file that does not fit cannot be read with another share.
     is_last: bool,
 }
 
@@ -51,7 +51,7 @@ pub(in crate::service) struct MemoryShares {
     pub(in crate::service) rest: Memory,
 }
 
-/// Memory that is set aside for one request.
+/// Memory reserved for one request.
 #[derive(Debug)]
 pub(in crate::service) struct Claim {
     permit: OwnedSemaphorePermit,
@@ -62,7 +62,7 @@ pub(in crate::service) struct Claim {
 }
 
 impl MemoryShares {
-    /// Of so many MiB, for scans within these limits.
+    /// Divides `whole_mib` MiB for scans within these limits.
     pub(in crate::service) fn of(whole_mib: u64, limits: &Limits) -> Self {
         let (sensor_mib, readers_mib) = ((whole_mib / 8).max(SENSOR_MIB_MIN), whole_mib / 4);
         Self {
@@ -72,7 +72,7 @@ impl MemoryShares {
         }
     }
 
-    /// What is set aside now, bytes.
+    /// Memory reserved now, bytes.
     pub(in crate::service) fn taken_bytes(&self) -> u64 {
         [&self.sensor, &self.readers, &self.rest].map(Memory::taken_bytes).iter().sum()
     }
@@ -92,22 +92,22 @@ impl Memory {
         Self { free, whole_mib, points_max, profiles_max, is_last }
     }
 
-    /// Sets aside what so many points need, as soon as it is free.
+    /// Reserves memory for this many points as soon as it is free.
     pub(in crate::service) async fn claim(&self, points_count: usize) -> Result<Claim, ComputeError> {
         let points_max = self.within(points_count);
         let free = Arc::clone(&self.free).acquire_many_owned(self.need_mib(points_max)).await;
-        // It is never closed; should it be, nobody can be served.
+        // The semaphore is never closed; if it were, no request could be served.
         free.map(|permit| self.claimed(permit, points_max)).map_err(|_| ComputeError::Panicked)
     }
 
-    /// The same at once; `None` where it is not free.
+    /// Reserves at once, or returns `None` if the memory is not free.
     pub(in crate::service) fn try_claim(&self, points_count: usize) -> Option<Claim> {
         let points_max = self.within(points_count);
         let free = Arc::clone(&self.free).try_acquire_many_owned(self.need_mib(points_max)).ok()?;
         Some(self.claimed(free, points_max))
     }
 
-    /// Sets aside all that is free, unless that is less than a quarter of the share.
+    /// Reserves all free memory, unless that is less than a quarter of the share.
     pub(in crate::service) fn claim_free(&self) -> Option<Claim> {
         let quarters = [4, 3, 2, 1].map(|quarters| self.points_max / 4 * quarters);
         quarters.into_iter().find_map(|points_count| self.try_claim(points_count))
@@ -132,23 +132,23 @@ impl Memory {
 }
 
 impl Claim {
-    /// What may be read within it.
+    /// The limits for reading within this reservation.
     pub(in crate::service) fn limits(&self, limits: &Limits) -> Limits {
         let inflated_bytes_max = limits.inflated_bytes_max.min(UNPACKED_PER_POINT * wide(self.points_max));
         Limits { points_max: self.points_max, inflated_bytes_max, ..limits.clone() }
     }
 
-    /// Whether a file was refused only because less was set aside than may be.
+    /// Whether a file was refused only because less was reserved than is allowed.
     pub(in crate::service) fn is_outgrown(&self, error: &DecodeError) -> bool {
         !self.is_most && matches!(error, DecodeError::TooManyPoints { .. } | DecodeError::InflatedTooLarge { .. })
     }
 
-    /// How many points to claim for after this claim was too small.
+    /// How many points to reserve after this reservation was too small.
     pub(in crate::service) fn more(&self) -> usize {
         self.points_max.saturating_mul(MORE)
     }
 
-    /// Gives back what so many points do not need.
+    /// Releases the memory that this many points do not need.
     pub(in crate::service) fn keep_for(&mut self, points_count: usize) {
         let needed = usize::try_from(need_mib(points_count, self.profiles_max)).unwrap_or(usize::MAX);
         let unneeded = self.permit.num_permits().saturating_sub(needed);
@@ -156,7 +156,7 @@ impl Claim {
     }
 }
 
-/// How many points a file of so many bytes is expected to hold.
+/// How many points a file of this size is expected to contain.
 pub(in crate::service) fn points_expected(bytes_count: u64) -> usize {
     usize::try_from(bytes_count / FILE_BYTES_PER_POINT).unwrap_or(usize::MAX)
 }
@@ -177,7 +177,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn by_default_there_is_room_for_the_largest_scan_that_may_be() {
+    fn the_default_memory_is_sufficient_for_the_largest_allowed_scan() {
         let limits = Limits::default();
         let shares = MemoryShares::of(crate::config::Config::default().limits.memory_max_mb, &limits);
         assert_eq!(shares.rest.points_max, limits.points_max);
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_is_not_free_is_waited_for_and_what_is_not_needed_is_given_back() {
+    async fn a_claim_waits_for_memory_and_releases_what_it_does_not_need() {
         let limits = Limits::default();
         let memory = MemoryShares::of(1024, &limits).rest;
         let mut whole = memory.claim(usize::MAX).await.expect("free");
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_scan_by_the_sensor_takes_what_is_free_but_no_less_than_a_quarter() {
+    async fn a_scan_by_the_sensor_claims_all_free_memory_but_at_least_a_quarter() {
         let memory = MemoryShares::of(4096, &Limits::default()).sensor;
         let first = memory.claim_free().expect("all");
         assert!(first.is_most);
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_file_that_holds_more_than_was_expected_is_known_by_its_refusal() {
+    async fn a_file_with_more_points_than_expected_is_recognised_by_its_refusal() {
         let limits = Limits { points_max: 1_000_000, ..Limits::default() };
         let memory = MemoryShares::of(4096, &limits).rest;
         let refused = DecodeError::TooManyPoints { limit: 0 };
@@ -223,7 +223,7 @@ mod tests {
         let reader = MemoryShares::of(4096, &limits).readers.try_claim(usize::MAX).expect("free");
         assert!(reader.is_outgrown(&refused), "it can be read later");
         assert!(!memory.claim(0).await.expect("free").is_outgrown(&DecodeError::Empty));
-        // Also where next to nothing was expected, the next claim is larger.
+        // The next reservation is larger even if next to nothing was expected.
         assert_eq!(memory.claim(0).await.expect("free").more(), 600_000);
     }
 }

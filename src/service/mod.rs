@@ -1,9 +1,9 @@
 //! The use cases of coaxis. `measuring` goes from scans to records and needs no cell; `operating` leases, moves and stops the cell
-//! and scans with its sensor. What both need is `Shared`: the store, the clock, the events, the limits.
+//! and scans with its sensor. Both use `Shared`: the store, the clock, the events, the limits.
 //!
 //! ```text
 //! pieces --Upload--> a file --decode--> Decoded --slice--> Scan --estimate--> Estimate --record--> Measurement, acknowledged
-//!                     behind its writer    \_____ on the compute pool _____/                      when durable
+//!                     during upload        \_____ on the compute pool _____/                      when durable
 //! order --record--> job --start--> cell --end--> job, recorded
 //! ```
 
@@ -72,10 +72,10 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::timeout;
 
-/// The service. Share it behind an `Arc`; every method may be called from many tasks at once.
+/// The service. Share it in an `Arc`; every method may be called from many tasks at once.
 #[derive(Debug)]
 pub struct Service {
-    /// From scans to measurements, and everything that is kept of them.
+    /// From scans to measurements, and all stored scans and records.
     pub measuring: Arc<Measuring>,
     /// The cell: its lease, plans, moves, scans by its sensor.
     pub operating: Arc<Operating>,
@@ -86,16 +86,16 @@ impl Service {
     /// A service without a cell, on the store of a folder.
     ///
     /// # Errors
-    /// [`ServiceError`] where the folder cannot be used or the threads cannot be started.
+    /// [`ServiceError`] if the folder cannot be used or the threads cannot be started.
     pub async fn open(folder: &Path, capacity: Capacity, defaults: Settings) -> Result<Arc<Self>, ServiceError> {
         Self::open_with(folder, capacity, defaults, None).await
     }
 
-    /// Opens the store of a folder, starts the threads, and lets the cell, where there is one, connect to its devices. Nothing
+    /// Opens the store of a folder, starts the threads, and lets the cell, if there is one, connect to its devices. Nothing
     /// moves; jobs that an earlier process left unfinished are recorded as interrupted.
     ///
     /// # Errors
-    /// [`ServiceError`] where the folder cannot be used or the threads cannot be started.
+    /// [`ServiceError`] if the folder cannot be used or the threads cannot be started.
     pub async fn open_with(
         folder: &Path,
         capacity: Capacity,
@@ -128,7 +128,7 @@ impl Service {
         Ok(Arc::new(Self { measuring, operating, shared }))
     }
 
-    /// Resolves what is requested of a measurement, for a scan that arrives now.
+    /// Resolves a measurement order for a scan that arrives now.
     ///
     /// # Errors
     /// Those of [`Measuring::accept`].
@@ -136,27 +136,27 @@ impl Service {
         self.measuring.accept(order, self.operating.acquisition_now()).await
     }
 
-    /// Memory that is reserved for points now, and how much may be, bytes.
+    /// Memory reserved for points now, and the maximum, bytes.
     #[must_use]
     pub fn memory_bytes(&self) -> (u64, u64) {
         (self.shared.memory.taken_bytes(), self.shared.capacity.memory_mib << 20)
     }
 
-    /// How much space the store uses and has left.
+    /// Used and free space of the store.
     ///
     /// # Errors
-    /// Where the operating system does not say.
+    /// If the operating system does not report it.
     pub async fn store_usage(&self) -> Result<Usage, ServiceError> {
         Ok(self.shared.store.usage().await?)
     }
 
-    /// What the service may take on.
+    /// The capacity limits of the service.
     #[must_use]
     pub fn capacity(&self) -> &Capacity {
         &self.shared.capacity
     }
 
-    /// Made anew at every start, so that a client sees a restart.
+    /// Created anew at every start, so that a client detects a restart.
     #[must_use]
     pub fn instance_id(&self) -> &str {
         &self.shared.instance_id
@@ -168,19 +168,19 @@ impl Service {
         self.shared.started_at
     }
 
-    /// Grows with everything that is recorded.
+    /// Increases with every record.
     #[must_use]
     pub fn sequence(&self) -> u64 {
         self.shared.sequence()
     }
 
-    /// A new name for a request.
+    /// A new request id.
     #[must_use]
     pub fn new_request_id(&self) -> String {
         self.shared.clock.new_id("")
     }
 
-    /// Begins to measure a duration.
+    /// Starts to measure a duration.
     #[must_use]
     pub fn start_stopwatch(&self) -> Stopwatch {
         self.shared.clock.start()
@@ -198,40 +198,38 @@ impl Service {
         self.shared.events(after, limit, wait).await
     }
 
-    /// Whether the service is being shut down, so that nobody should wait any longer.
+    /// Whether the service is shutting down, so that no request should wait any longer.
     #[must_use]
     pub fn is_closing(&self) -> bool {
         self.shared.shutdown.has_begun()
     }
 
-    /// Whether records and scans can be written, found out by writing.
+    /// Checks by writing whether records and scans can be stored.
     ///
     /// # Errors
-    /// Why not.
+    /// The reason if not.
     pub async fn check_ready(&self) -> Result<(), ServiceError> {
         Ok(self.shared.store.probe().await?)
     }
 
-    /// Stops what moves and releases the devices, finishes what is being written, and refuses the rest; all within the time that
-    /// is set for it.
+    /// Stops all motion and releases the devices, finishes pending writes, and refuses the rest, all within the configured time.
     pub async fn close(&self) {
         self.stop_motion().await;
         self.shared.background.finish(self.shared.time_left(Stage::Ends)).await;
         if timeout(self.shared.time_left(Stage::Store), self.shared.store.close()).await.is_err() {
-            tracing::error!("the store is not closed yet; what was acknowledged is on the disk");
+            tracing::error!("the store is not closed yet; all acknowledged records are on the disk");
         }
         self.operating.end_threads();
     }
 
-    /// Stops what moves, for good, and releases the devices: the first step of the shutdown. Requests that wait for something
-    /// are answered.
+    /// Stops all motion permanently and releases the devices: the first step of the shutdown. Waiting requests are answered.
     pub async fn stop_motion(&self) {
         let left = self.shared.time_left(Stage::Motion);
         self.shared.shutdown.begin();
         self.operating.close_cell(left).await;
     }
 
-    /// How long requests under way may still take when the service ends. The time for the end begins with the first call of this
+    /// How long requests under way may still take during the shutdown. The time budget begins with the first call of this method
     /// or of [`Service::stop_motion`].
     #[must_use]
     pub fn time_for_requests(&self) -> Duration {

@@ -1,4 +1,4 @@
-//! What measuring and operating have in common: the store, the clock, the numbered events, and what the service may take on.
+//! State shared by measuring and operating: the store, the clock, the numbered events and the capacity limits.
 
 use super::background::{BackgroundTasks, Shutdown, Stage};
 use super::clock::{Clock, Stopwatch};
@@ -15,25 +15,25 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 use tokio::time::timeout;
 
-/// The parts that measuring and operating share.
+/// The state that measuring and operating share.
 #[derive(Debug)]
 pub(in crate::service) struct Shared {
     pub(in crate::service) store: Store,
     pub(in crate::service) clock: Clock,
     pub(in crate::service) capacity: Capacity,
-    /// What holds where neither request nor recipe says otherwise.
+    /// Settings that apply unless the request or the recipe overrides them.
     pub(in crate::service) defaults: Settings,
     pub(in crate::service) memory: MemoryShares,
     pub(in crate::service) events: Arc<EventLog>,
-    /// Tasks that run to their end whatever becomes of the request that began them.
+    /// Tasks that run to their end independent of the request that started them.
     pub(in crate::service) background: BackgroundTasks,
-    /// Ends of jobs that the store has not taken yet.
+    /// Ends of jobs that the store has not recorded yet.
     pub(in crate::service) unwritten: UnwrittenEnds,
     pub(in crate::service) shutdown: Shutdown,
     pub(in crate::service) instance_id: String,
     pub(in crate::service) started_at: Timestamp,
     pub(in crate::service) uptime: Stopwatch,
-    /// Counts what was recorded, so that a client that polls sees that something changed.
+    /// Counts records, so that a polling client detects changes.
     sequence: AtomicU64,
 }
 
@@ -62,12 +62,12 @@ impl Shared {
         self.events.add(self.clock.now(), what);
     }
 
-    /// Counts that something was recorded.
+    /// Counts a new record.
     pub(in crate::service) fn advance(&self) {
         self.sequence.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// How much was recorded since the start.
+    /// How many records were written since the start.
     pub(in crate::service) fn sequence(&self) -> u64 {
         self.sequence.load(Ordering::Relaxed)
     }
@@ -97,35 +97,35 @@ impl Shared {
     }
 }
 
-/// What a service may take on.
+/// Capacity limits of the service.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Capacity {
-    /// Bytes of an upload as sent.
+    /// Maximum size of an upload as sent, bytes.
     pub body_bytes_max: u64,
-    /// What a scan file may cost.
+    /// Limits of a scan file.
     pub scan: Limits,
-    /// Threads that calculate; 0 takes one a core.
+    /// Threads that calculate; 0 is one per core.
     pub threads: usize,
-    /// Calculations at a time.
+    /// Simultaneous calculations.
     pub running_max: usize,
     /// Calculations that wait.
     pub queue_max: usize,
-    /// Uploads under way: being received, unpacked, measured.
+    /// Uploads under way: being received, decompressed, measured.
     pub uploads_max: usize,
-    /// Pictures that are drawn at a time.
+    /// Pictures drawn at a time.
     pub pictures_running_max: usize,
     /// Pictures that wait.
     pub pictures_queue_max: usize,
-    /// Memory that points may take, MiB.
+    /// Memory for points, MiB.
     pub memory_mib: u64,
-    /// For one calculation.
+    /// Time limit of one calculation.
     pub calculation: Duration,
-    /// For everything that has to be done when the service is told to end.
+    /// Time limit of the shutdown.
     pub shutdown: Duration,
 }
 
 impl Capacity {
-    /// What a configuration lets a service take on.
+    /// The capacity limits of a configuration.
     #[must_use]
     pub fn from_config(config: &Config) -> Self {
         let count = |value: u64| usize::try_from(value).unwrap_or(usize::MAX);

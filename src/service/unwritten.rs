@@ -1,5 +1,5 @@
-//! Ends of jobs that the store could not take, e.g. because the disk is full: kept in memory, shown as if they were written, and
-//! written as soon as the store takes them.
+//! Ends of jobs that the store could not record, e.g. because the disk is full. They are kept in memory, shown as if they were
+//! recorded, and written as soon as the store accepts them.
 //!
 //! ```text
 //! end ──> store ── failed ──> kept here ──> tried again after 0.25 s, 0.5 s, … 30 s, and once more when the service ends
@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Ends that may be unwritten; with as many, nothing new is begun.
+/// Maximum number of unwritten ends; at this number, no further job is started.
 const UNWRITTEN_MAX: usize = 64;
 
 /// The first pause before an end is tried again; each further one is twice as long.
@@ -19,11 +19,11 @@ pub(in crate::service) const PAUSE_FIRST: Duration = Duration::from_millis(250);
 /// The longest pause.
 pub(in crate::service) const PAUSE_MAX: Duration = Duration::from_secs(30);
 
-/// The end of a job with all that belongs into the same transaction.
+/// The end of a job, with everything that belongs to the same transaction.
 #[derive(Debug, Clone)]
 pub(in crate::service) struct End {
     pub(in crate::service) job: EndedJob,
-    /// Its request and its plan may be tried again, since nothing was sent.
+    /// Whether its request and its plan may be used again, because nothing was sent.
     pub(in crate::service) frees: bool,
     /// The measurement that the job was for.
     pub(in crate::service) measured: Option<MeasuredScan>,
@@ -36,18 +36,18 @@ pub(in crate::service) struct MeasuredScan {
     pub(in crate::service) points: Points,
 }
 
-/// Where the raw points of a scan by the sensor are.
+/// The raw points of a scan by the sensor.
 #[derive(Debug, Clone)]
 pub(in crate::service) enum Points {
     /// In the store, with their record.
     Kept,
-    /// In a file that has no place yet.
+    /// In a file that is not yet in the store.
     InFile(Arc<CompleteScan>),
-    /// In memory, since the store had no room for a file.
+    /// In memory, because the store had no space for a file.
     InMemory(Arc<Vec<u8>>),
 }
 
-/// The ends that the store has not taken yet, by the ids of their jobs.
+/// The ends that the store has not recorded yet, by the ids of their jobs.
 #[derive(Debug, Default)]
 pub(in crate::service) struct UnwrittenEnds(Mutex<BTreeMap<String, Arc<End>>>);
 
@@ -60,7 +60,7 @@ impl UnwrittenEnds {
         self.all().get(id).cloned()
     }
 
-    /// Refuses to begin a further job where too many ends wait; a scan where the points of another one do, since they take memory.
+    /// Refuses a further job if too many ends wait, and a scan if the points of another one wait, because they use memory.
     pub(in crate::service) fn check_room(&self, for_scan: bool) -> Result<(), ServiceError> {
         let all = self.all();
         let count = all.len();
@@ -68,7 +68,7 @@ impl UnwrittenEnds {
         if full { Err(ServiceError::EndsUnwritten { count }) } else { Ok(()) }
     }
 
-    /// A job as it is now: with its end, where that is not written yet.
+    /// A job in its current state: with its end, even if that is not written yet.
     pub(in crate::service) fn complete(&self, row: JobRow) -> JobRow {
         let Some(end) = self.get(&row.id).filter(|_| row.ended_at.is_none()) else { return row };
         let EndedJob { state, ended_at, document, .. } = end.job.clone();
@@ -76,7 +76,7 @@ impl UnwrittenEnds {
         if end.frees { JobRow { request: None, plan_id: None, ..row } } else { row }
     }
 
-    /// Ids of the jobs that ended like this.
+    /// Ids of the jobs that ended in this state.
     pub(in crate::service) fn ids_in(&self, state: &str) -> Vec<String> {
         self.all().values().filter(|end| end.job.state == state).map(|end| end.job.id.clone()).collect()
     }

@@ -1,22 +1,22 @@
-//! Messages of the JSON parser in the words of a user (it speaks of variants, sequences and f64), and short numbers in messages.
+//! Translates messages of the JSON parser (variants, sequences, f64) into words for users, and formats numbers in messages.
 
-/// Bytes that some programs write before a text in UTF-8.
+/// The UTF-8 byte order mark that some programs write.
 const MARK: &[u8] = b"\xef\xbb\xbf";
 
-/// A document without the byte order mark that it may begin with.
+/// A document without its byte order mark, if it has one.
 #[must_use]
 pub fn without_mark(bytes: &[u8]) -> &[u8] {
     bytes.strip_prefix(MARK).unwrap_or(bytes)
 }
 
-/// A message of the deserializer in plain words.
+/// A message of the deserializer in words for users.
 #[must_use]
 pub fn in_words(message: &str) -> String {
     let (reason, place) = match message.rsplit_once(" at line ") {
         Some((reason, place)) => (reason, format!(" (line {})", place.replace(" column", ", column"))),
         None => (message, String::new()),
     };
-    // A path may stand before the reason.
+    // The reason may follow a path.
     let starts = ["unknown variant ", "unknown field ", "missing field ", "duplicate field ", "invalid "];
     let at = starts.iter().filter_map(|start| reason.find(start)).min();
     let (path, reason) = reason.split_at(at.unwrap_or(0));
@@ -35,7 +35,7 @@ fn reason_in_words(reason: &str) -> String {
         let (found, names) = quoted_and_rest(rest);
         match names.contains('`') {
             true => format!("there is no {found}; there is {}", names_of(names)),
-            false => format!("there is no {found}; nothing is taken here"),
+            false => format!("there is no {found}; no parameter is accepted here"),
         }
     } else if let Some(rest) = reason.strip_prefix("missing field ") {
         format!("{} is missing", rest.trim_matches('`'))
@@ -44,16 +44,16 @@ fn reason_in_words(reason: &str) -> String {
     } else if let Some(rest) = reason.strip_prefix("invalid type: ").or_else(|| reason.strip_prefix("invalid value: "))
     {
         let (found, expected) = found_and_expected(rest);
-        format!("{found} stands where {expected} is needed")
+        format!("{found} is given where {expected} is needed")
     } else if let Some(rest) = reason.strip_prefix("invalid length ") {
         let (found, expected) = found_and_expected(rest);
-        format!("{found} entries stand where {expected} is needed")
+        format!("{found} entries are given where {expected} is needed")
     } else {
         number_in_words(reason)
     }
 }
 
-/// What is said of a number in a query, and of a document that is not JSON.
+/// The message for a number in a query, or for a document that is not JSON.
 fn number_in_words(reason: &str) -> String {
     const SAID: [(&str, &str); 13] = [
         ("invalid digit found in string", "that is not a whole number of 0 or more"),
@@ -73,7 +73,7 @@ fn number_in_words(reason: &str) -> String {
     SAID.into_iter().fold(reason.to_owned(), |text, (from, to)| text.replace(from, to))
 }
 
-/// The first word in backticks, and what follows it.
+/// The first word in backticks, and the text after it.
 fn quoted_and_rest(text: &str) -> (&str, &str) {
     let inside = text.strip_prefix('`').unwrap_or(text);
     inside.split_once('`').unwrap_or((inside, ""))
@@ -134,7 +134,7 @@ fn expected_in_words(expected: &str) -> String {
     .to_owned()
 }
 
-/// A number for people to read: seven digits, and an exponent where there would be a row of zeros.
+/// A number for people: seven digits, and an exponent instead of a row of zeros.
 #[must_use]
 pub fn plain(value: f64) -> String {
     let short = format!("{value:.6e}").parse().unwrap_or(value);
@@ -172,23 +172,23 @@ mod in_words_tests {
     }
 
     #[test]
-    fn no_word_of_the_deserializer_is_left() {
+    fn no_term_of_the_deserializer_remains() {
         for (text, words) in [
             (r#"{"way": "up", "length_mm": 1}"#, "there is no \"up\" here; there is there, back (line 1, column 12)"),
             (r#"{"way": "back"}"#, "length_mm is missing"),
             (r#"{"way": "back", "way": "back"}"#, "way is given twice"),
             (r#"{"away": 1}"#, "there is no away; there is way, length_mm, count"),
-            (r#"{"length_mm": "1,5"}"#, "the text \"1,5\" stands where a number is needed"),
-            (r#"{"count": -1}"#, "the number -1 stands where a whole number of 0 or more is needed"),
-            (r#"{"count": 1.5}"#, "the number 1.5 stands where a whole number of 0 or more is needed"),
-            (r#"{"at": [1, 2]}"#, "2 entries stand where a list of 3 is needed"),
-            (r#"{"at": {}}"#, "an object stands where a list of 3 is needed"),
-            (r#"{"name": 5}"#, "the number 5 stands where a text is needed"),
-            (r#"{"is_open": "yes"}"#, "the text \"yes\" stands where true or false is needed"),
-            (r#"{"list": 5}"#, "the number 5 stands where a list is needed"),
-            (r#"{"inner": 5}"#, "the number 5 stands where an object is needed"),
+            (r#"{"length_mm": "1,5"}"#, "the text \"1,5\" is given where a number is needed"),
+            (r#"{"count": -1}"#, "the number -1 is given where a whole number of 0 or more is needed"),
+            (r#"{"count": 1.5}"#, "the number 1.5 is given where a whole number of 0 or more is needed"),
+            (r#"{"at": [1, 2]}"#, "2 entries are given where a list of 3 is needed"),
+            (r#"{"at": {}}"#, "an object is given where a list of 3 is needed"),
+            (r#"{"name": 5}"#, "the number 5 is given where a text is needed"),
+            (r#"{"is_open": "yes"}"#, "the text \"yes\" is given where true or false is needed"),
+            (r#"{"list": 5}"#, "the number 5 is given where a list is needed"),
+            (r#"{"inner": 5}"#, "the number 5 is given where an object is needed"),
             (r#"{"way": 5}"#, "needed"),
-            (r#"{"length_mm": null}"#, "null stands where a number is needed"),
+            (r#"{"length_mm": null}"#, "null is given where a number is needed"),
         ] {
             let error = serde_json::from_str::<Thing>(text).expect_err("wrong").to_string();
             let said = in_words(&error);
@@ -207,7 +207,7 @@ mod in_words_tests {
     }
 
     #[test]
-    fn a_byte_order_mark_is_taken_off() {
+    fn a_byte_order_mark_is_removed() {
         assert_eq!(without_mark("\u{feff}{}".as_bytes()), b"{}");
         assert_eq!(without_mark(b"{}"), b"{}");
     }
@@ -218,7 +218,7 @@ mod plain_tests {
     use super::*;
 
     #[test]
-    fn a_number_in_a_message_is_short_whatever_it_is() {
+    fn every_number_in_a_message_is_short() {
         for (value, text) in [
             (0.0, "0"),
             (-0.5, "-0.5"),

@@ -1,4 +1,4 @@
-//! Scans to send: made ones, exact or large.
+//! Synthetic scans for requests, exact or large.
 
 use coaxis::geometry::AxisLine;
 use coaxis::scan::decode::Format;
@@ -27,19 +27,19 @@ pub(crate) fn two_parts_csv() -> Vec<u8> {
     bytes
 }
 
-/// A scan that takes a while: 400 profiles of 640 points, with interference.
+/// A scan whose measurement takes a while: 400 profiles of 640 points, with interference.
 pub(crate) fn large_npy() -> Vec<u8> {
     encoded(&Part::with_interference(3), Format::Npy)
 }
 
-/// The same bytes, packed.
+/// The same bytes, compressed.
 pub(crate) fn gzip(bytes: &[u8]) -> Vec<u8> {
     let mut packer = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
     packer.write_all(bytes).expect("packed");
     packer.finish().expect("packed")
 }
 
-/// Some scan in a format.
+/// A scan in this format.
 pub(crate) fn encoded(part: &Part, format: Format) -> Vec<u8> {
     let (scan, _) = make(part).expect("a scan");
     let mut bytes = Vec::new();

@@ -1,4 +1,4 @@
-//! The `coaxis` command as a person, a container or an init system uses it: configuration, signals, exit codes.
+//! The `coaxis` command as used by a person, a container or an init system: configuration, signals, exit codes.
 
 use crate::api::harness::Folder;
 use std::io::{BufRead, BufReader};
@@ -20,7 +20,7 @@ fn complaint(arguments: &[&str]) -> String {
     String::from_utf8(output.stderr).expect("text")
 }
 
-/// A service in a process of its own, and its address.
+/// A service in a separate process, and its address.
 fn serve(folder: &Folder) -> (Child, String) {
     let data = folder.path().display().to_string();
     let mut child = coaxis(&["serve", "--listen", "127.0.0.1:0", "--data", &data, "--set", "log.format=json"])
@@ -30,14 +30,14 @@ fn serve(folder: &Folder) -> (Child, String) {
     let log = BufReader::new(child.stderr.take().expect("a log"));
     let mut lines = log.lines().map(|line| line.expect("text"));
     let first: serde_json::Value = serde_json::from_str(&lines.next().expect("a line")).expect("JSON");
-    // Read on, so that the log never blocks the service.
+    // The output must be read continuously, so that the log never blocks the service.
     std::thread::spawn(move || lines.count());
     let address = first["address"].as_str().unwrap_or_else(|| panic!("{first}")).to_owned();
     (child, address)
 }
 
 #[test]
-fn a_signal_ends_the_service_in_good_order_and_health_tells_either_way() {
+fn a_signal_shuts_the_service_down_and_health_reports_both_states() {
     let folder = Folder::new();
     let (mut child, address) = serve(&folder);
     let ready = format!("http://{address}/health/ready");
@@ -63,13 +63,13 @@ fn one_folder_belongs_to_one_service() {
 }
 
 #[test]
-fn the_network_is_not_listened_to_by_accident() {
+fn the_service_listens_on_the_network_only_if_configured() {
     let text = complaint(&["serve", "--listen", "0.0.0.0:0"]);
     assert!(text.contains("0.0.0.0:0") && text.contains("--insecure-lan"), "{text}");
 }
 
 #[test]
-fn file_environment_and_flags_make_the_configuration_in_this_order() {
+fn file_environment_and_flags_set_the_configuration_in_this_order() {
     let folder = Folder::new();
     let file = folder.path().join("coaxis.toml");
     std::fs::write(&file, "[limits]\nqueue_max = 3\nthreads = 3\nconnections_max = 3\n").expect("written");
@@ -90,7 +90,7 @@ fn file_environment_and_flags_make_the_configuration_in_this_order() {
 }
 
 #[test]
-fn what_is_printed_as_default_can_be_used_as_a_file() {
+fn the_printed_default_can_be_used_as_a_file() {
     let folder = Folder::new();
     let file = folder.path().join("default.toml");
     std::fs::write(&file, output(&["config", "--default"]).stdout).expect("written");

@@ -1,5 +1,5 @@
-//! More clients than there are places: stop, health checks and the holder of the lease get through, nobody takes everything,
-//! and what is slow is ended.
+//! More clients than there are places: stop, health checks and the lease holder get through, no client takes all places,
+//! and slow clients are disconnected.
 
 use crate::api::bodies::{exact_csv, large_npy};
 use crate::api::harness::{Running, rest, start, start_with};
@@ -8,7 +8,7 @@ use coaxis::config::Config;
 use std::io::{Read, Write};
 use std::net::TcpStream;
 
-/// Places of the services here; one of them is taken by the client that the harness keeps connected.
+/// Places of the services here; one of them is occupied by the client that the harness keeps connected.
 const GENERAL: usize = 4;
 const RESERVED: usize = 2;
 
@@ -27,7 +27,7 @@ fn crowd(service: &Running, bytes: &[u8]) -> Vec<TcpStream> {
     let mut crowd = Vec::new();
     for _ in 0..GENERAL + 3 * RESERVED {
         let mut stream = service.connect();
-        // One that was displaced meanwhile is closed.
+        // A connection that was displaced meanwhile is closed.
         let _ = stream.write_all(bytes);
         crowd.push(stream);
     }
@@ -37,7 +37,7 @@ fn crowd(service: &Running, bytes: &[u8]) -> Vec<TcpStream> {
     crowd
 }
 
-/// Looks again until it is so, a bounded number of times; waiting for events, which hardly come, is the pause in between.
+/// Retries until the condition is true, a bounded number of times; waiting for events, which are rare here, serves as the pause.
 fn until(service: &Running, what: &str, so: impl Fn(&Running) -> bool) {
     let mut after = 0;
     for _ in 0..30 {
@@ -55,7 +55,7 @@ fn ask(service: &Running, request_line: &str, header: &str) -> String {
 }
 
 #[test]
-fn stop_health_and_the_holder_of_the_lease_get_through_while_all_places_are_taken() {
+fn stop_health_and_the_lease_holder_get_through_while_all_places_are_occupied() {
     let line = Line::ready_with(FAST, few_places);
     let service = &line.service;
     let lease = format!("Lease-Id: {}\r\n", line.lease);
@@ -99,7 +99,7 @@ fn a_client_that_does_not_read_its_answer_loses_its_connection() {
     let scan = service.post("/v1/scans", &large_npy()).expect(201);
     let path = format!("/v1/scans/{}/content", scan["id"].as_str().expect("an id"));
     let request = format!("GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n");
-    // More answers than the operating system's buffers hold.
+    // More answers than fit into the buffers of the operating system.
     let never_reads: Vec<_> = (0..8)
         .map(|_| {
             let mut stream = service.connect();
@@ -117,7 +117,7 @@ fn a_client_that_does_not_read_its_answer_loses_its_connection() {
 }
 
 #[test]
-fn one_address_takes_its_share_of_the_connections_and_the_others_still_find_places() {
+fn one_address_gets_its_share_of_the_connections_and_the_others_still_find_places() {
     let (service, _folder) = start_with(|config| config.limits.connections_max = 8);
     service.get("/v1/status").expect(200);
     let crowd: Vec<_> = (0..8).map(|_| service.connect()).collect();
@@ -132,7 +132,7 @@ fn one_address_takes_its_share_of_the_connections_and_the_others_still_find_plac
 }
 
 #[test]
-fn one_address_takes_its_share_of_the_uploads_and_of_the_waits() {
+fn one_address_gets_its_share_of_the_uploads_and_of_the_waits() {
     let (service, folder) = start_with(|config| {
         config.limits.uploads_max = 2;
         config.limits.listeners_max = 2;
@@ -170,7 +170,7 @@ fn one_address_takes_its_share_of_the_uploads_and_of_the_waits() {
 }
 
 #[test]
-fn places_and_room_are_counted() {
+fn places_and_disk_space_are_counted() {
     let (service, _folder) = start();
     service.post("/v1/scans", &exact_csv()).expect(201);
     assert_eq!(service.counter("coaxis_connections{place=\"general\"}"), 1.0);

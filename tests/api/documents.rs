@@ -6,11 +6,11 @@ use coaxis::http::{COMMITTED, Code, openapi_json};
 use serde_json::Value;
 use std::io::Read;
 
-/// Set, it makes the test write the document instead of comparing it.
+/// If set, the test writes the document instead of comparing it.
 const UPDATE: &str = "UPDATE_OPENAPI";
 
 #[test]
-fn the_committed_document_is_the_one_that_the_code_describes() {
+fn the_committed_document_equals_that_of_the_code() {
     let generated = openapi_json().expect("a document");
     if std::env::var_os(UPDATE).is_some() {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/openapi/coaxis.json");
@@ -24,7 +24,7 @@ fn the_committed_document_is_the_one_that_the_code_describes() {
 }
 
 #[test]
-fn the_page_of_problems_has_the_table_of_problem_codes() {
+fn the_page_of_problems_contains_the_table_of_problem_codes() {
     let page = include_str!("../../docs/problems.md");
     assert!(page.contains(&Code::table()), "write what `coaxis openapi --problems` prints into docs/problems.md");
 }
@@ -40,7 +40,7 @@ fn the_document_is_served_as_it_is_committed() {
 }
 
 #[test]
-fn the_page_loads_nothing_from_outside() {
+fn the_page_loads_nothing_from_other_hosts() {
     let (service, _folder) = start();
     let page = service.get("/docs");
     assert_eq!((page.status, page.header("content-type")), (200, "text/html; charset=utf-8"));
@@ -74,7 +74,7 @@ fn operations(document: &Value) -> impl Iterator<Item = (&str, &str, &Value)> {
 }
 
 #[test]
-fn every_operation_is_named_summarised_and_tells_how_it_refuses() {
+fn every_operation_has_a_name_a_summary_and_its_refusals() {
     let document: Value = serde_json::from_str(COMMITTED).expect("JSON");
     for (path, method, operation) in operations(&document) {
         let id = operation["operationId"].as_str().expect("a name");
@@ -106,7 +106,7 @@ fn every_example_of_a_body_works() {
 
 type Send = fn(&Line, &Value);
 
-/// Bodies of requests, and where they go.
+/// Bodies of requests, and their addresses.
 const EXAMPLES: [(&str, Send); 8] = [
     ("JsonScan", |line, example| {
         line.service.post_json("/v1/measurements", example).expect(201);
@@ -116,7 +116,7 @@ const EXAMPLES: [(&str, Send); 8] = [
     }),
     ("MeasurementOrder", |line, example| {
         let service = &line.service;
-        // The example names a scan that nobody sent; with one that is there it works.
+        // The scan of the example does not exist; it is replaced by one that does.
         service.post_json("/v1/measurements", example).problem(404, "scan_unknown");
         let scan = service.post("/v1/scans", &crate::api::bodies::exact_csv()).expect(201);
         let mut order = example.clone();

@@ -1,6 +1,6 @@
-//! Files as users have them when something is off, over HTTP and offline: each is measured right, or refused with what is wrong and what
-//! to do. Right is an error within 2.5 of the stated standard uncertainties. Which axis directions are found is tested in
-//! `tests/field.rs`.
+//! Users' files with typical faults, over HTTP and offline: each is measured correctly, or refused with the reason and the remedy.
+//! A result is correct if its error is within 2.5 of the stated standard uncertainties. The detected directions of the axis are
+//! tested in `tests/field.rs`.
 
 use crate::api::harness::{Answer, Running, start};
 use serde_json::{Value, json};
@@ -10,28 +10,28 @@ use std::process::Command;
 /// Radius, deflection and pitch in degrees, y_c0 and z_c0.
 type Truth = [f64; 5];
 const USUAL: Truth = [50.0, 0.8, 1.1, 3.0, -7.0];
-/// The part of the file with whole millimetres of x up to 1950.
+/// The part of the file with integer millimetres of x up to 1950.
 const LARGE: Truth = [400.0, 0.8, 1.1, 3.0, -7.0];
-/// Height maps without positions count from 0, while the part was made with y from −38 mm.
+/// Height maps without positions start at 0, while the part was simulated with y from −38 mm.
 const FROM_ZERO: Truth = [50.0, 0.8, 1.1, 41.0, -7.0];
-/// Largest error in standard uncertainties.
+/// Maximum error in standard uncertainties.
 const STANDARD_MAX: f64 = 2.5;
 
-/// What a file gives.
+/// Expected result of a file.
 enum Expected {
-    /// A pose, and a warning besides.
+    /// A pose with a warning.
     Right(Truth, Option<&'static str>),
     /// A problem: status, code, and words of its text.
     Problem(u16, &'static str, &'static [&'static str]),
     /// A refusal of the estimation.
     Refused(&'static str),
-    /// A warning, whatever the pose.
+    /// A warning, with any pose.
     Warned(&'static str),
 }
 
 use Expected::{Problem, Refused, Right, Warned};
 
-/// Files, the query, and what comes out.
+/// Files, the query, and the expected results.
 fn table() -> Vec<(&'static str, &'static str, Expected)> {
     let right = || Right(USUAL, None);
     let mut rows: Vec<(&str, &str, Expected)> = [
@@ -168,7 +168,7 @@ fn offline(file: &str, query: &str, expected: &Expected) {
 }
 
 #[test]
-fn every_file_of_the_field_is_measured_right_or_refused_with_what_to_do() {
+fn every_file_of_the_field_is_measured_correctly_or_refused_with_the_remedy() {
     let (service, _folder) = start();
     for (file, query, expected) in table() {
         over_http(&service, file, query, &expected);
@@ -177,7 +177,7 @@ fn every_file_of_the_field_is_measured_right_or_refused_with_what_to_do() {
 }
 
 #[test]
-fn a_kept_matrix_is_measured_by_an_order_that_repeats_its_pitches() {
+fn a_stored_matrix_is_measured_by_an_order_that_repeats_its_pitches() {
     let (service, _folder) = start();
     let bytes = std::fs::read(path("matrix_keyence.tsv")).expect("the file is there");
     service.post("/v1/scans", &bytes).problem(422, "pitch_needed");
@@ -203,7 +203,7 @@ fn orders_and_recipes_may_begin_with_a_byte_order_mark() {
 }
 
 #[test]
-fn a_body_that_curl_has_stripped_is_answered_with_how_to_send_it() {
+fn the_error_for_a_body_without_line_ends_states_the_correct_curl_option() {
     let (service, _folder) = start();
     let form = [("content-type", "application/x-www-form-urlencoded")];
     for file in ["frame_plain.csv", "ply_comment_um.ply", "csv_pts.pts", "livox_line_all.pcd"] {
@@ -215,7 +215,7 @@ fn a_body_that_curl_has_stripped_is_answered_with_how_to_send_it() {
 }
 
 #[test]
-fn what_cannot_be_unpacked_is_the_clients_matter_and_says_what_is_read() {
+fn a_body_that_cannot_be_decompressed_is_a_client_error_with_the_supported_formats() {
     let (service, folder) = start();
     let csv = std::fs::read(path("frame_plain.csv")).expect("there");
     for encoding in ["deflate", "br", "gzip, gzip"] {
@@ -224,7 +224,7 @@ fn what_cannot_be_unpacked_is_the_clients_matter_and_says_what_is_read() {
             .problem(415, "encoding_unsupported");
         assert!(problem["detail"].as_str().expect("text").contains("gzip"), "{problem}");
     }
-    // The checksum at the end of gzip, damaged; a table in a zip archive.
+    // A damaged checksum at the end of gzip; a table in a zip archive.
     let mut gzip = crate::api::bodies::gzip(&csv);
     let last = gzip.len() - 6;
     gzip[last] ^= 1;
@@ -253,7 +253,7 @@ fn formats_units_and_methods_have_the_names_of_the_offline_command() {
 }
 
 #[test]
-fn no_message_about_a_request_speaks_of_rust() {
+fn no_message_about_a_request_contains_terms_of_rust() {
     let (service, _folder) = start();
     let queries = [
         "format=stl",

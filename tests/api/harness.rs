@@ -1,5 +1,5 @@
-//! A service to talk to, and the words to talk with. Started in this process, on a free port, with a folder of its own that
-//! is removed at the end.
+//! A service and a client for tests. The service runs in this process, on a free port, with its own folder that
+//! is deleted at the end.
 
 use coaxis::config::{Cell, Config};
 use coaxis::device::simulated::World;
@@ -14,25 +14,25 @@ use std::sync::{Arc, mpsc};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Longer than anything here takes; a test that reaches it has failed.
+/// Longer than any operation in the tests; a test that reaches it fails.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Threads that may block.
+/// Maximum number of blocking threads.
 pub(crate) const BLOCKING_THREADS: usize = 4;
 
 /// A running service.
 pub(crate) struct Running {
     pub(crate) address: SocketAddr,
-    /// What stands behind the simulated devices; `None` where the service has no cell.
+    /// The simulated world of the devices; `None` if the service has no cell.
     pub(crate) world: Option<World>,
-    /// What answers; `None` where it is in another process.
+    /// The service; `None` if it is in another process.
     pub(crate) verbs: Option<Arc<Service>>,
     stopper: Option<Stopper>,
     thread: Option<JoinHandle<()>>,
     agent: ureq::Agent,
 }
 
-/// A folder that is removed at the end.
+/// A temporary folder, deleted at the end.
 pub(crate) struct Folder(PathBuf);
 
 impl Folder {
@@ -48,7 +48,7 @@ impl Folder {
         &self.0
     }
 
-    /// Files of scans, those that are coming in included.
+    /// Files of scans, including those that are being received.
     pub(crate) fn scan_files_count(&self) -> usize {
         fn count(folder: &Path) -> usize {
             let entries = std::fs::read_dir(folder).expect("readable");
@@ -67,12 +67,12 @@ impl Drop for Folder {
     }
 }
 
-/// A service without a cell, else with the default configuration, and a folder of its own.
+/// A service without a cell, otherwise with the default configuration, and its own folder.
 pub(crate) fn start() -> (Running, Folder) {
     start_with(|_| {})
 }
 
-/// A service whose configuration `change` has had its way with.
+/// A service whose configuration was modified by `change`.
 pub(crate) fn start_with(change: impl FnOnce(&mut Config)) -> (Running, Folder) {
     let folder = Folder::new();
     (start_on(&folder, change), folder)
@@ -90,7 +90,7 @@ pub(crate) fn start_on(folder: &Folder, change: impl FnOnce(&mut Config)) -> Run
     config.check().expect("a valid configuration");
     let (sender, receiver) = mpsc::channel();
     let thread = std::thread::spawn(move || {
-        // Few, so that a thread that waits for another one is found out.
+        // Few, so that a thread that blocks on another one is detected.
         let mut runtime = tokio::runtime::Builder::new_multi_thread();
         let runtime = runtime.worker_threads(2).max_blocking_threads(BLOCKING_THREADS).enable_all().build();
         runtime.expect("a runtime").block_on(async move {
@@ -100,7 +100,7 @@ pub(crate) fn start_on(folder: &Folder, change: impl FnOnce(&mut Config)) -> Run
             let opened = Service::open_with(&config.data, capacity, config.estimation, equipment).await;
             let service = opened.expect("a store");
             let server = Server::bind(&config, Arc::clone(&service)).expect("a port");
-            sender.send((server.address(), server.stopper(), world, service)).expect("somebody waits");
+            sender.send((server.address(), server.stopper(), world, service)).expect("the receiver waits");
             server.serve().await.expect("it serves");
         });
     });
@@ -140,14 +140,14 @@ impl Answer {
         serde_json::from_slice(&self.body).unwrap_or_else(|error| panic!("{error}: {}", self.text()))
     }
 
-    /// The body, once the status is as expected.
+    /// The body, after a check of the status.
     #[track_caller]
     pub(crate) fn expect(&self, status: u16) -> Value {
         assert_eq!(self.status, status, "{}", self.text());
         self.json()
     }
 
-    /// The body, once it is a problem of this status and code with everything that every problem has.
+    /// The body, after a check that it is a problem of this status and code with all members of a problem.
     #[track_caller]
     pub(crate) fn problem(&self, status: u16, code: &str) -> Value {
         assert_eq!((self.status, self.header("content-type")), (status, "application/problem+json"), "{}", self.text());
@@ -199,7 +199,7 @@ impl Running {
         read(request.send(body.to_string()))
     }
 
-    /// Sends bytes as they are; the answer is what comes back until the service closes.
+    /// Sends these bytes; the answer is everything received until the service closes the connection.
     pub(crate) fn raw(&self, bytes: &[u8]) -> String {
         let mut stream = self.connect();
         stream.write_all(bytes).expect("sent");
@@ -226,24 +226,24 @@ impl Running {
         stream
     }
 
-    /// The value of a line of the counters.
+    /// The value of a counter.
     pub(crate) fn counter(&self, name: &str) -> f64 {
         let text = self.get("/metrics").text();
         let value = text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(' ')?.parse().ok());
         value.unwrap_or_else(|| panic!("{name} is missing in\n{text}"))
     }
 
-    /// Begins to stop: no further connection is taken.
+    /// Begins the shutdown: no further connection is accepted.
     pub(crate) fn begin_to_stop(&self) {
         self.stopper.as_ref().expect("it runs here").stop();
     }
 
-    /// Stops and waits until everything is over.
+    /// Shuts down and waits for the end.
     pub(crate) fn stop(mut self) {
         self.end();
     }
 
-    /// Waits until everything is over, once it was told to stop.
+    /// Waits for the end after the shutdown has begun.
     pub(crate) fn wait(mut self) {
         self.verbs = None;
         self.thread.take().expect("it runs").join().expect("it ended in good order");
@@ -268,7 +268,7 @@ impl Drop for Running {
     }
 }
 
-/// What comes until the other side closes.
+/// Everything received until the other side closes the connection.
 pub(crate) fn rest(stream: &mut TcpStream) -> String {
     let mut answer = Vec::new();
     // A reset after the answer is an end, too.

@@ -1,5 +1,5 @@
-//! What is kept is checked: files of scans against their ids, records against their form, the database against the count of its
-//! commits; and what was found wrong is said so.
+//! Stored data are verified: files of scans against their ids, records against their format, the database against the count of its
+//! commits. Every fault is reported.
 
 use crate::api::bodies::exact_csv;
 use crate::api::harness::{Folder, Running, start, start_on, start_with};
@@ -25,7 +25,7 @@ fn file(folder: &Folder, scan_id: &str) -> PathBuf {
 }
 
 #[test]
-fn a_damaged_or_missing_scan_file_says_so_and_the_same_upload_repairs_it() {
+fn a_damaged_or_missing_scan_file_is_reported_and_repaired_by_the_same_upload() {
     let (service, folder) = start();
     let measurement = service.post("/v1/measurements", &exact_csv()).expect(201);
     let scan_id = measurement["provenance"]["scan_id"].as_str().expect("an id");
@@ -63,7 +63,7 @@ fn a_damaged_or_missing_scan_file_says_so_and_the_same_upload_repairs_it() {
     assert_eq!(clean.status.code(), Some(0), "{}", String::from_utf8_lossy(&clean.stdout));
 }
 
-/// Puts a recipe that a later version of the service has written.
+/// Stores a recipe as written by a later version of the service.
 fn put_later_recipe(folder: &Folder) {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().expect("a runtime");
     runtime.block_on(async {
@@ -114,7 +114,7 @@ fn a_database_that_lost_records_makes_the_service_not_ready_until_an_operator_ac
 }
 
 #[test]
-fn the_service_ends_within_its_time_although_a_client_never_finishes_its_body() {
+fn the_service_ends_within_its_time_limit_although_a_client_never_finishes_its_body() {
     let (service, _folder) = start_with(|config| config.timeouts.shutdown_ms = 1_200);
     let mut stream = service.connect();
     let head = "POST /v1/scans HTTP/1.1\r\nHost: a\r\nContent-Length: 1000\r\nExpect: 100-continue\r\n\r\n";

@@ -1,4 +1,4 @@
-//! Starting, stopping, starting again; what probes and pollers see.
+//! Start, stop and restart of the service; the answers to probes and polling clients.
 
 use crate::api::bodies::exact_csv;
 use crate::api::harness::{Folder, rest, start, start_on};
@@ -15,7 +15,7 @@ fn the_status_is_flat_with_fixed_keys_below_512_bytes() {
     let measurement = service.post("/v1/measurements", &exact_csv()).expect(201);
     let answer = service.get("/v1/status");
     let status = answer.expect(200);
-    assert!(answer.body.len() < 480, "{} bytes leave no room for larger numbers", answer.body.len());
+    assert!(answer.body.len() < 480, "{} bytes leave no space for larger numbers", answer.body.len());
     assert_eq!(keys(&status), keys(&empty));
     let text = answer.text();
     let places: Vec<_> = [
@@ -65,7 +65,7 @@ fn probes_and_counters_answer() {
 }
 
 #[test]
-fn a_request_under_way_is_finished_when_the_service_is_told_to_stop() {
+fn a_request_under_way_is_finished_when_the_service_shuts_down() {
     let (service, _folder) = start();
     let body = exact_csv();
     let (first, second) = body.split_at(body.len() / 2);
@@ -75,7 +75,7 @@ fn a_request_under_way_is_finished_when_the_service_is_told_to_stop() {
         body.len()
     );
     stream.write_all(head.as_bytes()).expect("sent");
-    // The service is at the body once it asks for it.
+    // The service reads the body once it asks for it.
     let mut go_on = [0; b"HTTP/1.1 100 Continue\r\n\r\n".len()];
     stream.read_exact(&mut go_on).expect("asked for the body");
     stream.write_all(first).expect("sent");
@@ -86,7 +86,7 @@ fn a_request_under_way_is_finished_when_the_service_is_told_to_stop() {
 }
 
 #[test]
-fn what_was_acknowledged_is_there_after_a_restart() {
+fn acknowledged_records_exist_after_a_restart() {
     let folder = Folder::new();
     let path = "/v1/measurements?request_id=before";
     let service = start_on(&folder, |_| {});
@@ -106,7 +106,7 @@ fn what_was_acknowledged_is_there_after_a_restart() {
 }
 
 #[test]
-fn a_request_id_that_makes_sense_is_kept_and_any_other_replaced() {
+fn a_valid_request_id_is_kept_and_any_other_is_replaced() {
     let (service, _folder) = start();
     let given = service.get_with("/v1/status", &[("x-request-id", "line-7.42")]);
     assert_eq!(given.header("x-request-id"), "line-7.42");
@@ -118,7 +118,7 @@ fn a_request_id_that_makes_sense_is_kept_and_any_other_replaced() {
 }
 
 #[test]
-fn no_address_redirects_and_every_wrong_method_names_the_right_ones() {
+fn no_address_redirects_and_every_wrong_method_lists_the_allowed_ones() {
     let (service, _folder) = start();
     for path in ["/v1/measurements/", "/docs/", "/", "/v2/status"] {
         service.get(path).problem(404, "route_unknown");

@@ -1,4 +1,4 @@
-//! Too much and too slow: refused with the limit in the problem, and the service goes on.
+//! Requests that are too large or too slow are refused with the limit in the problem, and the service continues.
 
 use crate::api::bodies::{exact_csv, gzip, large_npy};
 use crate::api::harness::{BLOCKING_THREADS, rest, start, start_with};
@@ -25,7 +25,7 @@ fn an_announced_length_beyond_the_limit_is_refused_before_the_body_is_read() {
 }
 
 #[test]
-fn a_client_that_asks_before_sending_gets_the_refusal_instead_of_a_go_ahead() {
+fn a_client_with_expect_100_continue_gets_the_refusal_instead() {
     let (service, _folder) = start_with(|config| config.limits.body_bytes_max = 2000);
     let head = |length: usize| {
         format!(
@@ -72,7 +72,7 @@ fn a_slow_body_is_408_and_leaves_nothing_behind() {
 }
 
 #[test]
-fn a_body_that_trickles_is_408_with_the_least_speed() {
+fn a_body_that_trickles_is_408_with_the_minimum_speed() {
     let (service, folder) = start_with(|config| {
         config.timeouts.body_idle_ms = 200;
         config.limits.bytes_per_s_min = 1000;
@@ -82,7 +82,7 @@ fn a_body_that_trickles_is_408_with_the_least_speed() {
     stream.write_all(head.as_bytes()).expect("sent");
     stream.set_read_timeout(Some(Duration::from_millis(20))).expect("a timeout");
     let mut answer = Vec::new();
-    // A byte whenever nothing came back for a moment: the pause between two is far below the greatest one.
+    // A byte whenever no answer came for a moment: the pauses are far below the maximum pause.
     for _ in 0..500 {
         let mut piece = [0; 4096];
         match stream.read(&mut piece) {
@@ -109,7 +109,7 @@ fn a_body_that_breaks_off_leaves_nothing_behind() {
 }
 
 #[test]
-fn addresses_header_lines_and_json_have_a_length_too() {
+fn addresses_header_lines_and_json_have_a_maximum_length() {
     let (service, _folder) = start();
     let long = service.get(&format!("/v1/scans?cursor={}", "a".repeat(5000)));
     assert_eq!(long.problem(414, "url_too_long")["url_bytes_max"], 4096);
@@ -123,7 +123,7 @@ fn addresses_header_lines_and_json_have_a_length_too() {
 }
 
 #[test]
-fn points_and_profiles_have_a_number() {
+fn points_and_profiles_have_a_maximum_number() {
     let (service, _folder) = start_with(|config| config.scan.points_max = 700);
     assert_eq!(service.post("/v1/measurements", &exact_csv()).problem(413, "too_many_points")["points_max"], 700);
     let (service, _folder) = start_with(|config| config.scan.profiles_max = 11);
@@ -133,7 +133,7 @@ fn points_and_profiles_have_a_number() {
 }
 
 #[test]
-fn beyond_running_and_queue_the_answer_is_busy_and_tells_when_to_come_back() {
+fn a_full_queue_answers_busy_with_a_retry_time() {
     const CLIENTS: usize = 12;
     let (service, _folder) = start_with(|config| {
         config.limits.measurements_running_max = 1;
@@ -159,7 +159,7 @@ fn beyond_running_and_queue_the_answer_is_busy_and_tells_when_to_come_back() {
     service.post("/v1/measurements", &body).expect(201);
 }
 
-/// A matrix of z as half-precision numbers: two bytes a point, far fewer than the file's length lets expect.
+/// A matrix of z as half-precision numbers: two bytes per point, so that the length of the file suggests far fewer points.
 fn height_map(rows: usize, columns: usize) -> Vec<u8> {
     // 42.0: a flat surface.
     half_precision(rows, columns, std::iter::repeat_n([0x40, 0x51], rows * columns).flatten())
@@ -173,7 +173,8 @@ fn half_precision(rows: usize, columns: usize, content: impl Iterator<Item = u8>
     [&b"\x93NUMPY\x01\x00"[..], &length, header.as_bytes()].concat().into_iter().chain(content).collect()
 }
 
-/// An archive that unpacks to some fifty times its size and repeats itself so far apart that only a second packing finds it.
+/// An archive that decompresses to some fifty times its size, with repetitions so far apart that only a second
+/// compression uses them.
 fn packed_once() -> Vec<u8> {
     const PERIOD: usize = 96 << 10;
     const REPEATS: usize = 64;
@@ -187,7 +188,7 @@ fn packed_once() -> Vec<u8> {
 }
 
 #[test]
-fn a_file_with_more_points_than_its_length_lets_expect_is_read_all_the_same() {
+fn a_file_with_more_points_than_its_length_suggests_is_read() {
     let (service, _folder) = start();
     let body = height_map(400, 2000);
     let answer = service.post("/v1/measurements?format=npy&x_pitch_mm=1&y_pitch_mm=0.1", &body).expect(201);
@@ -197,7 +198,7 @@ fn a_file_with_more_points_than_its_length_lets_expect_is_read_all_the_same() {
 }
 
 #[test]
-fn the_memory_that_points_may_take_bounds_how_many_are_read() {
+fn the_memory_limit_of_points_limits_their_number() {
     let (service, _folder) = start_with(|config| config.limits.memory_max_mb = 1024);
     let body = height_map(2500, 2000);
     let refused = service.post("/v1/measurements?format=npy&x_pitch_mm=1&y_pitch_mm=0.1", &body);
@@ -209,7 +210,7 @@ fn the_memory_that_points_may_take_bounds_how_many_are_read() {
 }
 
 #[test]
-fn a_calculation_that_takes_longer_than_it_may_is_ended_and_said_so() {
+fn a_calculation_beyond_its_time_limit_is_stopped_and_reported() {
     let (service, _folder) = start_with(|config| {
         config.timeouts.calculation_ms = 10;
         config.limits.measurements_running_max = 1;
@@ -218,14 +219,14 @@ fn a_calculation_that_takes_longer_than_it_may_is_ended_and_said_so() {
     let body = large_npy();
     let problem = service.post("/v1/measurements", &body).problem(422, "calculation_too_long");
     assert_eq!((problem["deadline_ms"].as_u64(), problem["retryable"].as_bool()), (Some(10), Some(false)));
-    // Its place is free again soon: it was told to stop.
-    // A refusal takes a millisecond, so these are seconds.
+    // Its place is free again soon, because the calculation was stopped.
+    // A refusal takes a millisecond, so the attempts take seconds.
     let is_taken = |_| service.post("/v1/measurements", &exact_csv()).status != 503;
     assert!((0..10_000).any(is_taken), "the calculation goes on");
 }
 
 #[test]
-fn what_is_packed_twice_is_judged_by_what_was_sent() {
+fn the_ratio_of_a_doubly_compressed_body_refers_to_the_bytes_sent() {
     let (service, _folder) = start();
     let once = packed_once();
     let twice = zstd::encode_all(once.as_slice(), 19).expect("packed");
@@ -235,7 +236,7 @@ fn what_is_packed_twice_is_judged_by_what_was_sent() {
     assert_eq!(service.post("/v1/scans?format=npz", &twice).problem(413, "inflate_ratio")["ratio_max"], 100);
 }
 
-/// The head of a packed upload and the first half of its body, and the other half.
+/// The head of a compressed upload and the first half of its body, and the other half.
 fn packed_upload() -> (Vec<u8>, Vec<u8>) {
     let body = gzip(&exact_csv());
     let (first, second) = body.split_at(body.len() / 2);
@@ -247,7 +248,7 @@ fn packed_upload() -> (Vec<u8>, Vec<u8>) {
 }
 
 #[test]
-fn more_packed_uploads_at_once_than_there_are_threads_all_come_through() {
+fn more_simultaneous_compressed_uploads_than_threads_are_all_received() {
     let (service, folder) = start();
     let (begin, end) = packed_upload();
     let mut streams: Vec<_> = (0..3 * BLOCKING_THREADS).map(|_| service.connect()).collect();
@@ -266,7 +267,7 @@ fn more_packed_uploads_at_once_than_there_are_threads_all_come_through() {
 }
 
 #[test]
-fn beyond_the_uploads_under_way_the_answer_is_busy_and_tells_when_to_come_back() {
+fn too_many_uploads_are_answered_busy_with_a_retry_time() {
     let (service, folder) = start_with(|config| config.limits.uploads_max = 1);
     let (begin, end) = packed_upload();
     let mut stream = service.connect();

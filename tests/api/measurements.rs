@@ -1,11 +1,11 @@
-//! Measuring, repeating, recalling.
+//! Measuring, repeating requests, reading results.
 
 use crate::api::bodies::{csv, exact_csv};
 use crate::api::harness::{Running, start};
 use insta::{assert_json_snapshot, assert_snapshot, rounded_redaction};
 use serde_json::{Value, json};
 
-/// Digits that an exact scan settles; the rest is rounding.
+/// Digits that an exact scan determines; the rest is rounding.
 const DIGITS: usize = 6;
 
 fn measured(service: &Running) -> Value {
@@ -23,7 +23,7 @@ fn an_uploaded_scan_is_measured_and_recorded_in_one_request() {
     let measurement = answer.expect(201);
     assert_eq!(answer.header("location"), format!("/v1/measurements/{}", id_of(&measurement)));
     assert_eq!(service.get(answer.header("location")).expect(200), measurement);
-    // Truth: made with p = 0.01, q = −0.02, y0 = 1.5, z0 = −2.5, R = 200.
+    // Truth: simulated with p = 0.01, q = −0.02, y0 = 1.5, z0 = −2.5, R = 200.
     let pose = &measurement["pose"];
     let near = |name: &str, truth: f64| assert!((pose[name].as_f64().expect(name) - truth).abs() < 1e-6, "{pose}");
     near("deflection_deg", 0.01_f64.atan().to_degrees());
@@ -41,7 +41,7 @@ fn an_uploaded_scan_is_measured_and_recorded_in_one_request() {
     });
 }
 
-/// The keys without the numbers: of an exact scan they are nothing but rounding.
+/// The keys without the numbers, which for an exact scan are only rounding.
 fn shape_of(value: &insta::internals::Content) -> insta::internals::Content {
     use insta::internals::Content;
     match value {
@@ -53,7 +53,7 @@ fn shape_of(value: &insta::internals::Content) -> insta::internals::Content {
 }
 
 #[test]
-fn the_same_bytes_give_the_same_numbers_from_upload_and_from_the_kept_scan() {
+fn the_same_bytes_give_the_same_numbers_from_upload_and_from_the_stored_scan() {
     let (service, _folder) = start();
     let first = measured(&service);
     let order = json!({"scan_id": first["provenance"]["scan_id"], "nominal_radius_mm": 200.0});
@@ -96,7 +96,7 @@ fn a_repeated_request_gets_the_first_answer_again() {
 }
 
 #[test]
-fn two_requests_of_the_same_id_at_the_same_time_make_one_record() {
+fn two_simultaneous_requests_of_the_same_id_create_one_record() {
     let (service, _folder) = start();
     let answers: Vec<_> = std::thread::scope(|scope| {
         let ask = || service.post("/v1/measurements?request_id=at-once", &exact_csv());
@@ -110,7 +110,7 @@ fn two_requests_of_the_same_id_at_the_same_time_make_one_record() {
 }
 
 #[test]
-fn the_list_goes_by_the_page_newest_first() {
+fn the_list_is_paged_newest_first() {
     let (service, _folder) = start();
     let ids: Vec<_> = (0..5).map(|_| measured(&service)["id"].clone()).collect();
     let mut path = "/v1/measurements?limit=2".to_owned();
@@ -131,7 +131,7 @@ fn the_list_goes_by_the_page_newest_first() {
     assert_eq!(service.get("/v1/measurements?limit=0").problem(400, "query_invalid")["limit_max"], 1000);
 }
 
-/// Everything but the id is a whole number, or null.
+/// Every member except the id is an integer or null.
 fn assert_integers(view: &Value) {
     for (key, value) in view.as_object().expect("flat").iter().filter(|(key, _)| *key != "id") {
         assert!(value.is_i64() || value.is_null(), "{key}: {value}");
@@ -146,7 +146,7 @@ fn a_plc_gets_integers_in_less_than_1024_bytes() {
     let view = answer.expect(200);
     assert!(answer.body.len() < 1024, "{}", answer.body.len());
     assert_integers(&view);
-    assert!(view["end_face_x_um"].is_null() && view["far_end_face_z_um"].is_null(), "nobody asked for them");
+    assert!(view["end_face_x_um"].is_null() && view["far_end_face_z_um"].is_null(), "not requested");
     assert_eq!(
         (&view["y_c0_um"], &view["pitch_udeg"], &view["radius_um"]),
         (&json!(1500), &json!(-1_145_763), &json!(200_000))
@@ -160,7 +160,7 @@ fn a_plc_gets_integers_in_less_than_1024_bytes() {
 }
 
 #[test]
-fn a_measurement_is_answered_for_a_plc_at_once_however_it_was_asked_for() {
+fn every_kind_of_measurement_request_can_answer_with_the_plc_view() {
     let (service, _folder) = start();
     let answer = service.post("/v1/measurements?view=plc&request_id=plc", &exact_csv());
     let view = answer.expect(201);
@@ -203,7 +203,7 @@ fn an_unknown_view_is_400_everywhere() {
 }
 
 #[test]
-fn times_have_six_digits_behind_the_second_in_every_document() {
+fn times_have_six_decimals_of_the_second_in_every_document() {
     fn check(value: &Value) -> usize {
         match value {
             Value::Object(object) => object
@@ -236,7 +236,7 @@ fn times_have_six_digits_behind_the_second_in_every_document() {
 }
 
 #[test]
-fn profiles_come_as_json_csv_or_ndjson() {
+fn profiles_are_available_as_json_csv_or_ndjson() {
     let (service, _folder) = start();
     let path = format!("/v1/measurements/{}/profiles", id_of(&measured(&service)));
     let page = service.get(&format!("{path}?limit=5&cursor=10"));
@@ -264,7 +264,7 @@ fn profiles_come_as_json_csv_or_ndjson() {
 }
 
 #[test]
-fn pictures_are_drawn_from_the_kept_scan() {
+fn pictures_are_drawn_from_the_stored_scan() {
     let (service, _folder) = start();
     let id = id_of(&measured(&service)).to_owned();
     for picture in ["centres", "residual_map", "section", "end_view"] {
@@ -296,7 +296,7 @@ fn pictures_state_when_and_with_which_recipe_it_was_measured_and_the_result_with
 #[test]
 fn pictures_of_a_refused_scan_show_its_points_and_the_reason() {
     let (service, _folder) = start();
-    // A level surface: there is no cylinder.
+    // A level plane, so there is no cylinder.
     let place = |index: usize| [(index / 60) as f64 * 5.0, (index % 60) as f64 - 30.0, (index * 7 % 13) as f64 * 0.01];
     let level = csv((0..12 * 60).map(|index| (index / 60, place(index))));
     let measurement = service.post("/v1/measurements", &level).expect(201);
@@ -310,7 +310,7 @@ fn pictures_of_a_refused_scan_show_its_points_and_the_reason() {
 }
 
 #[test]
-fn what_is_not_there_is_404_with_the_id() {
+fn an_unknown_resource_is_404_with_the_id() {
     let (service, _folder) = start();
     let id = "m-0199f0c8-0000-7000-8000-000000000000";
     for path in ["", "/profiles", "/plots/centres.svg"] {
@@ -323,7 +323,7 @@ fn what_is_not_there_is_404_with_the_id() {
 }
 
 #[test]
-fn an_order_in_json_and_a_scan_in_json_are_told_apart() {
+fn an_order_in_json_and_a_scan_in_json_are_distinguished() {
     let (service, _folder) = start();
     let points: Vec<_> = (0..40)
         .map(|i| {

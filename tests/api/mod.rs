@@ -1,5 +1,5 @@
-//! The service from outside: started on a free port with a store of its own, and asked by HTTP over loopback.
-//! Tests of a cell, in `cell`, are declared among those with deadlines in `tests/main.rs`.
+//! The service as a client uses it: started on a free port with its own store, and tested by HTTP over loopback.
+//! Tests of a cell, in `cell`, are declared with those that have deadlines in `tests/main.rs`.
 
 #![expect(clippy::expect_used, clippy::panic, clippy::indexing_slicing, reason = "tests may fail")]
 

@@ -1,5 +1,5 @@
-//! Large uploads, which are read while they come in: the same answers as from a kept scan, whatever the client does on the
-//! way.
+//! Large uploads, which are decoded while they are received: the results equal those of a stored scan, whatever the client does
+//! during the upload.
 
 use crate::api::bodies::{encoded, exact_csv, gzip, large_npy};
 use crate::api::harness::{Folder, Running, rest, start, start_with};
@@ -12,10 +12,10 @@ use serde_json::{Value, json};
 use std::io::Write;
 use std::net::TcpStream;
 
-/// Enough that reading has begun: a few of the blocks that uploads are read by.
+/// Enough bytes for decoding to begin: a few of the blocks in which uploads are read.
 const BEGUN_BYTES: usize = 700_000;
 
-/// Begins to send a measurement; what is left of the body.
+/// Begins to send a measurement; returns the rest of the body.
 fn begin<'a>(service: &Running, body: &'a [u8], header: &str) -> (TcpStream, &'a [u8]) {
     let mut stream = service.connect();
     let head = format!(
@@ -27,28 +27,28 @@ fn begin<'a>(service: &Running, body: &'a [u8], header: &str) -> (TcpStream, &'a
     (stream, second)
 }
 
-/// Some large table.
+/// A large table.
 fn large_csv() -> Vec<u8> {
     let body = encoded(&Part { profiles_count: 100, ..Part::with_interference(3) }, Format::Csv);
     assert!(body.len() > 2 * BEGUN_BYTES, "{}", body.len());
     body
 }
 
-/// A large scan that is hardly smaller when it is packed.
+/// A large scan that compression hardly reduces.
 fn large_packed() -> Vec<u8> {
     let body = gzip(&large_npy());
     assert!(body.len() > 2 * BEGUN_BYTES, "{}", body.len());
     body
 }
 
-/// Waits until nothing of the upload is left.
+/// Waits until all files of the upload are deleted.
 fn wait_until_empty(service: &Running, folder: &Folder) {
     while folder.scan_files_count() > 0 {
         service.get("/v1/status").expect(200);
     }
 }
 
-/// Everything that was calculated, every digit of it: numbers are written so that they come back bit by bit.
+/// All calculated values to the last digit: numbers are written so that they are read back bit for bit.
 fn calculated(measurement: &Value) -> String {
     ["method", "pose", "uncertainty", "conditioning", "profiles", "residuals", "refusal"]
         .map(|part| format!("{part}: {}\n", measurement[part]))
@@ -56,7 +56,7 @@ fn calculated(measurement: &Value) -> String {
 }
 
 #[test]
-fn upload_kept_scan_and_offline_call_give_the_same_bits_with_every_method() {
+fn upload_stored_scan_and_offline_call_give_the_same_bits_with_every_method() {
     let (service, _folder) = start();
     for (format, part) in [(Format::Ply, Part::with_interference(3)), (Format::Csv, Part::with_interference(4))] {
         let body = encoded(&part, format);
@@ -82,7 +82,7 @@ fn upload_kept_scan_and_offline_call_give_the_same_bits_with_every_method() {
 }
 
 #[test]
-fn wrong_bytes_in_the_middle_are_told_once_all_were_sent_and_leave_nothing_behind() {
+fn invalid_bytes_are_reported_after_the_upload_is_complete_and_leave_nothing_behind() {
     let (service, folder) = start();
     let mut body = large_csv();
     let wrong = body[..BEGUN_BYTES].iter().rposition(|byte| *byte == b'\n').expect("lines") + 1;
@@ -91,7 +91,7 @@ fn wrong_bytes_in_the_middle_are_told_once_all_were_sent_and_leave_nothing_behin
     let refused = service.post("/v1/measurements", &body).problem(422, "number_invalid");
     assert_eq!(refused["line"], line);
     assert_eq!(service.post("/v1/scans", &gzip(&body)).problem(422, "number_invalid")["line"], line);
-    // Damage of the packing is told before whatever the bytes until there were.
+    // Damage of the compression is reported before errors of the bytes, which were decompressed until then.
     let mut packed = large_packed();
     let middle = packed.len() / 2;
     packed.truncate(middle);
@@ -101,7 +101,7 @@ fn wrong_bytes_in_the_middle_are_told_once_all_were_sent_and_leave_nothing_behin
 }
 
 #[test]
-fn a_client_that_hangs_up_in_the_middle_leaves_nothing_behind() {
+fn an_upload_whose_client_disconnects_leaves_nothing_behind() {
     let (service, folder) = start();
     for body in [large_csv(), large_packed()] {
         let (stream, _rest) = begin(&service, &body, "");
@@ -112,7 +112,7 @@ fn a_client_that_hangs_up_in_the_middle_leaves_nothing_behind() {
 }
 
 #[test]
-fn a_client_that_stops_sending_in_the_middle_is_told_so_and_leaves_nothing_behind() {
+fn an_upload_that_stalls_is_refused_and_leaves_nothing_behind() {
     let (service, folder) = start_with(|config| config.timeouts.body_idle_ms = 50);
     for body in [large_csv(), large_packed()] {
         let (mut stream, _rest) = begin(&service, &body, "");
@@ -123,7 +123,7 @@ fn a_client_that_stops_sending_in_the_middle_is_told_so_and_leaves_nothing_behin
 }
 
 #[test]
-fn a_body_that_turns_out_too_large_is_refused_in_the_middle() {
+fn a_body_that_turns_out_too_large_is_refused_during_the_upload() {
     let (service, folder) = start_with(|config| config.limits.body_bytes_max = 1_000_000);
     let body = large_csv();
     let head =
@@ -135,7 +135,7 @@ fn a_body_that_turns_out_too_large_is_refused_in_the_middle() {
 }
 
 #[test]
-fn a_request_that_was_answered_is_answered_again_whatever_is_read_on_the_way() {
+fn an_answered_request_gets_the_same_answer_whatever_is_uploaded_again() {
     let (service, _folder) = start();
     let path = "/v1/measurements?request_id=large-1";
     let body = large_csv();
@@ -148,7 +148,7 @@ fn a_request_that_was_answered_is_answered_again_whatever_is_read_on_the_way() {
 }
 
 #[test]
-fn more_slow_clients_than_are_read_at_a_time_keep_nobody_waiting() {
+fn more_slow_clients_than_readers_do_not_block_other_clients() {
     let (service, folder) = start_with(|config| {
         config.limits.measurements_running_max = 1;
         config.limits.threads = 1;

@@ -1,5 +1,5 @@
-//! What a request says about where it goes and where it comes from: pages of other sites get nothing done, programs and the
-//! service's own pages do.
+//! The check of host and origin: requests from pages of other sites are refused, those from programs and from the
+//! service's own pages are accepted.
 
 use crate::api::bodies::exact_csv;
 use crate::api::harness::{Answer, start, start_with};
@@ -33,7 +33,7 @@ fn a_page_of_another_site_reads_nothing_and_stops_and_moves_nothing() {
 }
 
 #[test]
-fn a_host_that_is_not_ours_is_refused_unless_it_is_configured() {
+fn a_foreign_host_is_refused_unless_it_is_configured() {
     let (service, _folder) = start_with(|config| config.hosts = vec!["line3.example".to_owned()]);
     let ask = |host: &str| {
         service.raw(format!("GET /v1/status HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n").as_bytes())
@@ -69,14 +69,14 @@ fn a_body_in_a_transfer_coding_other_than_chunks_is_refused() {
         let head = "POST /v1/scans HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nTransfer-Encoding:";
         service.raw(format!("{head} {coding}\r\n\r\n{body}").as_bytes())
     };
-    assert_eq!(status(&ask("gzip", "1,2,3\n")), "400", "there is no telling where it ends");
+    assert_eq!(status(&ask("gzip", "1,2,3\n")), "400", "its end cannot be determined");
     let packed = ask("gzip, chunked", "6\r\n1,2,3\n\r\n0\r\n\r\n");
     assert!(status(&packed) == "501" && packed.contains("transfer_coding_unsupported"), "{packed}");
     assert_eq!(folder.scan_files_count(), 0);
 }
 
 #[test]
-fn a_moving_command_takes_json_alone() {
+fn a_moving_command_accepts_only_json() {
     let line = Line::ready(FAST);
     let lease = ("lease-id", line.lease.as_str());
     let plain = ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data; boundary=x"];
@@ -86,7 +86,7 @@ fn a_moving_command_takes_json_alone() {
             answer.problem(415, "content_type_unsupported");
         }
     }
-    // As text it is no order but a scan, and no scan either.
+    // As text it is not an order but a scan, and not a valid one.
     let order = br#"{"source": "sensor"}"#;
     let answer = line.service.post_with("/v1/measurements", &[lease, ("content-type", "text/plain")], order);
     assert!((400..500).contains(&answer.status), "{}", answer.text());
@@ -94,7 +94,7 @@ fn a_moving_command_takes_json_alone() {
 }
 
 #[test]
-fn every_answer_keeps_browsers_from_guessing_and_from_running_anything() {
+fn every_answer_forbids_content_sniffing_and_scripts() {
     let (service, _folder) = untouched(FAST);
     let measured = service.post("/v1/measurements", &exact_csv()).expect(201);
     let id = measured["id"].as_str().expect("an id");

@@ -1,14 +1,14 @@
-//! Several parts in one scan: each with its pose, verdict, profiles and pictures, and what a recipe may say about them.
+//! Several parts in one scan: each has its pose, verdict, profiles and pictures, and the recipe may set values for each.
 
 use crate::api::bodies::{exact_csv, two_parts_csv};
 use crate::api::harness::{Folder, Running, start, start_on};
 use insta::{assert_json_snapshot, rounded_redaction};
 use serde_json::{Value, json};
 
-/// Digits that an exact scan settles; the rest is rounding.
+/// Digits that an exact scan determines; the rest is rounding.
 const DIGITS: usize = 6;
 
-/// A window for each of the two parts; that of the first leaves out its last profile.
+/// A window for each of the two parts; that of the first excludes its last profile.
 fn windows() -> Value {
     json!({"windows": [
         {"name": "fixed", "x_min_mm": 150, "x_max_mm": 400, "nominal_radius_mm": 150},
@@ -27,7 +27,7 @@ fn address(measurement: &Value) -> String {
 }
 
 #[test]
-fn both_parts_of_a_scan_are_answered_with_their_poses() {
+fn both_parts_of_a_scan_have_their_poses_in_the_answer() {
     let (service, _folder) = start();
     let measurement = measured(&service, "two", &windows());
     assert_eq!(service.get(&address(&measurement)).expect(200), measurement);
@@ -35,7 +35,7 @@ fn both_parts_of_a_scan_are_answered_with_their_poses() {
     for single in ["pose", "uncertainty", "conditioning", "residuals", "refusal"] {
         assert_eq!(measurement[single], Value::Null, "there are two of {single}");
     }
-    // Truth: as the parts were made.
+    // Truth: the values with which the parts were simulated.
     for (index, name, p, q, y0, z0, radius) in
         [(0, "moving", 0.01_f64, -0.02_f64, 1.5, -2.5, 200.0), (1, "fixed", -0.02, 0.01, 7.0, -45.0, 150.0)]
     {
@@ -72,7 +72,7 @@ fn both_parts_of_a_scan_are_answered_with_their_poses() {
 }
 
 #[test]
-fn parts_are_found_by_their_gap_and_their_number_is_held_to() {
+fn parts_are_found_by_their_gap_and_their_number_is_checked() {
     let (service, _folder) = start();
     let found = measured(&service, "gap", &json!({"by_gap": {}}));
     let of_parts = |field: &str| [&found["parts"][0][field], &found["parts"][1][field]].map(Value::clone);
@@ -102,7 +102,7 @@ fn parts_are_found_by_their_gap_and_their_number_is_held_to() {
 }
 
 #[test]
-fn a_window_with_nothing_in_it_is_refused_by_name_and_the_other_part_is_answered() {
+fn an_empty_window_is_refused_by_name_and_the_other_part_is_measured() {
     let (service, _folder) = start();
     let parts = json!({"windows": [
         {"name": "moving", "x_min_mm": 0, "x_max_mm": 120}, {"name": "nobody", "x_min_mm": 120, "x_max_mm": 190}
@@ -148,7 +148,7 @@ fn a_plc_reads_one_part_at_a_time() {
 }
 
 #[test]
-fn every_profile_tells_its_part_and_can_be_asked_for_by_it() {
+fn every_profile_names_its_part_and_can_be_selected_by_it() {
     let (service, _folder) = start();
     let address = address(&measured(&service, "two", &windows()));
     let all = service.get(&format!("{address}/profiles")).expect(200)["profiles"].clone();
@@ -189,7 +189,7 @@ fn pictures_show_one_part() {
 }
 
 #[test]
-fn what_cannot_be_is_refused_by_its_field() {
+fn an_invalid_value_is_refused_by_its_field() {
     let (service, _folder) = start();
     let refused =
         |parts: Value, code: &str| service.put("/v1/recipes/a", &[], &json!({ "parts": parts })).problem(422, code);
@@ -244,5 +244,5 @@ fn the_command_gives_the_same_document_and_a_picture_of_every_part() {
     let csv = service.get(&format!("{}/profiles?format=csv", address(&online))).text();
     assert_eq!(std::fs::read_to_string(&profiles).expect("written"), csv);
     std::fs::write(&recipe, json!({"parts": {"by_gap": {"count": 3}}}).to_string()).expect("written");
-    assert_eq!(measure(&[]).status.code(), Some(2), "one refusal refuses the whole");
+    assert_eq!(measure(&[]).status.code(), Some(2), "one refusal refuses the complete scan");
 }

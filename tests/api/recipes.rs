@@ -1,4 +1,4 @@
-//! Recipes: putting, replacing what one has seen, measuring with them.
+//! Recipes: storing, replacing under a precondition, measuring with them.
 
 use crate::api::bodies::{encoded, exact_csv};
 use crate::api::harness::start;
@@ -9,7 +9,7 @@ use insta::assert_json_snapshot;
 use serde_json::{Value, json};
 
 #[test]
-fn a_recipe_is_put_got_listed_and_replaced_by_whoever_has_seen_it() {
+fn a_recipe_is_stored_read_listed_and_replaced_by_a_client_that_has_read_it() {
     let (service, _folder) = start();
     let path = "/v1/recipes/shaft-200";
     let first = service.put(path, &[], &json!({"nominal_radius_mm": 200.0, "points_min": 30}));
@@ -31,7 +31,7 @@ fn a_recipe_is_put_got_listed_and_replaced_by_whoever_has_seen_it() {
 }
 
 #[test]
-fn what_cannot_be_is_refused_when_the_recipe_is_put() {
+fn an_invalid_value_is_refused_when_the_recipe_is_stored() {
     let (service, _folder) = start();
     let refused = |body: Value, code: &str| service.put("/v1/recipes/a", &[], &body).problem(422, code);
     assert_eq!(refused(json!({"iterations_max": 51}), "recipe_invalid")["field"], "iterations_max");
@@ -51,7 +51,7 @@ fn what_cannot_be_is_refused_when_the_recipe_is_put() {
 }
 
 #[test]
-fn the_request_holds_over_the_recipe_and_the_recipe_over_the_configuration() {
+fn the_request_overrides_the_recipe_and_the_recipe_the_configuration() {
     let folder = crate::api::harness::Folder::new();
     let service = crate::api::harness::start_on(&folder, |config| {
         config.estimation.points_min = 25;
@@ -71,7 +71,7 @@ fn the_request_holds_over_the_recipe_and_the_recipe_over_the_configuration() {
     assert_eq!(used["type_b"]["extrinsics_position_mm"], 0.02);
     let budget = measurement["uncertainty"]["budget"].as_array().expect("a list");
     let extrinsics = budget.iter().find(|line| line["source"] == "sensor_extrinsics").expect("a line of the budget");
-    // A little more than 0.02 mm, since the part is tilted and a shift along the rail moves where its axis meets x_ref.
+    // Slightly more than 0.02 mm, because the part is tilted and a shift along the rail moves its axis at x_ref.
     assert!((extrinsics["y_ref_mm"].as_f64().expect("a number") - 0.02).abs() < 1e-4, "{extrinsics}");
     assert_eq!(measurement["provenance"]["recipe_name"], "part");
     assert_eq!(measurement["profiles"]["total_count"], 7, "x = 0, 10, … 60");
@@ -81,7 +81,7 @@ fn the_request_holds_over_the_recipe_and_the_recipe_over_the_configuration() {
 }
 
 #[test]
-fn a_recipe_asks_for_end_faces_and_an_end_that_is_not_seen_is_null_with_a_warning() {
+fn a_recipe_requests_end_faces_and_an_end_that_is_not_seen_is_null_with_a_warning() {
     let (service, _folder) = start();
     let axis = AxisLine { p: 0.02, q: 0.0, y0: 1.0, z0: 2.0 };
     let far = Some(Edge { x_mm: 80.25, ..Edge::default() });

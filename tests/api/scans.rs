@@ -1,11 +1,11 @@
-//! Keeping scans and handing them out.
+//! Storing scans and returning them.
 
 use crate::api::bodies::{exact_csv, gzip};
 use crate::api::harness::start;
 use insta::assert_json_snapshot;
 
 #[test]
-fn a_scan_is_kept_once_under_its_content_and_comes_back_byte_for_byte() {
+fn a_scan_is_stored_once_under_its_hash_and_returned_byte_for_byte() {
     let (service, folder) = start();
     let answer = service.post("/v1/scans", &exact_csv());
     let scan = answer.expect(201);
@@ -20,7 +20,7 @@ fn a_scan_is_kept_once_under_its_content_and_comes_back_byte_for_byte() {
 }
 
 #[test]
-fn a_packed_scan_is_the_same_scan() {
+fn a_compressed_scan_is_the_same_scan() {
     let (service, _folder) = start();
     let plain = service.post("/v1/scans", &exact_csv()).expect(201);
     let gzip = gzip(&exact_csv());
@@ -48,7 +48,7 @@ fn an_unknown_scan_is_404() {
 }
 
 #[test]
-fn a_form_is_told_to_send_the_bare_bytes() {
+fn the_error_for_a_form_asks_for_the_bytes_of_the_scan() {
     let (service, folder) = start();
     let form = [("content-type", "multipart/form-data; boundary=x")];
     for path in ["/v1/scans", "/v1/measurements"] {

@@ -1,4 +1,4 @@
-//! Every kind of wrong upload gets its own clear problem, leaves nothing behind, and the service goes on.
+//! Every kind of invalid upload gets its own problem and is deleted, and the service continues.
 
 use crate::api::bodies::{csv, encoded, exact_csv};
 use crate::api::harness::{Answer, start};
@@ -60,7 +60,7 @@ fn points_that_define_no_axis_are_refused_with_their_reason() {
     };
     let refusal = |body: &[u8]| service.post("/v1/measurements", body).expect(201)["refusal"].clone();
     assert_eq!(refusal(&profiles(|i| [i, 2.0 * i + 1.0]))["code"], "points_collinear");
-    // A single point over and over is what a sensor writes where it sees nothing, unless the recipe says otherwise.
+    // A sensor without a signal writes the same point repeatedly, unless the recipe declares otherwise.
     let same = profiles(|_| [3.0, 4.0]);
     assert_eq!(service.post("/v1/measurements", &same).problem(422, "no_points")["missing_count"], 200);
     service.put("/v1/recipes/all", &[], &json!({"missing_values": []})).expect(201);
@@ -74,7 +74,7 @@ fn points_that_define_no_axis_are_refused_with_their_reason() {
 }
 
 #[test]
-fn a_bomb_is_defused() {
+fn a_decompression_bomb_is_refused() {
     let (service, folder) = start();
     let mut packer = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
     let line = b"1,2,3\n".repeat(1 << 16);

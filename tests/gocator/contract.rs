@@ -1,4 +1,4 @@
-//! The sensor behind its protocol keeps the contract that every adaptor keeps, in every form of its output.
+//! The sensor with its protocol meets the contract of every adaptor, in every form of its output.
 
 use super::sensor::{STEP_MM, sensor, serve, settings, taken, view};
 use coaxis::device::contract::motion::check_sensor_scan;
@@ -9,7 +9,7 @@ use coaxis::motion::{Axes, AxisLimits, Pair};
 
 /// Profiles of a scan.
 const PROFILES: usize = 50;
-/// As a sensor that is triggered by its clock would take them.
+/// Rate of a sensor that is triggered by its clock.
 const RATE_HZ: f64 = 500.0;
 
 fn assert_passed(report: &Report) {
@@ -25,7 +25,7 @@ fn world() -> World {
 }
 
 #[tokio::test]
-async fn the_sensor_keeps_the_contract_in_every_form() {
+async fn the_sensor_meets_the_contract_in_every_form() {
     let way_mm = PROFILES as f64 * STEP_MM;
     for form in [Form::PointCloud, Form::Uniform, Form::Surface] {
         let mut profiles = taken();

@@ -1,4 +1,4 @@
-//! Bytes that the maker's own library wrote, and requests that it sent. Never edited to make them pass.
+//! Bytes written by the manufacturer's library, and requests that it sent. They must never be edited to make a test pass.
 
 use coaxis::device::gocator::codec::{
     Command, Generation, Health, INVALID, Indicator, Intensity, Message, Profiles, Reply, Request, Scale, Splitter,
@@ -77,7 +77,7 @@ fn a_point_cloud_of_the_makers_library_is_read_and_written_byte_for_byte() {
         .map(|[x, z]| [wanted.x.mm(x.into()), wanted.z.mm(z.into())])
         .collect();
     for (found, right) in points.iter().zip([[-180.15, 3.3], [-90.15, 4.1], [89.85, 5.7], [179.85, -1.5]]) {
-        // Doubles hold 180 mm to 3e-14.
+        // Double precision represents 180 mm to 3e-14.
         assert!((found[0] - right[0]).abs() < 1e-12 && (found[1] - right[1]).abs() < 1e-12, "{found:?} {right:?}");
     }
     assert_eq!(points.len(), 4);
@@ -129,9 +129,9 @@ fn health_of_the_makers_library_is_read_and_written_byte_for_byte() {
     assert_eq!(written, golden);
 }
 
-/// Laid out by hand from the manual's table: the maker's bytes of a surface are known by their values only.
+/// Encoded by hand from the manual's table: only the values of the manufacturer's surface are known, not its bytes.
 #[test]
-fn a_surface_is_laid_out_as_the_manual_says() {
+fn a_surface_has_the_layout_of_the_manual() {
     let mut numbers: Vec<i16> = (0..3).flat_map(|r| (0..4).map(move |c| 100 * r + c)).collect();
     numbers[6] = INVALID;
     let values = raw(&numbers);
@@ -157,7 +157,7 @@ fn a_surface_is_laid_out_as_the_manual_says() {
 }
 
 #[test]
-fn attributes_that_have_grown_are_passed_over_in_every_message() {
+fn additional_attributes_of_later_versions_are_skipped_in_every_message() {
     let values = raw(&[1, 2, 3, 4]);
     let scale = Scale { scale_nm: 1, offset_um: 0 };
     let profiles =
@@ -172,15 +172,15 @@ fn attributes_that_have_grown_are_passed_over_in_every_message() {
         assert_eq!(decode(&area).unwrap().message, Message::Surface(surface), "{generation:?}");
         (u16::from_le_bytes([cloud[6], cloud[7]]), u16::from_le_bytes([area[6], area[7]]))
     });
-    // The sizes that the manuals and the library name for the three generations.
+    // The sizes in the manuals and the library for the three generations.
     assert_eq!(sizes, [(32, 44), (40, 52), (48, 60)]);
 }
 
 #[test]
-fn stamps_that_have_grown_are_passed_over() {
+fn longer_stamps_of_later_versions_are_skipped() {
     let mut message = Vec::new();
     Stamps::encode(0, &[stamp(1), stamp(2)], true, &mut message);
-    // Eight more bytes a stamp: a network time.
+    // Eight more bytes per stamp: a network time.
     let mut grown = message[..14].to_vec();
     for old in message[14..].chunks(56) {
         grown.extend_from_slice(old);
@@ -193,7 +193,7 @@ fn stamps_that_have_grown_are_passed_over() {
 }
 
 #[test]
-fn requests_are_those_that_the_makers_client_sends() {
+fn requests_equal_those_of_the_makers_client() {
     for (command, wanted) in [
         (Command::ProtocolVersion, "060000001145"),
         (Command::SystemInfo, "060000000240"),

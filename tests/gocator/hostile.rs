@@ -1,4 +1,4 @@
-//! Any bytes into the reader: never a panic, never more memory than there are bytes.
+//! Arbitrary bytes in the decoder never cause a panic, and never more memory than the number of bytes.
 
 use super::golden::{POINT_CLOUD, UNIFORM, health};
 use coaxis::device::gocator::codec::{
@@ -8,7 +8,7 @@ use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Reads everything that a message shows; how many values there were.
+/// Decodes all values of a message; the result is their number.
 fn read_all(frame: &[u8]) -> Result<usize, CodecError> {
     Ok(match decode(frame)?.message {
         Message::Health(health) => health.iter().count(),
@@ -21,7 +21,7 @@ fn read_all(frame: &[u8]) -> Result<usize, CodecError> {
     })
 }
 
-/// Splits and reads; no message shows more values than it has bytes.
+/// Splits and decodes a stream; no message has more values than bytes.
 fn digest(stream: &[u8], frame_bytes_max: usize) -> Result<usize, CodecError> {
     let mut splitter = Splitter::new(frame_bytes_max);
     splitter.room().extend_from_slice(stream);
@@ -32,13 +32,13 @@ fn digest(stream: &[u8], frame_bytes_max: usize) -> Result<usize, CodecError> {
         }
         frames_count += 1;
     }
-    // A read's room, and what came.
+    // The buffer of one read, and the received bytes.
     assert!(splitter.reserved_bytes() <= 2 * (256 * 1024 + stream.len()), "{} reserved", splitter.reserved_bytes());
     Ok(frames_count)
 }
 
 #[test]
-fn a_hundred_thousand_damaged_messages_are_refused_or_read_and_nothing_else() {
+fn a_hundred_thousand_damaged_messages_are_refused_or_decoded() {
     let mut chance = ChaCha8Rng::seed_from_u64(20);
     let originals = [POINT_CLOUD.to_vec(), UNIFORM.to_vec(), health()];
     let (mut whole_count, mut refused_count) = (0, 0);
@@ -61,7 +61,7 @@ fn a_hundred_thousand_damaged_messages_are_refused_or_read_and_nothing_else() {
             Err(_) => refused_count += 1,
         }
     }
-    // Both happen, or the damage tests nothing.
+    // Both must occur, or the test is not effective.
     assert!(whole_count > 1_000 && refused_count > 1_000, "{whole_count} read, {refused_count} refused");
 }
 
@@ -78,8 +78,8 @@ fn a_size_beyond_the_limit_is_refused_before_a_byte_is_reserved_for_it() {
 }
 
 #[test]
-fn counts_that_the_bytes_do_not_back_are_refused() {
-    // The counts of the point cloud's profile, behind its stamp of 70 bytes.
+fn counts_that_exceed_the_bytes_are_refused() {
+    // The counts of the point cloud's profile, after its stamp of 70 bytes.
     for (at, counts) in [(78, [u32::MAX, u32::MAX]), (78, [u32::MAX, 0]), (78, [2, 5]), (78, [1, 6])] {
         let mut frame = POINT_CLOUD[70..].to_vec();
         for (place, count) in [at - 70, at - 66].into_iter().zip(counts) {
@@ -91,7 +91,7 @@ fn counts_that_the_bytes_do_not_back_are_refused() {
 }
 
 #[test]
-fn frames_come_out_the_same_however_the_stream_is_cut() {
+fn frames_are_the_same_for_any_division_of_the_stream() {
     let stream = [POINT_CLOUD, UNIFORM, POINT_CLOUD].concat();
     let whole = super::golden::frames(&stream);
     assert_eq!(whole.len(), 7);

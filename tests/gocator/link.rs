@@ -1,4 +1,4 @@
-//! Client and simulated sensor on loopback: what was sent arrives, and what goes wrong has its name.
+//! Client and simulated sensor on loopback: sent data arrive, and each fault is reported by name.
 
 use super::sensor::{POINTS, PROFILES, SERIAL, STEP_MM, impatient, sensor, serve, serve_told, settings, taken, view};
 use coaxis::device::gocator::codec::{Generation, Reply, Status, indicator};
@@ -29,7 +29,7 @@ fn fault(fault: ScanFault) -> DeviceError {
     DeviceError::ScanFault { device: "profiler".to_owned(), fault }
 }
 
-/// Half a step of each number, and what single precision does to 200 mm.
+/// Half a step of each number, and the rounding of 200 mm to single precision.
 fn assert_same(profile: &Profile, taken: &Taken, view: &View) {
     let seen: Vec<[f64; 2]> = taken.points.iter().copied().flatten().collect();
     assert_eq!((profile.y.len(), profile.z.len(), profile.x.len()), (seen.len(), seen.len(), 0));
@@ -43,7 +43,7 @@ fn assert_same(profile: &Profile, taken: &Taken, view: &View) {
 }
 
 #[tokio::test]
-async fn what_arrives_is_what_was_sent_in_every_form_and_generation() {
+async fn received_data_equal_sent_data_in_every_form_and_generation() {
     for form in [Form::PointCloud, Form::Uniform, Form::Surface] {
         for generation in [Generation::Base, Generation::StreamStep, Generation::Arrayed] {
             let view = View { generation, ..view(form) };
@@ -60,7 +60,7 @@ async fn what_arrives_is_what_was_sent_in_every_form_and_generation() {
 }
 
 #[tokio::test]
-async fn a_sensor_says_who_it_is_and_how_it_is() {
+async fn a_sensor_reports_its_identity_and_its_health() {
     let server = serve(view(Form::PointCloud), taken(), None).await;
     let mut sensor = sensor(&settings(&server));
     let reading = sensor.connect().await.expect("there");
@@ -76,7 +76,7 @@ async fn a_sensor_says_who_it_is_and_how_it_is() {
 }
 
 #[tokio::test]
-async fn scan_after_scan_begins_anew_and_nothing_is_left_over() {
+async fn successive_scans_are_independent_of_each_other() {
     let server = serve(view(Form::PointCloud), taken(), None).await;
     let mut sensor = sensor(&settings(&server));
     sensor.connect().await.expect("there");
@@ -89,7 +89,7 @@ async fn scan_after_scan_begins_anew_and_nothing_is_left_over() {
 }
 
 #[tokio::test]
-async fn time_tells_the_travel_where_that_is_configured() {
+async fn the_travel_is_calculated_from_time_if_configured() {
     let server = serve(view(Form::Uniform), taken(), None).await;
     let travel = Some(Travel::Time { speed_mm_s: -50.0, start_mm: 7.0 });
     let profiles = scan(&mut sensor(&Settings { travel, ..settings(&server) })).await.expect("whole");
@@ -100,7 +100,7 @@ async fn time_tells_the_travel_where_that_is_configured() {
 }
 
 #[tokio::test]
-async fn several_clients_hear_the_same_scan() {
+async fn several_clients_receive_the_same_scan() {
     let server = serve(view(Form::PointCloud), taken(), None).await;
     let mut listener = TcpStream::connect(("127.0.0.1", server.ports().data)).await.expect("a second client");
     let listened = tokio::spawn(async move {
@@ -141,7 +141,7 @@ async fn drops_that_the_sensor_reports_end_the_scan_by_name() {
         let mut sensor = sensor(&settings(&server));
         sensor.connect().await.expect("there");
         sensor.start(PROFILES as u64).await.expect("started");
-        collect(&mut sensor, 10).await.expect("what was before is not counted");
+        collect(&mut sensor, 10).await.expect("earlier drops are not counted");
         server.inject(Faults { indicators: vec![(id, 7)], ..before });
         assert_eq!(sensor.receive().await, Err(fault(wanted.clone())));
         assert_eq!(sensor.stop().await, Err(fault(wanted)));
@@ -149,7 +149,7 @@ async fn drops_that_the_sensor_reports_end_the_scan_by_name() {
 }
 
 #[tokio::test]
-async fn drops_that_are_reported_after_the_last_profile_are_said_at_the_stop() {
+async fn drops_reported_after_the_last_profile_are_reported_at_the_stop() {
     let server = serve(view(Form::PointCloud), taken(), None).await;
     let mut sensor = sensor(&settings(&server));
     sensor.connect().await.expect("there");
@@ -160,18 +160,18 @@ async fn drops_that_are_reported_after_the_last_profile_are_said_at_the_stop() {
 }
 
 #[tokio::test]
-async fn the_word_that_comes_with_the_stop_is_the_last_one() {
-    // The sensor speaks of health when it stops, and then not for an hour.
+async fn the_health_message_of_the_stop_ends_the_scan() {
+    // The sensor sends a health message when it stops, and then none for an hour.
     let source = Box::new(ScanSource::new(taken(), None));
     let server = serve_told(view(Form::PointCloud), source, Duration::from_secs(3_600)).await;
     let mut sensor = sensor(&settings(&server));
     for _ in 0..20 {
-        scan(&mut sensor).await.expect("whole, and told so");
+        scan(&mut sensor).await.expect("complete, and confirmed");
     }
 }
 
 #[tokio::test]
-async fn a_sensor_that_vanishes_is_a_lost_link_at_once() {
+async fn a_sensor_that_disconnects_is_a_lost_link_at_once() {
     let server = serve(view(Form::PointCloud), taken(), None).await;
     server.inject(Faults { stall_at: Some(10), ..Faults::default() });
     let mut sensor = sensor(&settings(&server));
@@ -181,7 +181,7 @@ async fn a_sensor_that_vanishes_is_a_lost_link_at_once() {
     drop(server);
     let lost = tokio::time::timeout(Duration::from_secs(1), sensor.receive()).await.expect("well before its deadlines");
     assert!(matches!(lost, Err(DeviceError::LinkLost { .. })), "{lost:?}");
-    assert!(matches!(sensor.stop().await, Err(DeviceError::LinkLost { .. })), "nobody confirms that the laser is off");
+    assert!(matches!(sensor.stop().await, Err(DeviceError::LinkLost { .. })), "the laser is not confirmed to be off");
     assert!(matches!(sensor.connect().await, Err(DeviceError::LinkLost { .. })));
 }
 
@@ -201,7 +201,7 @@ async fn a_sensor_that_runs_and_sends_nothing_is_silent_and_one_that_stopped_is_
 }
 
 #[tokio::test]
-async fn health_that_falls_silent_is_said() {
+async fn missing_health_messages_are_reported() {
     let server = serve(view(Form::PointCloud), taken(), None).await;
     let mut settings = settings(&server);
     settings.deadlines.health_ms = 200;
@@ -229,7 +229,7 @@ async fn a_refused_start_is_a_refusal_and_nothing_runs() {
 }
 
 #[tokio::test]
-async fn a_stop_in_the_middle_is_harmless_and_so_is_one_where_nothing_runs() {
+async fn a_stop_during_a_scan_and_a_stop_without_a_scan_are_harmless() {
     let server = serve(view(Form::PointCloud), taken(), Some(2_000.0)).await;
     let mut sensor = sensor(&settings(&server));
     sensor.stop().await.expect("not even connected");
@@ -245,7 +245,7 @@ async fn a_stop_in_the_middle_is_harmless_and_so_is_one_where_nothing_runs() {
 }
 
 #[tokio::test]
-async fn receiving_may_be_given_up_and_taken_up_again() {
+async fn receiving_may_be_cancelled_and_continued() {
     let server = serve(view(Form::PointCloud), taken(), Some(4_000.0)).await;
     let mut sensor = sensor(&settings(&server));
     sensor.connect().await.expect("there");
@@ -258,7 +258,7 @@ async fn receiving_may_be_given_up_and_taken_up_again() {
             Err(_) => given_up_count += 1,
         }
     }
-    assert!(given_up_count > 0, "never given up, nothing tested");
+    assert!(given_up_count > 0, "never cancelled, so not tested");
     assert!(profiles.iter().enumerate().all(|(at, profile)| profile.index == at as u64));
 }
 
@@ -272,7 +272,7 @@ async fn another_sensor_than_the_configured_one_is_refused() {
 }
 
 #[tokio::test]
-async fn a_connection_that_is_gone_is_said_and_made_anew() {
+async fn a_lost_connection_is_reported_and_made_again() {
     let server = serve(view(Form::PointCloud), taken(), None).await;
     let settings = settings(&server);
     let mut sensor = sensor(&settings);
@@ -282,7 +282,7 @@ async fn a_connection_that_is_gone_is_said_and_made_anew() {
     assert_eq!(scan(&mut sensor).await.expect("connects anew").len(), PROFILES);
 }
 
-/// The first frame of the maker's client is in the form of an older protocol; seen from that client.
+/// The first frame of the manufacturer's client has the form of an older protocol; the bytes were recorded from that client.
 #[tokio::test]
 async fn the_makers_handshake_is_answered() {
     let server = serve(view(Form::PointCloud), taken(), None).await;

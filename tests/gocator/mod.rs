@@ -1,12 +1,12 @@
-//! The Gocator adaptor: its bytes against those of the maker's own library, its link against a simulated sensor on
-//! loopback. No hardware was ever on the other side.
+//! The Gocator adaptor: its bytes are compared with those of the manufacturer's library, and its link is tested with a simulated
+//! sensor on loopback. No real sensor was used.
 
 #![expect(
     clippy::expect_used,
     clippy::panic,
     clippy::unwrap_used,
     clippy::print_stdout,
-    reason = "a test may fail, and says what it saw"
+    reason = "a test may fail, and prints its results"
 )]
 
 mod contract;

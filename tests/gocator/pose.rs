@@ -1,4 +1,4 @@
-//! A scan over the wire gives the pose that the same scan gives as it is.
+//! A scan transferred by the sensor protocol gives the same pose as the original scan.
 
 use super::sensor::{above, sensor, serve, settings};
 use coaxis::device::ProfileSensor;
@@ -19,7 +19,7 @@ fn pose(scan: &Scan) -> Pose {
 }
 
 #[tokio::test]
-async fn the_pose_from_arrived_profiles_is_that_of_the_scan() {
+async fn the_pose_from_received_profiles_is_that_of_the_scan() {
     let (scan, truth) = make(&Part::with_interference(4)).expect("a part");
     let placement = above().place().expect("rigid");
     let taken = taken_from(&scan, &placement, MM_PER_TICK, 1_000.0).expect("in planes");
@@ -32,7 +32,7 @@ async fn the_pose_from_arrived_profiles_is_that_of_the_scan() {
     sensor.start(profiles_count as u64).await.expect("started");
     let (mut stations, mut y, mut z): (Vec<Station>, Vec<f32>, Vec<f32>) = Default::default();
     while stations.len() < profiles_count {
-        for profile in sensor.receive().await.expect("whole") {
+        for profile in sensor.receive().await.expect("complete") {
             let start = y.len();
             y.extend(profile.y);
             z.extend(profile.z);
@@ -42,8 +42,8 @@ async fn the_pose_from_arrived_profiles_is_that_of_the_scan() {
     sensor.stop().await.expect("nothing lost");
     let arrived = Scan::new(stations, Columns::F32 { y, z }, "sensor".to_owned()).expect("a scan");
     let (arrived, sent) = (pose(&arrived), pose(&scan));
-    // Steps of 9 and 8 µm are off by 2.6 and 2.3 µm as standard deviation, evenly and each by itself, where the noise has 50:
-    // they move the pose by a twentieth of what the noise makes uncertain. Five times that.
+    // The quantization steps of 9 and 8 µm have uncertainties of 2.6 and 2.3 µm, uniform and independent, where the noise has 50:
+    // they move the pose by a twentieth of its uncertainty from noise. Five times that is allowed.
     let share = 0.25;
     let bound = truth.bound.expect("noise has a bound");
     let at = sent.x_ref;
@@ -56,6 +56,6 @@ async fn the_pose_from_arrived_profiles_is_that_of_the_scan() {
         (arrived.radius - sent.radius, bound.radius_mm),
     ];
     for (moved, bound) in moved {
-        assert!(moved.abs() < share * bound, "moved by {moved}, {bound} is what noise does");
+        assert!(moved.abs() < share * bound, "moved by {moved}, where noise has the bound {bound}");
     }
 }

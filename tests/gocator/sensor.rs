@@ -1,4 +1,4 @@
-//! What the tests of the link share: a simulated sensor on loopback, and settings that reach it.
+//! Shared by the tests of the link: a simulated sensor on loopback, and settings to connect to it.
 
 use coaxis::device::gocator::codec::{Generation, Identity, Scale};
 use coaxis::device::gocator::server::{Form, ScanSource, Server, ServerSettings, Source, Taken, View};
@@ -9,7 +9,7 @@ use std::time::Duration;
 pub(crate) const PROFILES: usize = 400;
 pub(crate) const POINTS: usize = 640;
 pub(crate) const SERIAL: u32 = 40_959;
-/// Along the rail, a profile.
+/// Distance of the profiles along the rail.
 pub(crate) const STEP_MM: f64 = 0.5;
 const MM_PER_TICK: f64 = 0.01;
 
@@ -24,7 +24,7 @@ pub(crate) fn above() -> Extrinsic {
     }
 }
 
-/// A round part at even steps of x, with places that see nothing.
+/// A round part at even steps of x, with missing points.
 pub(crate) fn taken() -> Vec<Taken> {
     let point = |profile: usize, point: usize| {
         let x = 0.25 * (point as f64) - 80.0;
@@ -40,7 +40,7 @@ pub(crate) fn taken() -> Vec<Taken> {
         .collect()
 }
 
-/// x and z of 9 and 8 µm; the uniform forms have a step for each point.
+/// Steps of x and z of 9 and 8 µm; the uniform forms have a step for each point.
 pub(crate) fn view(form: Form) -> View {
     let x = match form {
         Form::PointCloud => Scale { scale_nm: 9_000, offset_um: -150 },
@@ -65,7 +65,7 @@ pub(crate) async fn serve_source(view: View, source: Box<dyn Source>) -> Server 
     serve_told(view, source, Duration::from_millis(50)).await
 }
 
-/// One that says how it is where that changes, and else this often.
+/// A sensor that reports its health when it changes, and otherwise with this period.
 pub(crate) async fn serve_told(view: View, source: Box<dyn Source>, health_period: Duration) -> Server {
     let settings = ServerSettings {
         listen: IpAddr::V4(Ipv4Addr::LOCALHOST),
@@ -93,7 +93,7 @@ pub(crate) fn settings(server: &Server) -> Settings {
     }
 }
 
-/// Waits less for profiles than a test may take.
+/// Settings with a short timeout for profiles.
 pub(crate) fn impatient(server: &Server) -> Settings {
     let deadlines = Deadlines { first_profile_ms: 200, next_profile_ms: 200, ..Deadlines::default() };
     Settings { deadlines, ..settings(server) }

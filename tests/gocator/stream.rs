@@ -1,5 +1,5 @@
-//! The sensor at its fastest: 5000 profiles a second of 1280 points, read by one thread. Processor time is asserted and not
-//! time on the wall, which other work on the machine takes from us; both are printed.
+//! The sensor at its maximum rate: 5000 profiles per second of 1280 points, read by one thread. The test asserts processor time and
+//! not wall-clock time, which depends on other programs on the machine; both are printed.
 //!
 //! `COAXIS_PROFILES=50000 cargo test --test all gocator::stream -- --nocapture --test-threads 1`
 
@@ -15,7 +15,7 @@ use tokio::time::{Instant, sleep_until};
 const WIDTH: usize = 1280;
 const RATE_HZ: f64 = 5_000.0;
 
-/// The same profile again and again, a tick later each time.
+/// The same profile repeatedly, each one tick later.
 struct Endless {
     taken: Taken,
     sent_count: u64,
@@ -23,7 +23,7 @@ struct Endless {
     began_at: Option<Instant>,
 }
 
-#[expect(clippy::disallowed_methods, reason = "what is measured is time")]
+#[expect(clippy::disallowed_methods, reason = "the test measures time")]
 fn now() -> Instant {
     Instant::now()
 }
@@ -46,13 +46,13 @@ impl Source for Endless {
     }
 }
 
-/// Seconds that this thread was on a processor.
+/// Seconds that this thread has run on a processor.
 fn processor_s() -> f64 {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").expect("Linux");
     text.split_whitespace().next().unwrap().parse::<f64>().unwrap() / 1e9
 }
 
-/// Seconds on the wall and on the processor of the thread that reads so many profiles.
+/// Wall-clock seconds and processor seconds of the thread that reads `profiles_count` profiles.
 fn read_stream(profiles_count: u64, rate_hz: Option<f64>) -> [f64; 2] {
     let point =
         |at: usize| (!at.is_multiple_of(11)).then_some([0.2 * at as f64 - 128.0, 40.0 - 1e-4 * (at * at) as f64 / 4.0]);
@@ -69,7 +69,7 @@ fn read_stream(profiles_count: u64, rate_hz: Option<f64>) -> [f64; 2] {
         let (wall, processor) = (now(), processor_s());
         let (mut received_count, mut points_count) = (0, 0);
         while received_count < profiles_count {
-            for profile in sensor.receive().await.expect("whole") {
+            for profile in sensor.receive().await.expect("complete") {
                 received_count += 1;
                 points_count += profile.z.len() as u64;
             }
@@ -82,7 +82,7 @@ fn read_stream(profiles_count: u64, rate_hz: Option<f64>) -> [f64; 2] {
 }
 
 #[test]
-fn one_thread_reads_the_sensor_at_its_fastest() {
+fn one_thread_reads_the_sensor_at_its_maximum_rate() {
     let profiles_count = count("COAXIS_PROFILES", 5_000);
     for rate_hz in [Some(RATE_HZ), None] {
         let [wall_s, processor_s] = read_stream(profiles_count, rate_hz);

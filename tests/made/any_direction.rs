@@ -10,9 +10,9 @@ use std::f64::consts::FRAC_PI_2;
 /// Errors of (deflection, pitch, y_ref, z_ref, radius) and their standard uncertainties, radians and mm.
 pub(crate) type Compared = ([f64; 5], [f64; 5]);
 
-/// In the coordinates of the scan where the axis lies near X there, else in the frame of the pose.
+/// In the coordinates of the scan if the axis is nearly parallel to X there, otherwise in the frame of the pose.
 pub(crate) fn compared(pose: &Pose, truth: &Axis, radius_mm: f64) -> Compared {
-    // It is symmetric: the order of rows and columns does not matter.
+    // The matrix is symmetric, so the order of rows and columns does not matter.
     let own = Matrix5::from(pose.uncertainty.covariance);
     let (line, x_ref, covariance, true_line) = match pose.on_rail() {
         Some(rail) => (rail.axis, rail.x_ref, Matrix5::from(rail.uncertainty.covariance), slopes(truth)),
@@ -32,7 +32,7 @@ pub(crate) fn compared(pose: &Pose, truth: &Axis, radius_mm: f64) -> Compared {
     (errors, standard)
 }
 
-/// The line by its slopes, however far from X it lies: a file whose profiles are planes of X may show an axis that is far from it.
+/// The line by its slopes, at any angle to X: a file whose profiles are planes of X may contain an axis at a large angle to it.
 fn slopes(axis: &Axis) -> Option<AxisLine> {
     let [x, y, z] = axis.direction;
     (x != 0.0).then(|| AxisLine::through(axis.point_mm, y / x, z / x))

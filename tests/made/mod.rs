@@ -1,5 +1,5 @@
-//! What the tests on synthetic parts share: how many of them, and how far an answer is from the truth. Truth comes from the
-//! maker of the parts, never from an estimate.
+//! Shared by the tests on synthetic parts: the number of parts, and the errors of a result. The truth comes from the
+//! generator of the parts, never from an estimate.
 
 pub(crate) mod any_direction;
 pub(crate) mod uploaded;
@@ -7,7 +7,7 @@ pub(crate) mod uploaded;
 use coaxis::estimation::Pose;
 use coaxis::scan::synthetic::Truth;
 
-/// A count from the environment, or what continuous integration has time for.
+/// A count from the environment, or the default of continuous integration.
 pub(crate) fn count(variable: &str, default: u64) -> u64 {
     std::env::var(variable).ok().and_then(|text| text.parse().ok()).unwrap_or(default)
 }

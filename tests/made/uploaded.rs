@@ -12,10 +12,10 @@ use coaxis::scan::slice::{SliceRequest, slice};
 use coaxis::scan::synthetic::{Export, Part, make, placed};
 use coaxis::scan::{Cloud, Columns, Labels, Scan, Stripe};
 
-/// How a scan reaches the service.
+/// The form in which a scan reaches the service.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Upload {
-    /// Where the rail frame lies in the file; `None` for profiles along the rail.
+    /// The rail frame in the coordinates of the file; `None` for profiles along the rail.
     pub(crate) placed_at: Option<Frame>,
     /// Whether the points of a placed scan are in random order.
     pub(crate) is_shuffled: bool,

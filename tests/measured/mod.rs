@@ -1,4 +1,4 @@
-//! Files measured as the service does it: read, cleaned of missing values, grouped and estimated.
+//! Measures files like the service: decodes, removes missing values, groups points into profiles and estimates.
 
 #![expect(clippy::expect_used, reason = "a test may fail")]
 
@@ -29,7 +29,7 @@ pub(crate) fn cloud(path: &Path, unit: Option<Unit>) -> Cloud {
     decode(format, &mut &*bytes, &Request { unit, ..Request::new(&Limits::default()) }).expect("reads")
 }
 
-/// The scan of some points, and how many values stood for missing ones and profiles were repeated.
+/// The scan of these points, the number of missing values and the number of repeated profiles.
 pub(crate) fn scan(cloud: Cloud, slicing: &SliceRequest) -> (Scan, usize, u64) {
     let (cloud, removed) = clean(cloud, None);
     let scan = slice(cloud, slicing, &Limits::default()).expect("profiles");
@@ -42,7 +42,7 @@ pub(crate) fn measure(path: &Path, ask: &Ask) -> Estimate {
     estimate(&scan, &ask.settings, &Progress::default())
 }
 
-/// The pose, where there is one.
+/// The pose, if there is one.
 pub(crate) fn pose(estimate: &Estimate) -> Option<&Pose> {
     match &estimate.outcome {
         Outcome::Accepted(pose) => Some(pose),

@@ -1,5 +1,5 @@
-//! Scenes drawn from everything that can be simulated, measured as an uploaded file is: missing values and repeated profiles
-//! are removed, points are grouped into profiles, and the axis may lie in any direction.
+//! Scenes drawn from everything that can be simulated, measured like an uploaded file: missing values and repeated profiles
+//! are removed, points are grouped into profiles, and the axis may have any direction.
 
 use super::{Chance, Fate, scene, wrong_or_right};
 use crate::made::uploaded::Upload;
@@ -15,20 +15,20 @@ use rand_chacha::ChaCha8Rng;
 /// The number of the first of these scenes.
 pub(super) const FIRST: u64 = 1_000_000;
 
-/// A scene, and what it was drawn from beyond the narrower mix.
+/// A scene, and the kinds of faults that it was drawn from in addition to the narrower mix.
 #[derive(Debug, Clone)]
 pub(super) struct Wide {
     pub(super) part: Part,
     pub(super) settings: Settings,
-    /// Where the rail frame lies in the scan; `None` for profiles along the rail.
+    /// The rail frame in the scan; `None` for profiles along the rail.
     frame: Option<Frame>,
     is_shuffled: bool,
     export: Export,
     pub(super) kinds: Vec<&'static str>,
 }
 
-/// Kinds of errors that repeat from profile to profile: a scan does not show them, and without `type_b` no uncertainty that
-/// comes from the points can cover them.
+/// Systematic errors common to all profiles: a scan does not show them, and without `type_b` no uncertainty that
+/// is calculated from the points can contain them.
 pub(super) const SYSTEMATIC: [&str; 3] = ["bend", "ripple", "curl"];
 
 /// The scene with this number.
@@ -62,7 +62,7 @@ impl Wide {
         self.kinds.iter().any(|kind| SYSTEMATIC.contains(kind))
     }
 
-    /// Its kinds without any one of which the answer is right or refused.
+    /// Its kinds without which the result is correct or refused.
     pub(super) fn decisive_kinds(&self) -> Vec<&'static str> {
         let is_decisive = |kind: &&'static str| !matches!(self.without(kind).fate(), Fate::Wrong(_));
         self.kinds.iter().copied().filter(is_decisive).collect()
@@ -115,7 +115,7 @@ impl Wide {
         }
         let mut sensor = SensorErrors::default();
         if self.is("bend", 0.08, chance) {
-            // The range just holds the part.
+            // The range just covers the part.
             let middle_mm = self.part.axis.at(self.part.x_start_mm + 0.5 * self.part.length_mm)[1];
             sensor.bend = Bend { size_mm: sigma * chance.between(-3.0, 3.0), middle_mm, range_mm: self.part.radius_mm };
         }
@@ -184,7 +184,7 @@ impl Wide {
         }
     }
 
-    /// What becomes of the scene.
+    /// The result of the scene.
     pub(super) fn fate(&self) -> Fate {
         let upload =
             Upload { placed_at: self.frame, is_shuffled: self.is_shuffled, export: self.export, declared: None };

@@ -1,9 +1,9 @@
-//! Where the measured files and the published reference sets lie. They belong to others and are not part of the project;
+//! Paths of the measured files and of the published reference sets. They belong to third parties and are not part of the project;
 //! `tests/data/README.md` lists them.
 
 use std::path::{Path, PathBuf};
 
-/// The file or folder `name` below the folder that `COAXIS_REAL_DATA` names, else below `../shared/data`. Where it does not
+/// The file or folder `name` below the folder that `COAXIS_REAL_DATA` names, or below `../shared/data`. If it does not
 /// exist, prints that the test is skipped and returns `None`.
 #[expect(clippy::print_stderr, reason = "a skipped test must say so")]
 pub(crate) fn outside(name: &str) -> Option<PathBuf> {

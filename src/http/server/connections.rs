@@ -1,13 +1,13 @@
-//! Lets only so many connections in at a time, and keeps places for what must always get through.
+//! Limits the number of simultaneous connections, and reserves places for urgent requests.
 //!
 //! ```text
 //! accepted --a place is free, and the peer has less than its share--> general: any request
 //!          --else---------------------------------------------------> reserved: one urgent request, then it is closed
-//! reserved, all taken: the one that has waited longest for its request gives its place to the newest
+//! all reserved places taken: the connection that has waited longest for its request loses its place to the newest
 //! ```
 //!
-//! A client that wants to stop the cell sends its request with the connection, so it waits for no time; one that holds a
-//! reserved place without an urgent request loses it to the next connection. What is urgent is decided in `admission`.
+//! A client that stops the cell sends its request together with the connection, so its place is never lost; a connection without
+//! an urgent request loses its reserved place to the next one. `edge` decides which requests are urgent.
 
 use super::guarded::{Displaced, Guarded, WriteLimits};
 use super::shares::{ConnectionInfo, Peer, Place, Shares};
@@ -25,7 +25,7 @@ use tokio::net::TcpStream;
 use tokio::sync::oneshot;
 use tower::Service;
 
-/// Places for connections. Cheap to clone.
+/// Places for connections. Inexpensive to clone.
 #[derive(Debug, Clone)]
 pub(in crate::http) struct Connections {
     general: Shares,
@@ -38,14 +38,14 @@ pub(in crate::http) struct Connections {
 #[derive(Debug)]
 struct Reserved {
     places_max: usize,
-    /// Places whose connection has sent no urgent request yet, oldest first.
+    /// Places whose connection has not sent an urgent request yet, oldest first.
     waiting: BTreeMap<u64, oneshot::Sender<()>>,
-    /// Places whose connection's urgent request is being answered.
+    /// Number of places with an urgent request that is being answered.
     answering_count: usize,
     next_number: u64,
 }
 
-/// A reserved place, held until it is dropped.
+/// A reserved place, occupied until it is dropped.
 #[derive(Debug)]
 struct ReservedPlace {
     reserved: Arc<Mutex<Reserved>>,
@@ -53,18 +53,18 @@ struct ReservedPlace {
     answering: AtomicBool,
 }
 
-/// The reserved place of a request's connection; an extension of the request.
+/// The reserved place of a request's connection, stored as an extension of the request.
 #[derive(Debug, Clone)]
 pub(in crate::http) struct Reservation(Arc<Held>);
 
-/// What a connection holds as long as it lives.
+/// The place that a connection occupies during its lifetime.
 #[derive(Debug)]
 enum Held {
-    General(#[expect(dead_code, reason = "it is held, not read")] Place),
+    General(#[expect(dead_code, reason = "it is only dropped, never read")] Place),
     Reserved(ReservedPlace),
 }
 
-/// How many places are taken, and how many connections found none.
+/// Number of occupied places, and of connections that found none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::http) struct ConnectionsCount {
     pub(in crate::http) general: u64,
@@ -87,7 +87,7 @@ impl Connections {
         }
     }
 
-    /// How many there are at this moment.
+    /// The present numbers.
     pub(in crate::http) fn count(&self) -> ConnectionsCount {
         let reserved = lock(&self.reserved);
         let count = reserved.waiting.len().saturating_add(reserved.answering_count);
@@ -108,8 +108,8 @@ impl Connections {
 }
 
 impl ReservedPlace {
-    /// A reserved place, from the connection that has waited longest where all are taken; `None` where every one of them is
-    /// being answered.
+    /// Takes a reserved place; if all are occupied, from the connection that has waited longest. `None` if every one of them is
+    /// answering a request.
     fn take(places: &Arc<Mutex<Reserved>>) -> Option<(Self, Displaced)> {
         let mut reserved = lock(places);
         if reserved.waiting.len().saturating_add(reserved.answering_count) >= reserved.places_max {
@@ -125,7 +125,7 @@ impl ReservedPlace {
         Some((place, displaced))
     }
 
-    /// An urgent request has come: the place is not given away any more.
+    /// Marks the place as answering an urgent request, so that it is no longer given to another connection.
     fn answer(&self) {
         let mut reserved = lock(&self.reserved);
         if reserved.waiting.remove(&self.number).is_some() {
@@ -178,7 +178,7 @@ impl<S> Accept<TcpStream, S> for Connections {
     }
 }
 
-/// What answers on a connection. It holds the connection's place as long as it lives.
+/// The service of a connection; it occupies the connection's place during its lifetime.
 #[derive(Debug, Clone)]
 pub(in crate::http) struct Placed<S> {
     service: S,
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn beyond_its_share_and_beyond_all_places_a_connection_gets_a_reserved_place() {
+    fn a_connection_beyond_its_share_or_beyond_all_places_gets_a_reserved_place() {
         let connections = connections(2, 2);
         let general = connections.take(peer(1)).expect("a place");
         assert!(matches!(general.0, Held::General(_)) && general.1.is_none());
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reserved_place_without_a_request_goes_to_the_next_connection_and_one_that_is_answered_does_not() {
+    fn a_reserved_place_without_a_request_goes_to_the_next_connection_unless_it_is_answering() {
         let connections = connections(1, 2);
         let _general = connections.take(peer(1)).expect("a place");
         let reserved = || connections.take(peer(1)).and_then(|(held, displaced)| Some((held, displaced?)));
@@ -247,7 +247,7 @@ mod tests {
         assert_eq!(second.try_recv(), Ok(()));
         assert_eq!(first.try_recv(), Err(oneshot::error::TryRecvError::Closed), "it is not displaced any more");
         drop(oldest);
-        assert_eq!(connections.count().reserved, 2, "what was displaced holds no place");
+        assert_eq!(connections.count().reserved, 2, "a displaced connection has no place");
         let Held::Reserved(place) = &newest else { panic!("{newest:?}") };
         place.answer();
         assert!(reserved().is_none(), "both are being answered");

@@ -1,8 +1,7 @@
-//! What happens to every request and answer alike: an id, limits on address and headers, where it may come from, whether
-//! there is a place for it, a line in the log, counters, problems rendered with the id, headers that keep browsers from
-//! guessing.
+//! The processing common to all requests and answers: a request id, limits on address and headers, the check of the origin,
+//! admission, a line in the log, counters, the rendering of problems with the id, and headers against content sniffing.
 //!
-//! Which requests are answered while all general places are taken: stop, health checks, and requests of the lease holder.
+//! While all general places are occupied, only stop, health checks and requests of the lease holder are answered.
 
 use std::any::Any;
 use std::sync::Arc;
@@ -20,13 +19,13 @@ use super::connections::Reservation;
 use super::same_origin;
 use super::shares::ConnectionInfo;
 
-/// Names a request in answers and in the log.
+/// The id of a request in answers and in the log.
 pub(in crate::http) const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
-/// Longest id that is taken over from a client.
+/// Maximum length of an id that is accepted from a client.
 const REQUEST_ID_CHARACTERS_MAX: usize = 128;
 
-/// Nothing of the API is a page; what is one says so itself.
+/// The API has no web pages; a handler that returns one sets its own policy.
 const NO_CONTENT: HeaderValue = HeaderValue::from_static("default-src 'none'; frame-ancestors 'none'");
 
 /// The outermost layer.
@@ -41,7 +40,7 @@ pub(in crate::http) async fn edge(State(app): State<App>, request: Request, next
     let problem = problem_of(&response);
     let mut response = finish(response, problem.clone(), &request_id);
     if asked.is_reserved {
-        // The next urgent request needs the place.
+        // The place is needed for the next urgent request.
         response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
     }
     let seconds = watch.elapsed().as_secs_f64();
@@ -50,28 +49,28 @@ pub(in crate::http) async fn edge(State(app): State<App>, request: Request, next
     response
 }
 
-/// What a handler's panic becomes.
-#[expect(clippy::needless_pass_by_value, reason = "the layer hands it over so")]
+/// The answer to a request whose handler panicked.
+#[expect(clippy::needless_pass_by_value, reason = "the layer requires this signature")]
 pub(in crate::http) fn panicked(cause: Box<dyn Any + Send>) -> Response {
     let text = cause.downcast_ref::<&str>().map(ToString::to_string);
     let text = text.or_else(|| cause.downcast_ref::<String>().cloned()).unwrap_or_default();
     Problem::internal(format!("a handler panicked: {text}")).into_response()
 }
 
-/// What an unknown address is answered with.
+/// The answer for an unknown address.
 pub(in crate::http) async fn route_unknown(uri: Uri) -> Problem {
     let detail =
-        format!("there is nothing at {}; the addresses are in /openapi.json and, to read, at /docs", uri.path());
+        format!("there is no resource at {}; the addresses are listed in /openapi.json and at /docs", uri.path());
     Problem::new(Code::RouteUnknown, detail)
 }
 
-/// What a method is answered with that the address does not take.
+/// The answer for a method that the address does not support.
 pub(in crate::http) async fn method_not_allowed(method: Method, uri: Uri) -> Problem {
     let detail = format!("{} does not take {method}; the header Allow says what it takes", uri.path());
     Problem::new(Code::MethodNotAllowed, detail)
 }
 
-/// Everything that is checked before the address is looked up. The permit is held until the answer is there.
+/// Checks before the address is looked up. The permit is kept until the answer is complete.
 fn check(app: &App, request: &Request) -> Result<Option<OwnedSemaphorePermit>, Problem> {
     refuse_size(app, request)?;
     refuse_transfer_coding(request.headers())?;
@@ -79,7 +78,7 @@ fn check(app: &App, request: &Request) -> Result<Option<OwnedSemaphorePermit>, P
     admit(app, request)
 }
 
-/// Only chunks are decoded; a body that is also packed would be stored as if it were not.
+/// Only chunked transfer coding is decoded; a body that is also compressed would be stored in compressed form.
 fn refuse_transfer_coding(headers: &HeaderMap) -> Result<(), Problem> {
     let chunked = |value: &HeaderValue| value.as_bytes().trim_ascii().eq_ignore_ascii_case(b"chunked");
     let mut codings = headers.get_all(header::TRANSFER_ENCODING).iter();
@@ -103,13 +102,13 @@ fn refuse_size(app: &App, request: &Request) -> Result<(), Problem> {
     let url_bytes = wide(request.uri().path_and_query().map_or(0, |part| part.as_str().len()));
     let (url_max, header_max) = (app.limits.url_bytes_max, app.limits.header_bytes_max);
     if url_bytes > url_max {
-        let detail = format!("the address has {url_bytes} bytes, at most {url_max} are read; shorten the query");
+        let detail = format!("the address has {url_bytes} bytes, at most {url_max} are allowed; shorten the query");
         return Err(Problem::new(Code::UrlTooLong, detail).with("url_bytes", url_bytes).with("url_bytes_max", url_max));
     }
     let header_bytes: u64 =
         request.headers().iter().map(|(name, value)| wide(name.as_str().len() + value.len() + 4)).sum();
     if header_bytes > header_max {
-        let detail = format!("the header lines have {header_bytes} bytes, at most {header_max} are read");
+        let detail = format!("the header lines have {header_bytes} bytes, at most {header_max} are allowed");
         return Err(Problem::new(Code::HeadersTooLarge, detail)
             .with("header_bytes", header_bytes)
             .with("header_bytes_max", header_max));
@@ -117,7 +116,7 @@ fn refuse_size(app: &App, request: &Request) -> Result<(), Problem> {
     Ok(())
 }
 
-/// The problem that an answer carries; an error that some layer made without one is a failure of ours.
+/// The problem of an answer; an error status without a problem is an internal failure.
 fn problem_of(response: &Response) -> Option<Problem> {
     let status = response.status();
     let known = response.extensions().get::<Problem>().cloned();
@@ -147,16 +146,16 @@ fn finish(response: Response, problem: Option<Problem>, request_id: &str) -> Res
     response
 }
 
-/// What the log and the counters say about a request.
+/// Facts about a request for the log and the counters.
 struct Asked {
     method: Method,
     path: String,
-    /// The pattern, not the address: one series of numbers a route.
+    /// The route pattern, not the address, so that each route has one series.
     route: String,
     is_reserved: bool,
 }
 
-/// What machines ask all day; the log need not tell when it went well.
+/// Routes that are polled; their successful requests are logged at debug level only.
 const POLLED: [&str; 4] = ["/v1/status", "/health/live", "/health/ready", "/metrics"];
 
 impl Asked {
@@ -166,7 +165,7 @@ impl Asked {
         Self { method: request.method().clone(), path: request.uri().path().to_owned(), route, is_reserved }
     }
 
-    /// One line a request: what was asked, what was answered, how long it took.
+    /// Writes one line per request: the request, the status, the duration.
     fn log(&self, status: StatusCode, duration_ms: f64, request_id: &str, problem: Option<&Problem>) {
         let Self { method, path, route, .. } = self;
         let status = status.as_u16();
@@ -174,7 +173,7 @@ impl Asked {
             Some((code, Some(cause))) => tracing::error!(
                 %method, path, status, duration_ms, request_id, code, cause, "{method} {path} {status}: {cause}"
             ),
-            // A crowd that finds no place must not fill the log as well.
+            // Many refused connections must not fill the log as well.
             Some((code, None)) if self.is_reserved && code == Code::Busy.name() => {
                 tracing::debug!(%method, path, status, duration_ms, request_id, code, "{method} {path} {status} {code}");
             }
@@ -191,14 +190,14 @@ impl Asked {
 
 const LEASE_ID: HeaderName = HeaderName::from_static("lease-id");
 const LEASE_PARAMETER: &str = "lease_id=";
-/// After this another try may be worth it, seconds.
+/// Seconds until a retry is useful.
 const RETRY_AFTER_S: HeaderValue = HeaderValue::from_static("1");
 
-/// Lets a request in; a health check on a reserved connection holds the permit until it is answered, so that health checks
+/// Admits a request; a health check on a reserved connection keeps the permit until it is answered, so that health checks
 /// cannot take all reserved places from stops.
 ///
 /// # Errors
-/// [`Code::Busy`] for what is not urgent on a reserved connection.
+/// [`Code::Busy`] for a request that is not urgent on a reserved connection.
 pub(in crate::http) fn admit(app: &App, request: &Request) -> Result<Option<OwnedSemaphorePermit>, Problem> {
     let Some(reservation) = request.extensions().get::<Reservation>() else { return Ok(None) };
     let permit = match is_stop(request) || holds_lease(app, request) {
@@ -216,8 +215,8 @@ pub(in crate::http) fn is_stop(request: &Request) -> bool {
     request.method() == Method::POST && request.uri().path() == "/v1/cell/stop"
 }
 
-/// Whether the header or the query names the lease that is held. The body is not looked at: reading it would mean waiting
-/// for the client.
+/// Whether the header or the query contains the id of the current lease. The body is not examined: reading it would mean
+/// waiting for the client.
 pub(in crate::http) fn holds_lease(app: &App, request: &Request) -> bool {
     let in_header = request.headers().get(&LEASE_ID).and_then(|id| id.to_str().ok());
     let mut parameters = request.uri().query().unwrap_or_default().split('&');
@@ -243,7 +242,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_panic_tells_the_client_nothing_but_that_it_happened() {
+    fn a_panic_is_reported_to_the_client_without_its_message() {
         let response = panicked(Box::new("the secret".to_owned()));
         let problem = problem_of(&response).expect("a problem");
         assert_eq!((problem.code(), problem.log()), (Code::Internal, Some("a handler panicked: the secret")));
@@ -253,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_that_some_layer_made_becomes_a_problem() {
+    fn an_error_of_another_layer_becomes_a_problem() {
         let response = StatusCode::SERVICE_UNAVAILABLE.into_response();
         assert_eq!(problem_of(&response).map(|problem| problem.code()), Some(Code::Internal));
         assert_eq!(problem_of(&StatusCode::OK.into_response()), None);

@@ -1,8 +1,8 @@
-//! The stream of a connection, ended where its client takes the answer too slowly, and where its reserved place is given to
-//! a newer connection. hyper knows neither.
+//! The stream of a connection. It ends if its client receives the answer too slowly, or if its reserved place is given to
+//! a newer connection; hyper supports neither.
 //!
-//! The least speed of a transfer. It is judged over windows of the time in which the other side is waited for, so a fast
-//! beginning does not pay for a slow end, and time in which this side is busy does not count.
+//! The minimum speed of a transfer is checked over windows of the time spent waiting for the client, so that a fast start does not
+//! compensate for a slow end, and time in which the service is busy does not count.
 
 use std::future::Future;
 use std::io::{self, ErrorKind, IoSlice};
@@ -15,26 +15,26 @@ use tokio::net::TcpStream;
 use tokio::sync::oneshot;
 use tokio::time::{Sleep, sleep};
 
-/// Says that the connection's place is given to another one; dropped where that cannot happen any more.
+/// Signals that the connection's place is given to another one; the sender is dropped when that can no longer happen.
 pub(in crate::http) type Displaced = oneshot::Receiver<()>;
 
-/// How long a client may take nothing of an answer, and how fast it must take it, bytes a second.
+/// How long a client may receive no byte of an answer, and its minimum speed, bytes per second.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::http) struct WriteLimits {
     pub(in crate::http) window: Duration,
     pub(in crate::http) bytes_per_s_min: u64,
 }
 
-/// A stream that does not wait for its client without end.
+/// A stream that limits the time of waiting for its client.
 #[derive(Debug)]
 pub(in crate::http) struct Guarded {
     stream: TcpStream,
     displaced: Option<Displaced>,
     limits: WriteLimits,
     pace: Pace,
-    /// Runs while the client takes nothing; the pace is judged when it is over.
+    /// Runs while the client receives nothing; the pace is checked at its end.
     waiting: Option<Pin<Box<Sleep>>>,
-    /// The last write found no room.
+    /// Whether the last write was blocked by a full send buffer.
     blocked: bool,
 }
 
@@ -63,7 +63,7 @@ impl Guarded {
         }
     }
 
-    /// Before a write: an error where the client was waited for a whole window and took too little in it.
+    /// Before a write: an error if the client received too little during a complete window of waiting.
     fn judge(&mut self, context: &mut Context<'_>) -> io::Result<()> {
         if self.blocked && self.is_window_over(context) {
             self.waiting = None;
@@ -75,7 +75,7 @@ impl Guarded {
         Ok(())
     }
 
-    /// After a write: counts what was taken, and has the task woken when the window of waiting is over.
+    /// After a write: counts the bytes, and wakes the task when the window of waiting is over.
     fn note(&mut self, context: &mut Context<'_>, written: Poll<io::Result<usize>>) -> Poll<io::Result<usize>> {
         match written {
             Poll::Ready(Ok(bytes_count)) => {
@@ -84,7 +84,7 @@ impl Guarded {
             }
             Poll::Ready(Err(_)) => {}
             Poll::Pending => {
-                // A window that went by while there was nothing to write says nothing about the client.
+                // A window without data to write does not indicate a slow client.
                 if !self.blocked && self.is_window_over(context) {
                     self.waiting = None;
                     self.pace = self.limits.pace();
@@ -146,7 +146,7 @@ impl AsyncWrite for Guarded {
     }
 }
 
-/// How fast a transfer is, at this moment.
+/// The speed of a transfer.
 #[derive(Debug, Clone)]
 pub(in crate::http) struct Pace {
     window: Duration,
@@ -156,26 +156,26 @@ pub(in crate::http) struct Pace {
 }
 
 impl Pace {
-    /// At least `bytes_per_s_min` bytes a second, judged after every `window` of waiting; 0 accepts any speed but
-    /// none at all.
+    /// At least `bytes_per_s_min` bytes per second, checked after every `window` of waiting; 0 accepts any speed except a
+    /// complete standstill.
     pub(in crate::http) fn new(window: Duration, bytes_per_s_min: u64) -> Self {
         let millis = u64::try_from(window.as_millis()).unwrap_or(u64::MAX);
         let bytes_min = (bytes_per_s_min.saturating_mul(millis) / 1000).max(1);
         Self { window, bytes_min, waited: Duration::ZERO, bytes_count: 0 }
     }
 
-    /// How long may be waited until the window is over.
+    /// Time of waiting until the end of the window.
     pub(in crate::http) fn remaining(&self) -> Duration {
         self.window.saturating_sub(self.waited)
     }
 
-    /// Notes bytes that came through, after a time of waiting.
+    /// Counts transferred bytes after a time of waiting.
     pub(in crate::http) fn note(&mut self, bytes_count: u64, waited: Duration) {
         self.bytes_count = self.bytes_count.saturating_add(bytes_count);
         self.waited = self.waited.saturating_add(waited);
     }
 
-    /// Whether a window is over in which fewer bytes came through than must. Begins the next window where one is over.
+    /// Whether a window has ended in which too few bytes were transferred. Starts the next window if one has ended.
     pub(in crate::http) fn is_too_slow(&mut self) -> bool {
         if self.waited < self.window {
             return false;
@@ -192,7 +192,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_fast_beginning_does_not_pay_for_a_slow_end() {
+    fn a_fast_start_does_not_compensate_for_a_slow_end() {
         let mut pace = Pace::new(Duration::from_secs(10), 100);
         pace.note(1 << 30, Duration::from_secs(9));
         assert!(!pace.is_too_slow() && pace.remaining() == Duration::from_secs(1));
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_least_speed_only_standing_still_is_too_slow() {
+    fn without_a_minimum_speed_only_a_standstill_is_too_slow() {
         let mut pace = Pace::new(Duration::from_secs(10), 0);
         pace.note(1, Duration::from_secs(10));
         assert!(!pace.is_too_slow());

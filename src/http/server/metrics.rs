@@ -1,4 +1,4 @@
-//! What is counted, as text for Prometheus. A recorder of its own: two services in one process do not mix.
+//! Counters and gauges as text for Prometheus. Each service has its own recorder, so that two in one process do not mix.
 
 use super::connections::ConnectionsCount;
 use crate::service::{Load, Verdict};
@@ -28,32 +28,32 @@ const DATABASE_BYTES: &str = "coaxis_database_bytes";
 const DISK_FREE_BYTES: &str = "coaxis_disk_free_bytes";
 const DISK_TOTAL_BYTES: &str = "coaxis_disk_total_bytes";
 
-/// Upper bounds of the buckets of a duration, seconds.
+/// Upper bounds of the histogram buckets of durations, seconds.
 const SECONDS: [f64; 12] = [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 5.0, 30.0];
 
-/// Methods that have a series of their own. A client may invent others without end.
+/// Methods with their own series. Clients could otherwise create any number of series.
 const METHODS: [&str; 9] = ["GET", "POST", "PUT", "HEAD", "OPTIONS", "DELETE", "PATCH", "TRACE", "CONNECT"];
 
 static METADATA: Metadata<'static> = Metadata::new("coaxis", Level::INFO, None);
 
-/// What is so at this moment, beside what was counted.
+/// Present values of the gauges.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::http) struct Levels {
     /// Calculations.
     pub(in crate::http) load: Load,
-    /// Whether the cell lives, where there is one.
+    /// Whether the cell is alive, if there is one.
     pub(in crate::http) cell_alive: Option<bool>,
-    /// Connections that are open.
+    /// Open connections.
     pub(in crate::http) connections: ConnectionsCount,
-    /// Connections that may be open: general and reserved ones.
+    /// Maximum of open connections: general and reserved ones.
     pub(in crate::http) connections_max: (u64, u64),
-    /// Uploads that are coming in, and how many may.
+    /// Uploads under way, and their maximum.
     pub(in crate::http) uploads: (u64, u64),
-    /// Memory that is set aside for points, and how much may be, bytes.
+    /// Memory reserved for points, and its maximum, bytes.
     pub(in crate::http) memory: (u64, u64),
-    /// Clients that wait, and how many may.
+    /// Waiting clients, and their maximum.
     pub(in crate::http) listeners: (u64, u64),
-    /// Room on the disk, where that could be found out.
+    /// Disk space, if it could be determined.
     pub(in crate::http) usage: Option<Usage>,
 }
 
@@ -70,10 +70,10 @@ impl std::fmt::Debug for Metrics {
 }
 
 impl Metrics {
-    /// All at zero.
+    /// All counters at zero.
     pub(in crate::http) fn new() -> Self {
         let builder = PrometheusBuilder::new();
-        // Refused only for an empty list of bounds.
+        // This fails only for an empty list of bounds.
         let builder = match builder.set_buckets_for_metric(Matcher::Suffix("_seconds".to_owned()), &SECONDS) {
             Ok(builder) => builder,
             Err(_) => PrometheusBuilder::new(),
@@ -84,7 +84,7 @@ impl Metrics {
         Self { recorder, handle }
     }
 
-    /// A request was answered.
+    /// Counts an answered request.
     pub(in crate::http) fn answered(&self, method: &Method, route: &str, status: StatusCode, seconds: f64) {
         let method = Label::new("method", method_name(method));
         let route = Label::new("route", route.to_owned());
@@ -93,18 +93,18 @@ impl Metrics {
         self.add(REQUESTS, vec![method, route, status], 1);
     }
 
-    /// A body was received, as sent.
+    /// Counts a received body, as sent.
     pub(in crate::http) fn received(&self, bytes_count: u64) {
         self.add(BODY_BYTES, Vec::new(), bytes_count);
     }
 
-    /// A measurement was recorded.
+    /// Counts a recorded measurement.
     pub(in crate::http) fn measured(&self, verdict: Verdict, method: &'static str, seconds: f64) {
         self.histogram(MEASUREMENT_SECONDS, vec![Label::new("method", method)], seconds);
         self.add(MEASUREMENTS, vec![Label::new("method", method), Label::new("verdict", verdict.name())], 1);
     }
 
-    /// Everything as text, with what is so at this moment.
+    /// All counters and the present gauges as text.
     pub(in crate::http) fn render(&self, levels: &Levels) -> String {
         if let Some(alive) = levels.cell_alive {
             self.set(CELL_ALIVE, u64::from(alive));
@@ -190,7 +190,7 @@ fn describe(recorder: &PrometheusRecorder) {
         recorder.describe_gauge(KeyName::from_const_str(name), Some(Unit::Bytes), text(help));
     };
     bytes(DATABASE_BYTES, "Size of the database with its write-ahead log.");
-    bytes(DISK_FREE_BYTES, "Room on the disk of the data folder that the service may use.");
+    bytes(DISK_FREE_BYTES, "Free space on the disk of the data folder that the service may use.");
     bytes(DISK_TOTAL_BYTES, "Size of the disk of the data folder.");
 }
 
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn places_and_room_are_told_with_how_many_there_are() {
+    fn places_and_disk_space_are_reported_with_their_maximum() {
         let text = Metrics::new().render(&levels(None));
         for line in [
             r#"coaxis_connections{place="general"} 7"#,
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_counted_is_told_with_its_labels() {
+    fn counters_are_reported_with_their_labels() {
         let metrics = Metrics::new();
         metrics.answered(&Method::GET, "/v1/status", StatusCode::OK, 0.002);
         metrics.measured(Verdict::Refused, "section_line", 0.02);
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn methods_that_clients_invent_share_one_series() {
+    fn unknown_methods_share_one_series() {
         let metrics = Metrics::new();
         for number in 0..100 {
             let invented = Method::from_bytes(format!("METHOD{number}").as_bytes()).expect("a token");

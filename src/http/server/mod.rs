@@ -1,4 +1,4 @@
-//! The listener and what happens to every request alike, the route table, the OpenAPI document and the metrics.
+//! The listener and the processing common to all requests, the route table, the OpenAPI document and the metrics.
 
 pub(in crate::http) mod connections;
 pub(in crate::http) mod edge;

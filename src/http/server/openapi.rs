@@ -1,5 +1,5 @@
-//! The OpenAPI document: its head, the refusals of every operation, which no handler repeats, and the document as it is committed,
-//! with a page to read and try it that loads nothing from outside.
+//! The OpenAPI document: its head, the refusals common to groups of operations, which no handler repeats, and the committed
+//! document, with a page to read and try it that loads nothing from other hosts.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -47,7 +47,7 @@ pub(in crate::http) fn head() -> OpenApi {
 /// The document of all operations with their refusals, as text.
 ///
 /// # Errors
-/// Where it cannot be written as JSON.
+/// If it cannot be serialised as JSON.
 pub(in crate::http) fn with_refusals(mut document: OpenApi) -> Result<String, serde_json::Error> {
     for item in document.paths.paths.values_mut() {
         operations(item).for_each(add_refusals);
@@ -59,7 +59,7 @@ fn operations(item: &mut PathItem) -> impl Iterator<Item = &mut Operation> {
     [&mut item.get, &mut item.put, &mut item.post, &mut item.delete].into_iter().filter_map(Option::as_mut)
 }
 
-/// What every operation may refuse.
+/// Refusals of every operation.
 const EVERYWHERE: &[Code] = &[
     Code::QueryInvalid,
     Code::HostInvalid,
@@ -72,13 +72,13 @@ const EVERYWHERE: &[Code] = &[
     Code::TransferCodingUnsupported,
 ];
 
-/// What one may refuse besides that is not answered while all connections are open: all but stop.
+/// Additional refusals of all operations except stop: they are not answered while all connections are in use.
 const NOT_URGENT: &[Code] = &[Code::Busy];
 
-/// What one that asks the store may refuse besides.
+/// Additional refusals of operations that use the store.
 const STORE: &[Code] = &[Code::StoreUnavailable];
 
-/// What one that takes a body may refuse besides.
+/// Additional refusals of operations with a body.
 const BODY: &[Code] = &[
     Code::HeaderInvalid,
     Code::BodyInterrupted,
@@ -88,7 +88,7 @@ const BODY: &[Code] = &[
     Code::StoreFull,
 ];
 
-/// What one that reads a scan may refuse besides.
+/// Additional refusals of operations that read a scan.
 const SCAN: &[Code] = &[
     Code::TooManyPoints,
     Code::CalculationTooLong,
@@ -127,7 +127,7 @@ const SCAN: &[Code] = &[
     Code::Busy,
 ];
 
-/// What one that measures may refuse besides.
+/// Additional refusals of operations that measure.
 const MEASURING: &[Code] = &[
     Code::JsonMalformed,
     Code::JsonInvalid,
@@ -144,10 +144,10 @@ const MEASURING: &[Code] = &[
     Code::PitchTooSmall,
 ];
 
-/// What one that asks the cell may refuse besides.
+/// Additional refusals of operations that query the cell.
 const CELL: &[Code] = &[Code::CellAbsent, Code::NotReady];
 
-/// What one that commands the cell may refuse besides.
+/// Additional refusals of operations that command the cell.
 const COMMAND: &[Code] = &[
     Code::HeaderInvalid,
     Code::BodyInterrupted,
@@ -166,7 +166,7 @@ const COMMAND: &[Code] = &[
     Code::StoreFull,
 ];
 
-/// What one that moves something may refuse besides.
+/// Additional refusals of operations that move devices.
 const MOVING: &[Code] = &[
     Code::CellBusy,
     Code::DeviceAbsent,
@@ -180,7 +180,7 @@ const MOVING: &[Code] = &[
     Code::DeviceUnavailable,
 ];
 
-/// What one that makes or follows a path may refuse besides.
+/// Additional refusals of operations that plan or execute a path.
 const PATH: &[Code] = &[
     Code::OutOfLimits,
     Code::StandsOutside,
@@ -194,10 +194,10 @@ const PATH: &[Code] = &[
     Code::PlanStale,
 ];
 
-/// What one that needs the record of a measurement may refuse besides.
+/// Additional refusals of operations that need a completed measurement.
 const NOT_MEASURED: &[Code] = &[Code::MeasurementUnknown, Code::MeasurementRunning, Code::MeasurementFailed];
 
-/// What an operation may refuse, by its name.
+/// The possible refusals of an operation, by its name.
 fn refusals(operation_id: &str) -> Vec<&'static [Code]> {
     const NOTHING: &[Code] = &[];
     match operation_id {
@@ -316,7 +316,7 @@ fn problem(status: u16, names: &[&str]) -> Response {
 /// The OpenAPI document as it is committed and served.
 pub const COMMITTED: &str = include_str!("../../../openapi/coaxis.json");
 
-/// The page: every script and style comes from this service, none stands in the page.
+/// The page: every script and style is a file of this service, none is inline.
 const PAGE: &str = r#"<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -334,7 +334,7 @@ const PAGE: &str = r#"<!DOCTYPE html>
 </html>
 "#;
 
-/// Swagger UI sets styles on its elements and draws its icons from data URLs; nothing else is let in.
+/// Swagger UI sets styles on its elements and draws its icons from data URLs; everything else is blocked.
 const CONTENT_SECURITY: HeaderValue = HeaderValue::from_static(
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; \
      connect-src 'self'; frame-ancestors 'none'",
@@ -366,7 +366,7 @@ pub(in crate::http) async fn get_docs() -> HttpResponse {
     (headers, PAGE).into_response()
 }
 
-/// What the page is made of; no resource of the API, hence not in its document.
+/// The files of the page; they are not resources of the API and therefore not in its document.
 pub(in crate::http) async fn get_docs_file(Path(file): Path<String>) -> Result<HttpResponse, Problem> {
     let unknown = || Problem::new(Code::RouteUnknown, format!("there is nothing at /docs/{file}"));
     if file.is_empty() || file == "index.html" {
@@ -381,7 +381,7 @@ pub(in crate::http) async fn get_docs_file(Path(file): Path<String>) -> Result<H
         (header::CONTENT_SECURITY_POLICY, CONTENT_SECURITY),
         (header::CACHE_CONTROL, HeaderValue::from_static("max-age=3600")),
     ]);
-    // They stand in the binary compressed, and every browser takes them so.
+    // The files are stored compressed in the binary, and every browser accepts them in this form.
     if gzipped {
         headers.insert(header::CONTENT_ENCODING, HeaderValue::from_static("gzip"));
     }

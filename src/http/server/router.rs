@@ -1,4 +1,4 @@
-//! The route table, and nothing else.
+//! The route table.
 
 use super::{edge, openapi};
 use crate::http::app::App;
@@ -45,15 +45,15 @@ fn routes() -> OpenApiRouter<App> {
         .routes(routes!(openapi::get_docs))
 }
 
-/// The whole OpenAPI document as text, as it is to be committed.
+/// The complete OpenAPI document as text, as it is committed.
 ///
 /// # Errors
-/// Where it cannot be written as JSON.
+/// If it cannot be serialised as JSON.
 pub fn openapi_json() -> Result<String, serde_json::Error> {
     openapi::with_refusals(routes().into_openapi())
 }
 
-/// What answers requests.
+/// The router with all layers.
 pub(in crate::http) fn router(app: App) -> Router {
     let (router, _) = routes().split_for_parts();
     router

@@ -1,11 +1,11 @@
-//! Keeps pages of other sites from using the service through the browser of somebody who may reach it. A request is refused
+//! Prevents web pages of other sites from using the service through the browser of a user who can reach it. A request is refused
 //!
-//! * whose `Host` is neither an address, nor localhost, nor configured: a name of a stranger that resolves to this machine
-//!   (DNS rebinding) would make the stranger's page a page of this service;
-//! * whose `Origin` is another site's, or, where it changes something, which the browser marks as coming from another site
+//! * if its `Host` is not an address, localhost or a configured name: a foreign name that resolves to this machine
+//!   (DNS rebinding) would give the foreign page the origin of this service;
+//! * if its `Origin` is another site, or if it is a modifying request that the browser marks as coming from another site
 //!   (`Sec-Fetch-Site`).
 //!
-//! Programs send no `Origin`. Anybody may read the documentation. Links and pictures of other sites send no `Origin` either;
+//! Programs send no `Origin`. The documentation is public. Links and pictures of other sites send no `Origin` either;
 //! the page that shows them cannot read them.
 
 use crate::http::wire::problem::{Code, Problem};
@@ -16,7 +16,7 @@ use std::net::IpAddr;
 
 const FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
 
-/// Checks what a request says about where it goes and where it comes from; `hosts` are the configured names.
+/// Checks the target host and the origin of a request; `hosts` are the configured names.
 ///
 /// # Errors
 /// [`Code::HostInvalid`], [`Code::HostUnknown`], [`Code::OriginForeign`].
@@ -31,7 +31,7 @@ pub(in crate::http) fn check(hosts: &[String], request: &Request) -> Result<(), 
     }
 }
 
-/// The host that the request is for; `None` where HTTP/1.0 says none.
+/// The host of the request; `None` if an HTTP/1.0 request has none.
 fn host(request: &Request) -> Result<Option<Authority>, Problem> {
     let mut named = request.headers().get_all(header::HOST).iter();
     let invalid = |what: &str| {
@@ -42,7 +42,7 @@ fn host(request: &Request) -> Result<Option<Authority>, Problem> {
         (Some(_), Some(_)) => Err(invalid("the request has more than one header Host")),
         (Some(host), None) => {
             let parsed = Authority::try_from(host.as_bytes()).ok().filter(is_host_and_port);
-            // An absolute address in the request line decides over the header.
+            // An absolute address in the request line has priority over the header.
             let decisive = request.uri().authority().cloned().or(parsed);
             decisive.map(Some).ok_or_else(|| invalid("the header Host is not a host with an optional port"))
         }
@@ -51,7 +51,7 @@ fn host(request: &Request) -> Result<Option<Authority>, Problem> {
     }
 }
 
-/// Whether it names no user, and its port, where it has one, is a number.
+/// Whether it contains no user name, and its port, if present, is a number.
 fn is_host_and_port(host: &Authority) -> bool {
     !host.as_str().contains('@') && (host.port_u16().is_some() || host.as_str() == host.host())
 }
@@ -71,7 +71,7 @@ fn is_configured(hosts: &[String], host: &str) -> bool {
     hosts.iter().any(|name| name.eq_ignore_ascii_case(host))
 }
 
-/// The site that a request comes from, where that is not this service.
+/// The origin of a request, if it is another site.
 fn foreign_origin<'a>(hosts: &[String], host: &Authority, request: &'a Request) -> Option<&'a str> {
     let headers = request.headers();
     if let Some(origin) = headers.get(header::ORIGIN) {
@@ -89,8 +89,8 @@ fn is_read(method: &Method) -> bool {
     [Method::GET, Method::HEAD].contains(method)
 }
 
-/// Whether an origin is this service: the host that the request is for, or a configured one, which a proxy in front may have
-/// replaced in `Host`. The scheme says nothing, since the proxy may add TLS.
+/// Whether an origin is this service: the host of the request, or a configured one, because a proxy may have replaced the host
+/// in `Host`. The scheme is ignored, because the proxy may add TLS.
 fn is_own(hosts: &[String], host: &Authority, origin: &str) -> bool {
     let Some((scheme, rest)) = origin.split_once("://") else { return false };
     let default_port = match scheme {
@@ -106,7 +106,7 @@ fn is_own(hosts: &[String], host: &Authority, origin: &str) -> bool {
     (same_port && origin.host().eq_ignore_ascii_case(host.host())) || is_configured(hosts, origin.host())
 }
 
-/// Whether everybody may read it: the documentation.
+/// Whether it is public: the documentation.
 fn is_public(request: &Request) -> bool {
     let path = request.uri().path();
     is_read(request.method()) && (path == "/openapi.json" || path == "/docs" || path.starts_with("/docs/"))
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn an_origin_is_this_service_under_the_host_that_was_asked_for_or_a_configured_one() {
+    fn the_own_origin_is_the_host_of_the_request_or_a_configured_one() {
         let own = [
             ("127.0.0.1:8080", "http://127.0.0.1:8080"),
             ("localhost:8080", "http://localhost:8080"),

@@ -1,5 +1,5 @@
-//! Places that clients take for a while, such as connections, uploads and waits. Their number is limited in all and for each
-//! peer, so that no single client can take all of them. The peer is read from the connection.
+//! Places that clients occupy for a while, such as connections, uploads and waits. Their number is limited in total and for each
+//! peer, so that no single client can take all of them. The peer is the address of the connection.
 
 use std::collections::HashMap;
 use std::convert::Infallible;
@@ -14,7 +14,7 @@ use axum::http::{HeaderValue, header};
 use crate::config::Limits;
 use crate::http::wire::problem::{Code, Problem};
 
-/// A number of places. Cheap to clone.
+/// A number of places. Inexpensive to clone.
 #[derive(Debug, Clone)]
 pub(in crate::http) struct Shares {
     taken: Arc<Mutex<Taken>>,
@@ -28,7 +28,7 @@ struct Taken {
     by_peer: HashMap<Peer, u64>,
 }
 
-/// A place, held until it is dropped.
+/// A place, occupied until it is dropped.
 #[derive(Debug)]
 pub(in crate::http) struct Place {
     taken: Arc<Mutex<Taken>>,
@@ -38,12 +38,12 @@ pub(in crate::http) struct Place {
 /// Why no place could be taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::http) enum Full {
-    /// All places are taken.
+    /// All places are occupied.
     All {
-        /// How many there are.
+        /// Number of places.
         places_max: u64,
     },
-    /// The peer holds its share already.
+    /// The peer has used its share.
     Peer {
         /// The share.
         peer_max: u64,
@@ -60,7 +60,7 @@ impl Shares {
     /// Takes a place for a peer.
     ///
     /// # Errors
-    /// [`Full`] where all are taken, or the peer's share is.
+    /// [`Full`] if all are occupied, or if the peer has used its share.
     pub(in crate::http) fn take(&self, peer: Peer) -> Result<Place, Full> {
         let mut taken = lock(&self.taken);
         if taken.count >= self.places_max {
@@ -74,7 +74,7 @@ impl Shares {
         Ok(Place { taken: Arc::clone(&self.taken), peer })
     }
 
-    /// How many places are taken.
+    /// Number of occupied places.
     pub(in crate::http) fn taken_count(&self) -> u64 {
         lock(&self.taken).count
     }
@@ -84,7 +84,7 @@ impl Drop for Place {
     fn drop(&mut self) {
         let mut taken = lock(&self.taken);
         taken.count = taken.count.saturating_sub(1);
-        // A peer without a place is forgotten, so that the table is never longer than the places are many.
+        // A peer without a place is removed, so that the table has at most as many entries as there are places.
         if let Some(count) = taken.by_peer.get_mut(&self.peer) {
             *count = count.saturating_sub(1);
             if *count == 0 {
@@ -98,10 +98,10 @@ fn lock(taken: &Mutex<Taken>) -> MutexGuard<'_, Taken> {
     taken.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A client that finds no place may ask again after this, seconds.
+/// Seconds after which a client without a place may retry.
 const RETRY_AFTER_S: HeaderValue = HeaderValue::from_static("1");
 
-/// Places for clients that wait.
+/// Places for waiting clients.
 #[derive(Debug, Clone)]
 pub(in crate::http) struct Listeners {
     places: Shares,
@@ -109,16 +109,16 @@ pub(in crate::http) struct Listeners {
 }
 
 impl Listeners {
-    /// As many as is configured, but never more than half of the connections.
+    /// The configured number, but at most half of the connections.
     pub(in crate::http) fn new(limits: &Limits) -> Self {
         let most = limits.listeners_max.min(limits.connections_max / 2).max(1);
         Self { places: Shares::new(most, limits.peer_share_percent), most }
     }
 
-    /// A place, held until it is dropped.
+    /// A place, occupied until it is dropped.
     ///
     /// # Errors
-    /// [`Code::Busy`] where all are taken, or the peer's share is.
+    /// [`Code::Busy`] if all are occupied, or if the peer has used its share.
     pub(in crate::http) fn place(&self, peer: Peer) -> Result<Place, Problem> {
         self.places.take(peer).map_err(|full| {
             let (most, whose, keys) = match full {
@@ -128,7 +128,7 @@ impl Listeners {
                 }
             };
             let detail = format!(
-                "{most} clients{whose} wait for events or ends, and no more may ({keys}); ask again later, or without wait_s"
+                "{most} clients{whose} wait for events or ends, which is the maximum ({keys}); retry later, or without wait_s"
             );
             Problem::new(Code::Busy, detail)
                 .with("listeners_max_count", most)
@@ -136,7 +136,7 @@ impl Listeners {
         })
     }
 
-    /// A place for a request that waits; one that does not needs none.
+    /// A place for a request that waits; a request that does not wait needs none.
     ///
     /// # Errors
     /// As [`Listeners::place`].
@@ -144,33 +144,33 @@ impl Listeners {
         if wait.is_zero() { Ok(None) } else { self.place(peer).map(Some) }
     }
 
-    /// How many may wait.
+    /// Maximum number of waiting clients.
     pub(in crate::http) const fn most(&self) -> u64 {
         self.most
     }
 
-    /// How many wait at this moment.
+    /// Present number of waiting clients.
     pub(in crate::http) fn count(&self) -> u64 {
         self.places.taken_count()
     }
 }
 
-/// The network address that counts as one client: an IPv4 address, or the /64 network of an IPv6 address, since one host
-/// may use every address of its /64.
+/// The network address that counts as one client: an IPv4 address, or the /64 network of an IPv6 address, because one host
+/// can use every address of its /64.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(in crate::http) enum Peer {
-    /// An IPv4 address, also one that is written as IPv6.
+    /// An IPv4 address, also if it is mapped to IPv6.
     V4(Ipv4Addr),
     /// The first 64 bits of an IPv6 address.
     V6([u16; 4]),
 }
 
-/// The connection of a request; every request carries it as an extension.
+/// The connection of a request, an extension of every request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::http) struct ConnectionInfo {
-    /// Who is at the other end.
+    /// Address of the client.
     pub(in crate::http) peer: Peer,
-    /// All other places were taken, so only urgent requests are answered on this connection.
+    /// All other places were occupied, so only urgent requests are answered on this connection.
     pub(in crate::http) reserved: bool,
 }
 
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn one_peer_takes_its_share_and_the_others_take_the_rest() {
+    fn a_peer_gets_at_most_its_share_and_the_others_get_the_rest() {
         let shares = Shares::new(4, 50);
         let held: Vec<_> = (0..2).map(|_| shares.take(peer(1)).expect("a place")).collect();
         assert_eq!(shares.take(peer(1)).err(), Some(Full::Peer { peer_max: 2 }));
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn the_share_of_a_single_place_is_that_place() {
+    fn the_share_of_a_peer_is_at_least_one_place() {
         assert!(Shares::new(1, 50).take(peer(1)).is_ok());
     }
 }

@@ -1,4 +1,4 @@
-//! What has happened, numbered: by polling with a bounded wait, or as a stream of server-sent events, which says the same.
+//! Numbered events: by polling with a bounded wait, or as a stream of server-sent events with the same content.
 
 use crate::cell::{EventKind, Failure, JobEnd, StopCause};
 use crate::http::app::App;
@@ -24,11 +24,11 @@ use utoipa::{IntoParams, ToSchema};
 
 const LAST_EVENT_ID: HeaderName = HeaderName::from_static("last-event-id");
 
-/// Most events of one answer.
+/// Maximum number of events of one answer.
 const LIMIT: usize = 256;
-/// A quiet stream says that it lives.
+/// Interval of the heartbeat on a stream without events.
 const HEARTBEAT: Duration = Duration::from_secs(10);
-/// Pieces of a stream that wait for a slow reader; then the stream waits, too.
+/// Pieces of a stream that are queued for a slow reader; then the stream waits, too.
 const PIECES_WAITING: usize = 8;
 
 /// Which events.
@@ -134,7 +134,7 @@ pub(in crate::http) async fn list_events(
 }
 
 impl EventsQuery {
-    /// Behind what is asked on. The header is newer than an address that a browser connects to again.
+    /// Where to continue. The header has priority, because a browser that reconnects repeats the old address.
     fn after(&self, headers: &HeaderMap, instance_id: &str) -> Result<After, Problem> {
         if let Some(text) = header_text(headers, &LAST_EVENT_ID)? {
             return last_event(text.trim(), instance_id);
@@ -150,9 +150,9 @@ impl EventsQuery {
     }
 }
 
-/// The event that the id of a stream names.
+/// The event identified by the id of a stream.
 fn last_event(id: &str, instance_id: &str) -> Result<After, Problem> {
-    // A number alone is not from us, so it is not known which instance counted it.
+    // A number alone was not sent by this service, so its instance is unknown.
     let (instance, number) = id.rsplit_once(':').unwrap_or(("", id));
     let number = number.parse().map_err(|_| {
         let detail = "the header Last-Event-ID must be the id of an event of this stream: instance_id:number";
@@ -161,7 +161,7 @@ fn last_event(id: &str, instance_id: &str) -> Result<After, Problem> {
     Ok(if instance == instance_id { After::Number(number) } else { After::AnotherInstance })
 }
 
-/// A body that tells events as they come, until the client hangs up or the service ends.
+/// A body that sends events as they occur, until the client disconnects or the service shuts down.
 fn stream(service: Arc<Service>, after: After, place: Place) -> Response {
     let (sender, body) = Channel::<Bytes, Infallible>::new(PIECES_WAITING);
     tokio::spawn(async move {
@@ -183,7 +183,7 @@ async fn tell(service: Arc<Service>, mut after: After, mut sender: Sender<Bytes,
     while !service.is_closing() {
         let events = service.events(after, LIMIT, HEARTBEAT).await;
         let mut piece = String::new();
-        // That something was missed is told once; then this instance is followed.
+        // Missed events are reported once; then the stream follows this instance.
         after = After::Number(events.seen);
         if events.missed_count > 0 {
             piece += &format!("event: missed\ndata: {{\"missed_count\": {}}}\n\n", events.missed_count);
@@ -268,8 +268,10 @@ fn of_cell(kind: EventKind) -> EventDocument {
             ..coded("faulted", fault.failure.code(), fault.failure.to_string())
         },
         K::Resolved { device, sequence, taken } => {
-            let text =
-                format!("command {sequence} was {}", if taken { "taken" } else { "not taken, and never will be" });
+            let text = format!(
+                "command {sequence} was {}",
+                if taken { "accepted" } else { "not accepted and will not be executed" }
+            );
             EventDocument { device: Some(device), text: Some(text), ..named("resolved") }
         }
         K::ManualDone { device, verb } => {
@@ -304,7 +306,7 @@ fn stopping(cause: Option<StopCause>) -> EventDocument {
         None => coded(
             "stopping",
             "given_up",
-            "what was under way could not go on, or something was found moving".to_owned(),
+            "the current activity could not continue, or an unexpected motion was detected".to_owned(),
         ),
     }
 }

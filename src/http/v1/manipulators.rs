@@ -1,4 +1,4 @@
-//! The two manipulators: how each is, and its commands: enable, disable, home.
+//! The two manipulators: their states, and their commands enable, disable and home.
 
 use super::cell::TakenDocument;
 use crate::cell::Manual;
@@ -137,7 +137,7 @@ pub(in crate::http) struct TurnAxisDocument {
     flags: FlagsDocument,
 }
 
-/// The manipulator that the path names.
+/// The manipulator in the path.
 pub(in crate::http) struct Chosen(Carrier);
 
 impl<S: Send + Sync> FromRequestParts<S> for Chosen {

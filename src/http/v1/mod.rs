@@ -1,4 +1,4 @@
-//! The resources of the API, a file each: wire types, their documentation and handlers together.
+//! The resources of the API, one file each: wire types, their documentation and handlers together.
 
 pub(in crate::http) mod cell;
 pub(in crate::http) mod events;

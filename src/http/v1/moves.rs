@@ -110,7 +110,7 @@ impl From<EndReason> for EndingDocument {
 }
 
 impl MoveDocument {
-    /// With its progress at this moment.
+    /// The document with the present progress.
     pub(in crate::http) fn of(one: Move, service: &Service) -> Self {
         let progress = match one.standing {
             JobStatus::Done => 1.0,
@@ -181,7 +181,7 @@ pub(in crate::http) async fn create_move(
     made(&address, started.replayed, MoveDocument::of(started.job, &app.service))
 }
 
-/// What is to move where.
+/// The target positions of both manipulators.
 fn targets(m1: Option<TargetsDocument>, m2: Option<TargetsDocument>) -> Result<MoveTargets, Problem> {
     let of = |named: Option<TargetsDocument>, carrier| named.map_or(Ok(None), |named| named.targets(carrier));
     let targets = Pair { m1: of(m1, Carrier::M1)?, m2: of(m2, Carrier::M2)? };

@@ -1,4 +1,4 @@
-//! Plans: what would move so that a measured part lies where it is wanted. A plan moves nothing and is executed once.
+//! Plans: the motion that brings a measured part to a target pose. A plan moves nothing and is executed at most once.
 
 use super::moves::MoveDocument;
 use crate::geometry::AxisLine;
@@ -135,7 +135,7 @@ pub(in crate::http) struct PlanList {
 }
 
 impl TargetDocument {
-    /// The target, where it can be one.
+    /// The target, if it is valid.
     fn target(self) -> Result<Target, Problem> {
         let Self { deflection_deg, pitch_deg, y_c0_mm, z_c0_mm, roll_deg, shift_x_mm } = self;
         Ok(Target {

@@ -1,4 +1,4 @@
-//! Recipes under a name, with entity tags: nobody overwrites what he has not seen.
+//! Named recipes with entity tags, so that no client overwrites a revision that it has not read.
 
 pub(in crate::http) mod document;
 
@@ -124,7 +124,7 @@ pub(in crate::http) async fn put_recipe(
         Problem::new(Code::OptionInvalid, detail).with("field", "name")
     })?;
     let said = precondition(&headers)?;
-    // Without a word about the revision only a new name may be put.
+    // Without a precondition, only a new name is accepted.
     let holds = said.clone().unwrap_or(Precondition::MustNotExist);
     match app.service.measuring.put_recipe(&name, &document.into(), holds).await {
         Ok(Put::Created(recipe)) => answer(StatusCode::CREATED, recipe),
@@ -138,7 +138,7 @@ pub(in crate::http) async fn put_recipe(
     }
 }
 
-/// What the headers say about the revision.
+/// The precondition in the headers.
 fn precondition(headers: &HeaderMap) -> Result<Option<Precondition>, Problem> {
     let invalid = |detail| Err(Problem::new(Code::HeaderInvalid, detail));
     let if_match = header_text(headers, &header::IF_MATCH)?;

@@ -1,4 +1,4 @@
-//! Raw scans: kept under their content, listed, handed out byte for byte.
+//! Raw scans: stored under the hash of their content, listed, returned byte for byte.
 
 use crate::http::app::App;
 use crate::http::wire::body::{Pieces, content_encoding, origin, receive};
@@ -177,7 +177,7 @@ pub(in crate::http) async fn get_scan_content(
 /// Bytes of a file that are read at once.
 const BLOCK_BYTES: usize = 256 << 10;
 
-/// The file as a body, a block ahead of the client.
+/// The file as a body, read one block ahead of the client.
 fn file_body(file: std::fs::File) -> Body {
     let (mut sender, body) = Channel::<Bytes, io::Error>::new(1);
     tokio::spawn(async move {
@@ -187,7 +187,7 @@ fn file_body(file: std::fs::File) -> Body {
             match file.read(&mut block).await {
                 Ok(0) => break,
                 Ok(count) => block.truncate(count),
-                // The announced length is not reached, so the client sees that something is missing.
+                // The announced length is not reached, so the client detects that data are missing.
                 Err(error) => return sender.abort(error),
             }
             if sender.send_data(block.into()).await.is_err() {

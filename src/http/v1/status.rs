@@ -1,4 +1,4 @@
-//! How the service is: one flat document for those who poll, probes for those who restart it, counters for those who watch.
+//! The status of the service: a flat document for polling, probes for a supervisor, counters for monitoring.
 
 use crate::http::app::App;
 use crate::http::server::metrics::Levels;
@@ -173,7 +173,9 @@ pub(in crate::http) async fn get_metrics(State(app): State<App>) -> Response {
         uploads: (app.service.measuring.uploads_count(), limits.uploads_max),
         memory: app.service.memory_bytes(),
         listeners: (app.listeners.count(), app.listeners.most()),
-        usage: usage.inspect_err(|error| tracing::warn!(%error, "the room of the data folder is not known")).ok(),
+        usage: usage
+            .inspect_err(|error| tracing::warn!(%error, "the free space of the data folder could not be determined"))
+            .ok(),
     };
     let text = app.metrics.render(&levels);
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()

@@ -1,5 +1,5 @@
-//! Bodies piece by piece, within limits of size, time and speed; and a scan in a body: how it is compressed, what is known about it,
-//! and its path into the store.
+//! Receives bodies piece by piece within limits of size, time and speed. For a scan in a body, it determines the compression and
+//! the declared format, and writes the bytes to the store.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -19,8 +19,8 @@ use crate::service::{Origin, ReceivedScan, ResolvedOrder, Stopwatch, Upload};
 use super::names::FormatName;
 use super::problem::{Code, Problem};
 
-/// How much of a refused body is read and thrown away, so that its sender gets to read the refusal: one that is still
-/// writing when the connection closes would see a broken pipe instead.
+/// Bytes of a refused body that are read and discarded, so that its sender can read the refusal: a client that is still
+/// writing when the connection closes would get a broken pipe instead.
 const DRAIN_BYTES_MAX: usize = 16 << 20;
 const DRAIN_TIME_MAX: Duration = Duration::from_secs(2);
 
@@ -29,27 +29,27 @@ const DRAIN_TIME_MAX: Duration = Duration::from_secs(2);
 pub(in crate::http) struct Pieces {
     peer: Peer,
     body: Option<Body>,
-    /// Pieces looked at before, to be handed out first.
+    /// Pieces that were examined before; they are returned first.
     ahead: VecDeque<Bytes>,
     bytes_count: u64,
     bytes_max: u64,
     announced_bytes: Option<u64>,
     idle: Duration,
     total: Duration,
-    /// How fast it comes.
+    /// Speed of the body.
     pace: Pace,
     bytes_per_s_min: u64,
-    /// Runs since the body began.
+    /// Time since the start of the body.
     watch: Stopwatch,
-    /// Nothing is to be thrown away: the client waits for a go-ahead, which reading on would give, or sends nothing.
+    /// Nothing is to be discarded: the client waits for `100 Continue`, which further reading would send, or sends no body.
     silent: bool,
 }
 
 impl Pieces {
-    /// Begins to read a body of at most `bytes_max` bytes.
+    /// Starts to read a body of at most `bytes_max` bytes.
     ///
     /// # Errors
-    /// [`Code::BodyTooLarge`] where the announced length is beyond; nothing is read then.
+    /// [`Code::BodyTooLarge`] if the announced length is greater; nothing is read then.
     pub(in crate::http) fn new(parts: &Parts, body: Body, app: &App, bytes_max: u64) -> Result<Self, Problem> {
         let announced_bytes = announced_bytes(&parts.headers);
         let pieces = Self {
@@ -83,8 +83,8 @@ impl Pieces {
         }
     }
 
-    /// Reads until `enough` bytes are here or the body ends; all of them will be handed out again. Says whether the body
-    /// ended.
+    /// Reads until `enough` bytes have arrived or the body ends; all of them will be returned again. The result includes whether
+    /// the body ended.
     ///
     /// # Errors
     /// Those of [`Pieces::next`].
@@ -98,7 +98,7 @@ impl Pieces {
         Ok((head, false))
     }
 
-    /// The whole body.
+    /// The complete body.
     ///
     /// # Errors
     /// Those of [`Pieces::next`].
@@ -110,12 +110,12 @@ impl Pieces {
         Ok(whole)
     }
 
-    /// Who sends it.
+    /// Address of the sender.
     pub(in crate::http) const fn peer(&self) -> Peer {
         self.peer
     }
 
-    /// Bytes that were announced.
+    /// Announced number of bytes.
     pub(in crate::http) const fn announced_bytes(&self) -> Option<u64> {
         self.announced_bytes
     }
@@ -136,10 +136,10 @@ impl Pieces {
             self.pace.note(0, self.watch.elapsed().saturating_sub(begun).min(patience));
             let Ok(frame) = frame else {
                 if left <= patience {
-                    return Err(self.too_slow("it was not whole after", "total_ms", self.total));
+                    return Err(self.too_slow("it was incomplete after", "total_ms", self.total));
                 }
                 if idle <= patience {
-                    return Err(self.too_slow("nothing came for", "idle_ms", self.idle));
+                    return Err(self.too_slow("no data arrived for", "idle_ms", self.idle));
                 }
                 self.check_pace()?;
                 idle = idle.saturating_sub(patience);
@@ -148,7 +148,7 @@ impl Pieces {
             match frame.transpose().map_err(|_| self.interrupted())?.map(|frame| frame.into_data()) {
                 Some(Ok(data)) if data.is_empty() => {}
                 Some(Ok(data)) => return self.count(data).map(Some),
-                // Trailers say nothing to us.
+                // Trailers are ignored.
                 Some(Err(_)) => {}
                 None => self.body = None,
             }
@@ -156,7 +156,7 @@ impl Pieces {
         Ok(None)
     }
 
-    /// Refuses a body that comes in such small pieces that it would hold its place for long.
+    /// Refuses a body whose pieces are so small that it would occupy its place for long.
     fn check_pace(&mut self) -> Result<(), Problem> {
         if !self.pace.is_too_slow() {
             return Ok(());
@@ -221,13 +221,13 @@ fn announced_bytes(headers: &HeaderMap) -> Option<u64> {
 
 const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
 
-/// Longest id of a request.
+/// Maximum length of a request id.
 const REQUEST_ID_CHARACTERS_MAX: usize = 128;
 
-/// What a browser or `curl -F` wraps files into.
+/// Media type that a browser or `curl -F` uses for files.
 const FORM: &[u8] = b"multipart/";
 
-/// How the body is packed as the client says; `None` where it is not.
+/// The declared compression of the body; `None` if it has none.
 ///
 /// # Errors
 /// [`Code::EncodingUnsupported`].
@@ -242,7 +242,7 @@ pub(in crate::http) fn content_encoding(headers: &HeaderMap) -> Result<Option<En
     })
 }
 
-/// What is said about the scan besides its bytes.
+/// The declared properties of the scan besides its bytes.
 ///
 /// # Errors
 /// [`Code::HeaderInvalid`], [`Code::ContentTypeUnsupported`] for a form.
@@ -250,22 +250,22 @@ pub(in crate::http) fn origin(format: Option<FormatName>, headers: &HeaderMap) -
     let media_type = match headers.contains_key(header::CONTENT_TYPE) {
         true => Some(
             media_type(headers)
-                .ok_or_else(|| Problem::new(Code::HeaderInvalid, "the header content-type is not plain text"))?,
+                .ok_or_else(|| Problem::new(Code::HeaderInvalid, "the header content-type is not text"))?,
         ),
         false => None,
     };
     let kind = media_type.unwrap_or_default().trim_start().as_bytes();
     if kind.get(..FORM.len()).is_some_and(|start| start.eq_ignore_ascii_case(FORM)) {
-        let detail = "a form is not read; send the bare bytes of the scan: curl --data-binary @scan.ply, not -F";
+        let detail = "forms are not supported; send the bytes of the scan: curl --data-binary @scan.ply, not -F";
         return Err(Problem::new(Code::ContentTypeUnsupported, detail));
     }
     Ok(Origin { parameter: format.map(Into::into), media_type: media_type.map(str::to_owned), file_name: None })
 }
 
-/// What the client calls its request, from the query, the body or the header.
+/// The client's own id of its request, from the query, the body or the header.
 ///
 /// # Errors
-/// [`Code::OptionInvalid`] where it is too long, has other characters, or two places say different things.
+/// [`Code::OptionInvalid`] if it is too long, has other characters, or two places give different ids.
 pub(in crate::http) fn request_id(said: Option<String>, headers: &HeaderMap) -> Result<Option<String>, Problem> {
     let key = header_text(headers, &IDEMPOTENCY_KEY)?;
     if let (Some(said), Some(key)) = (&said, &key)
@@ -285,10 +285,10 @@ pub(in crate::http) fn request_id(said: Option<String>, headers: &HeaderMap) -> 
     }
 }
 
-/// The body into a file of the store that is not kept yet; what is refused on the way has left nothing there.
+/// Receives the body into a file of the store that is not recorded yet; the file of a refused body is deleted.
 ///
 /// # Errors
-/// What the body, the packing or the store says.
+/// Errors of the body, the compression or the store.
 pub(in crate::http) async fn receive(
     app: &App,
     pieces: &mut Pieces,
@@ -306,7 +306,7 @@ pub(in crate::http) async fn receive(
     Ok(app.service.measuring.complete_upload(upload).await?)
 }
 
-/// A place among the uploads that are coming in, so that one client with many slow ones leaves places to the others.
+/// A place among the uploads under way, so that one client with many slow uploads leaves places for the others.
 fn upload_place(app: &App, peer: Peer) -> Result<Place, Problem> {
     app.uploads.take(peer).map_err(|full| {
         let (most, whose, keys) = match full {
@@ -315,7 +315,7 @@ fn upload_place(app: &App, peer: Peer) -> Result<Place, Problem> {
                 (peer_max, " from this address", "limits.uploads_max, limits.peer_share_percent")
             }
         };
-        let detail = format!("{most} uploads{whose} are under way, and no more may ({keys}); send this again later");
+        let detail = format!("{most} uploads{whose} are under way, the maximum ({keys}); send this again later");
         Problem::new(Code::Busy, detail)
             .with("uploads_max_count", most)
             .with_header(header::RETRY_AFTER, HeaderValue::from_static("1"))
@@ -334,14 +334,14 @@ pub(in crate::http) fn media_type(headers: &HeaderMap) -> Option<&str> {
     headers.get(header::CONTENT_TYPE)?.to_str().ok()
 }
 
-/// A header's text; `None` where it is absent.
+/// The text of a header; `None` if it is absent.
 ///
 /// # Errors
-/// [`Code::HeaderInvalid`] where it is no text.
+/// [`Code::HeaderInvalid`] if it is not text.
 pub(in crate::http) fn header_text(headers: &HeaderMap, name: &HeaderName) -> Result<Option<String>, Problem> {
     let Some(value) = headers.get(name) else { return Ok(None) };
     match value.to_str() {
         Ok(text) => Ok(Some(text.to_owned())),
-        Err(_) => Err(Problem::new(Code::HeaderInvalid, format!("the header {name} is not plain text"))),
+        Err(_) => Err(Problem::new(Code::HeaderInvalid, format!("the header {name} is not text"))),
     }
 }

@@ -1,4 +1,4 @@
-//! What requests to the cell have in common: the lease in header, query or body, a bounded wait, what was made.
+//! Common parts of requests to the cell: the lease id in header, query or body, a bounded wait, and the answer for a new resource.
 
 use super::body::header_text;
 use super::extract::{optional_json, query};
@@ -15,10 +15,10 @@ use utoipa::{IntoParams, ToSchema};
 const LEASE_ID: HeaderName = HeaderName::from_static("lease-id");
 pub(in crate::http) const REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
 
-/// Longest wait that may be asked for, seconds.
+/// Maximum wait, seconds.
 const WAIT_MAX_S: u8 = 60;
 
-/// The lease that a command names which says nothing else.
+/// The lease id of a command that has no other parameters.
 #[derive(Debug)]
 pub(in crate::http) struct CommandLease(pub(in crate::http) String);
 
@@ -51,11 +51,11 @@ pub(in crate::http) struct LeaseBody {
     pub(in crate::http) lease_id: Option<String>,
 }
 
-/// Which lease a command names, wherever it names it.
+/// The lease id of a command, from any of its possible locations.
 ///
 /// # Errors
-/// [`Code::CellAbsent`] where there is nothing to command, [`Code::LeaseRequired`] where it names none, [`Code::OptionInvalid`]
-/// where it names two.
+/// [`Code::CellAbsent`] if there is no cell, [`Code::LeaseRequired`] if the command contains no lease id, [`Code::OptionInvalid`]
+/// if it contains two.
 pub(in crate::http) fn lease_id(app: &App, said: [Option<String>; 2], headers: &HeaderMap) -> Result<String, Problem> {
     app.service.operating.cell_config()?;
     named_lease(said, headers)?.ok_or_else(|| {
@@ -64,10 +64,10 @@ pub(in crate::http) fn lease_id(app: &App, said: [Option<String>; 2], headers: &
     })
 }
 
-/// Which lease a request names, where it names one.
+/// The lease id of a request, if it contains one.
 ///
 /// # Errors
-/// [`Code::OptionInvalid`] where it names two.
+/// [`Code::OptionInvalid`] if it contains two.
 pub(in crate::http) fn named_lease(said: [Option<String>; 2], headers: &HeaderMap) -> Result<Option<String>, Problem> {
     let mut named: Vec<String> = said.into_iter().chain([header_text(headers, &LEASE_ID)?]).flatten().collect();
     named.dedup();
@@ -101,15 +101,15 @@ impl<'de> Deserialize<'de> for WaitSeconds {
     }
 }
 
-/// The wait that is asked for; none where nothing is said.
+/// The requested wait; zero by default.
 pub(in crate::http) fn wait(asked: Option<WaitSeconds>) -> Duration {
     Duration::from_secs(asked.map_or(0, |WaitSeconds(seconds)| seconds.into()))
 }
 
-/// Something that was made, or had been made for the same request before: 201 or 200, with its address.
+/// The answer for a resource that was created now (201) or by an earlier equal request (200), with its address.
 ///
 /// # Errors
-/// Where the address cannot be a header, which none of ours brings about.
+/// If the address is not a valid header, which does not happen for addresses of this service.
 pub(in crate::http) fn made<T: Serialize>(address: &str, replayed: bool, document: T) -> Result<Response, Problem> {
     let location = HeaderValue::from_str(address).map_err(|error| Problem::internal(error.to_string()))?;
     let body = axum::Json(document);

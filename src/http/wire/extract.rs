@@ -1,5 +1,5 @@
-//! Query, path and JSON body as typed values, and the form of the answer that the client prefers. What does not fit is a problem,
-//! never plain text of the framework.
+//! Query, path and JSON body as typed values, and the media type that the client prefers. An invalid request gets a problem,
+//! never the plain text of the framework.
 
 use super::body::{header_text, media_type};
 pub(in crate::http) use crate::service::without_mark;
@@ -25,7 +25,7 @@ pub(in crate::http) struct Query<T>(pub(in crate::http) T);
 #[derive(Debug)]
 pub(in crate::http) struct Path<T>(pub(in crate::http) T);
 
-/// The query of what takes no parameter, so that a mistyped one is not ignored.
+/// The query of an operation without parameters, so that a mistyped parameter is not ignored.
 #[derive(Debug)]
 pub(in crate::http) struct NoQuery;
 
@@ -37,7 +37,7 @@ struct NoParameters {}
 #[derive(Debug)]
 pub(in crate::http) struct Json<T>(pub(in crate::http) T);
 
-/// The same where the body may be left out.
+/// The same for an optional body.
 #[derive(Debug)]
 pub(in crate::http) struct OptionalJson<T>(pub(in crate::http) T);
 
@@ -73,7 +73,7 @@ impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for Path<T>
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
-        // What cannot be read as text names nothing that we have.
+        // A path that is not valid text cannot name a resource.
         match axum::extract::Path::<T>::from_request_parts(parts, state).await {
             Ok(axum::extract::Path(value)) => Ok(Self(value)),
             Err(_) => Err(Problem::new(Code::RouteUnknown, "the address cannot be read as text")),
@@ -101,7 +101,7 @@ impl<T: DeserializeOwned + Default> FromRequest<App> for OptionalJson<T> {
     }
 }
 
-/// The body of a request as a value, the default where there is none.
+/// The body of a request as a value, or the default if there is no body.
 pub(in crate::http) async fn optional_json<T: DeserializeOwned + Default>(
     parts: &Parts,
     body: Body,
@@ -122,7 +122,7 @@ pub(in crate::http) fn json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Prob
         let reason = in_words(&error.to_string());
         return Err(Problem::new(Code::JsonMalformed, format!("the body is not a JSON document: {reason}")));
     }
-    // A list would be taken for the fields of an object in their order.
+    // serde would accept a list as the fields of an object in their order.
     if bytes.trim_ascii_start().first() != Some(&b'{') {
         return Err(Problem::new(Code::JsonInvalid, "the body is not a JSON object: send {\"name\": value, …}"));
     }
@@ -139,7 +139,7 @@ pub(in crate::http) fn is_json(headers: &HeaderMap) -> bool {
     })
 }
 
-/// Refuses a body that is not declared as JSON, or is packed.
+/// Refuses a body that is not declared as JSON, or is compressed.
 fn check_declared(headers: &HeaderMap, what_to_send: &str) -> Result<(), Problem> {
     if !is_json(headers) {
         return Err(Problem::new(Code::ContentTypeUnsupported, what_to_send));
@@ -156,10 +156,10 @@ fn refuse_encoding(headers: &HeaderMap) -> Result<(), Problem> {
     }
 }
 
-/// The offered media type that the client likes best; the first of equals, and the first where it says nothing.
+/// The offered media type that the client prefers; the first of equals, and the first if it states no preference.
 ///
 /// # Errors
-/// [`Code::NotAcceptable`] where it likes none.
+/// [`Code::NotAcceptable`] if it accepts none.
 pub(in crate::http) fn choose<T: Copy>(headers: &HeaderMap, offered: &[(&'static str, T)]) -> Result<T, Problem> {
     let accept: Vec<&str> = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
     let ranges: Vec<Range<'_>> = accept.iter().flat_map(|line| line.split(',')).filter_map(Range::parse).collect();
@@ -172,8 +172,11 @@ pub(in crate::http) fn choose<T: Copy>(headers: &HeaderMap, offered: &[(&'static
     }
     best.map(|(_, value)| value).ok_or_else(|| {
         let names: Vec<_> = offered.iter().map(|(name, _)| *name).collect();
-        Problem::new(Code::NotAcceptable, format!("the answer can be had as {}; accept one of them", names.join(", ")))
-            .with("offered", names)
+        Problem::new(
+            Code::NotAcceptable,
+            format!("the answer is available as {}; accept one of them", names.join(", ")),
+        )
+        .with("offered", names)
     })
 }
 
@@ -191,7 +194,7 @@ impl<'a> Range<'a> {
         Some(Self { kind, subtype, quality })
     }
 
-    /// How closely it names a media type; `None` where it does not.
+    /// How specifically it matches a media type; `None` if it does not match.
     fn closeness(&self, media_type: &str) -> Option<u8> {
         let (kind, subtype) = media_type.split_once('/')?;
         match (self.kind, self.subtype) {
@@ -203,7 +206,7 @@ impl<'a> Range<'a> {
     }
 }
 
-/// The quality of the range that names the type most closely; 0 where none does.
+/// The quality of the range that matches the type most specifically; 0 if none does.
 fn quality(ranges: &[Range<'_>], media_type: &str) -> f32 {
     let named = ranges.iter().filter_map(|range| Some((range.closeness(media_type)?, range.quality)));
     named.max_by_key(|(closeness, _)| *closeness).map_or(0.0, |(_, quality)| quality)
@@ -221,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn the_closest_range_decides_and_its_quality_ranks() {
+    fn the_most_specific_range_applies_and_its_quality_ranks() {
         assert_eq!(chosen(None), Ok(1));
         assert_eq!(chosen(Some("*/*")), Ok(1));
         assert_eq!(chosen(Some("text/csv")), Ok(2));

@@ -1,4 +1,4 @@
-//! Between requests and values: extractors, bodies, numbers, paging, names and problems.
+//! Conversion between requests and values: extractors, bodies, numbers, paging, names and problems.
 
 pub(in crate::http) mod body;
 pub(in crate::http) mod command;

@@ -1,4 +1,4 @@
-//! The words that requests choose from, as closed sets: methods, formats, units. Each turns into the domain's own.
+//! The names that requests choose from, as closed sets: methods, formats, units. Each converts to its domain type.
 
 use super::problem::{Code, Problem};
 use crate::estimation::{EndFaceRule, Method, Orientation, RadiusRule};
@@ -122,7 +122,7 @@ pub(in crate::http) enum DecimalName {
     Comma,
 }
 
-/// Reads a name as the offline command does: the same spellings, and the same words about another.
+/// Parses a name like the offline command: the same spellings, and the same message for an unknown one.
 macro_rules! read_by_name {
     ($($name:ty, $domain:ty, $what:literal;)+) => {$(
         impl<'de> Deserialize<'de> for $name {

@@ -1,5 +1,5 @@
 //! Numbers, times and positions of axes on the wire. Numbers of requests are checked against physical bounds, those of answers
-//! rounded to what they can mean. Times are UTC with six digits of the second, which is what the store keeps. Lengths are in
+//! are rounded to their significant digits. Times are UTC with microseconds, the resolution of the store. Lengths are in
 //! millimetres, angles in degrees, with the unit in every name.
 
 use std::time::Duration;
@@ -13,17 +13,17 @@ use crate::service::plain;
 
 use super::problem::{Code, Problem};
 
-/// Longest length of a request, mm, whichever way.
+/// Maximum absolute value of a length in a request, mm.
 pub(in crate::http) const LENGTH_MAX_MM: f64 = 100_000.0;
-/// Largest turn of a request, degrees, whichever way.
+/// Maximum absolute value of a rotation in a request, degrees.
 pub(in crate::http) const TURN_MAX_DEG: f64 = 3_600.0;
-/// Largest tilt of an axis that is asked for, degrees, whichever way: at a right angle it would meet no plane x = 0.
+/// Maximum absolute tilt of a requested axis, degrees: at a right angle it would not intersect the plane x = 0.
 pub(in crate::http) const TILT_MAX_DEG: f64 = 45.0;
 
 /// Numbers of an answer are multiples of this: a nanometre, or a millionth of a degree.
 const STEPS_PER_UNIT: f64 = 1e6;
 
-/// A number of a request, named as in its document, that is no larger than `most`, whichever way.
+/// Checks that the absolute value of a number of a request, named as in its document, is at most `most`.
 ///
 /// # Errors
 /// [`Code::OptionInvalid`] with the bounds.
@@ -39,14 +39,14 @@ pub(in crate::http) fn within(field: &str, value: f64, most: f64) -> Result<f64,
         .with("most", most))
 }
 
-/// A length in mm, or a turn in degrees, as answers have it.
+/// A length in mm, or a rotation in degrees, rounded for an answer.
 pub(in crate::http) const fn rounded(value: f64) -> f64 {
     let steps = (value * STEPS_PER_UNIT).round() / STEPS_PER_UNIT;
-    // No zero has a sign.
+    // Converts −0 to 0.
     steps + 0.0
 }
 
-/// A turn in rad as answers have it, in degrees.
+/// A rotation in rad, converted to degrees for an answer.
 pub(in crate::http) const fn degrees(turn: f64) -> f64 {
     rounded(turn.to_degrees())
 }
@@ -55,9 +55,9 @@ pub(in crate::http) fn ms(span: Duration) -> u64 {
     u64::try_from(span.as_millis()).unwrap_or(u64::MAX)
 }
 
-/// From 0 to 1 in thousandths.
+/// A value from 0 to 1 in thousandths.
 pub(in crate::http) fn permille(progress: f64) -> u16 {
-    // Between 0 and 1000, which every word holds.
+    // The value is between 0 and 1000, so the cast is exact.
     (progress.clamp(0.0, 1.0) * 1000.0) as u16
 }
 
@@ -67,7 +67,7 @@ pub(in crate::http) fn time<S: Serializer>(time: &Timestamp, serializer: S) -> R
 }
 
 /// A time that may be absent.
-#[expect(clippy::ref_option, reason = "serde hands it over so")]
+#[expect(clippy::ref_option, reason = "serde requires this signature")]
 pub(in crate::http) fn optional<S: Serializer>(at: &Option<Timestamp>, serializer: S) -> Result<S::Ok, S::Error> {
     match at {
         Some(at) => time(at, serializer),
@@ -95,10 +95,10 @@ pub(in crate::http) struct TargetsDocument {
 }
 
 impl TargetsDocument {
-    /// The targets of this manipulator; `None` where none is named.
+    /// The targets of this manipulator; `None` if there are none.
     ///
     /// # Errors
-    /// `option_invalid` where one is beyond all bounds.
+    /// `option_invalid` if one is out of range.
     pub(in crate::http) fn targets(self, carrier: Carrier) -> Result<Option<Axes<Option<f64>>>, Problem> {
         let Self { x_mm, y_mm, z_mm, c_deg } = self;
         let target = |name: &str, value: Option<f64>, most: f64| {
@@ -201,7 +201,7 @@ const fn turn(way: &AxisTravel) -> TurnTravelDocument {
     }
 }
 
-/// The manipulator of an id.
+/// The manipulator of this id.
 pub(in crate::http) fn carrier(id: &str) -> Option<Carrier> {
     Carrier::ALL.into_iter().find(|carrier| carrier.name() == id)
 }
@@ -211,14 +211,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_number_of_an_answer_has_six_digits_behind_the_point() {
+    fn a_number_of_an_answer_has_six_decimals() {
         assert_eq!(degrees(0.3_f64.to_radians()), 0.3);
         assert_eq!(rounded(1.0 / 3.0), 0.333_333);
         assert!(rounded(-1e-9).is_sign_positive());
     }
 
     #[test]
-    fn what_is_beyond_its_bounds_is_refused_and_so_is_what_is_no_number() {
+    fn a_value_out_of_range_or_not_finite_is_refused() {
         assert!(within("x_mm", -5.0, 5.0).is_ok());
         assert!(within("x_mm", 5.1, 5.0).is_err() && within("x_mm", f64::NAN, 5.0).is_err());
     }
@@ -229,7 +229,7 @@ mod times_tests {
     use super::*;
 
     #[test]
-    fn a_time_has_six_digits_behind_the_second_whatever_they_are() {
+    fn a_time_always_has_six_decimals_of_the_second() {
         for (text, expected) in [
             ("2026-01-02T03:04:05Z", "\"2026-01-02T03:04:05.000000Z\""),
             ("2026-01-02T03:04:05.12Z", "\"2026-01-02T03:04:05.120000Z\""),

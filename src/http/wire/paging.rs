@@ -1,5 +1,5 @@
-//! Lists: `limit` and `cursor` in the query, the next page in the body and in `Link`. A record that cannot be read stands among the
-//! others with what is known about it.
+//! Lists: `limit` and `cursor` in the query, the next page in the body and in `Link`. A record that cannot be read is listed with
+//! its known properties.
 
 use axum::http::{HeaderMap, HeaderValue, Uri, header};
 use axum::response::{IntoResponse, Response};
@@ -13,10 +13,10 @@ use crate::store::{Cursor, Listing, Page};
 
 use super::problem::{Code, Problem};
 
-/// Entries of a page where the query does not say.
+/// Default number of entries of a page.
 const LIMIT_DEFAULT: u32 = 100;
 
-/// Most entries of a page.
+/// Maximum number of entries of a page.
 const LIMIT_MAX: u32 = 1000;
 
 /// Which page of a list without filters.
@@ -33,13 +33,13 @@ pub(in crate::http) struct PageQuery {
 }
 
 impl PageQuery {
-    /// The page.
+    /// The requested page.
     pub(in crate::http) fn page(&self) -> Result<Page, Problem> {
         page(self.limit, self.cursor.as_deref())
     }
 }
 
-/// Which page is asked for.
+/// The page of these parameters.
 pub(in crate::http) fn page(limit: Option<u32>, cursor: Option<&str>) -> Result<Page, Problem> {
     let limit = limit.unwrap_or(LIMIT_DEFAULT);
     if !(1..=LIMIT_MAX).contains(&limit) {
@@ -51,8 +51,8 @@ pub(in crate::http) fn page(limit: Option<u32>, cursor: Option<&str>) -> Result<
     Ok(Page { limit, before })
 }
 
-/// A page as every list answers it: the header that names the next page, and the document that `document` makes of the entries and
-/// of the cursor of the next page. A thousand entries take a while, so that is done beside the threads that answer.
+/// A page of any list: the header that names the next page, and the document that `document` builds from the entries and
+/// the cursor of the next page. A thousand entries take a while, so this runs outside the async threads.
 pub(in crate::http) async fn listed<R: Send + 'static, D: Serialize>(
     uri: &Uri,
     page: Listing<R>,
@@ -66,7 +66,7 @@ pub(in crate::http) async fn listed<R: Send + 'static, D: Serialize>(
     Ok((link, [(header::CONTENT_TYPE, "application/json")], body).into_response())
 }
 
-/// Points to the next page: the same address with another cursor.
+/// The `Link` header to the next page: the same address with another cursor.
 pub(in crate::http) fn link_next(uri: &Uri, cursor: Option<&str>) -> HeaderMap {
     let mut headers = HeaderMap::new();
     let Some(cursor) = cursor else { return headers };
@@ -75,7 +75,7 @@ pub(in crate::http) fn link_next(uri: &Uri, cursor: Option<&str>) -> HeaderMap {
         !name.is_empty() && name != "cursor"
     });
     let query: Vec<_> = others.map(str::to_owned).chain([format!("cursor={cursor}")]).collect();
-    // An address that was read is text, and a cursor is letters and digits.
+    // The address was parsed before, and a cursor consists of letters and digits, so this does not fail.
     if let Ok(value) = HeaderValue::from_str(&format!("<{}?{}>; rel=\"next\"", uri.path(), query.join("&"))) {
         headers.insert(header::LINK, value);
     }
@@ -109,7 +109,7 @@ pub(in crate::http) struct UnreadableDocument {
 }
 
 impl<T> EntryDocument<T> {
-    /// As it is shown.
+    /// The document of an entry.
     pub(in crate::http) fn of<R>(entry: Entry<R>, show: impl FnOnce(R) -> T) -> Self {
         match entry {
             Entry::Record(record) => Self::Record(show(record)),
@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn a_limit_out_of_range_is_refused_not_bent() {
+    fn a_limit_out_of_range_is_refused_not_clamped() {
         assert!(page(Some(0), None).is_err() && page(Some(1001), None).is_err() && page(Some(1000), None).is_ok());
     }
 }

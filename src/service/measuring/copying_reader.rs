@@ -1,19 +1,18 @@
-//! A reader that passes every block that was read through it on, in order, and all of them once it is finished.
+//! A reader that passes on every block that was read through it, in order, and the rest of the source when it is finished.
 
 use std::io::{self, BufRead, ErrorKind, Read};
 use std::mem;
 
-/// Reading in large blocks costs fewer calls; a scan has megabytes.
+/// Reading in large blocks needs fewer calls; a scan has megabytes.
 pub(in crate::service) const READ_BLOCK_BYTES: usize = 256 << 10;
 
-/// Reads `source` block by block. `hand_on` takes a block that was read through and gives back one to be filled, of any
-/// content.
+/// Reads `source` block by block. `hand_on` takes a block that was read and returns one to be filled, with any content.
 pub(in crate::service) struct CopyingReader<R, F> {
     source: R,
     hand_on: F,
     block: Vec<u8>,
     read_count: usize,
-    /// Told by [`CopyingReader::finish`]; whoever reads learns only that there is no more.
+    /// Reported by [`CopyingReader::finish`]; the reader's consumer only sees the end of the data.
     failure: Option<io::Error>,
 }
 
@@ -22,10 +21,10 @@ impl<R: Read, F: FnMut(Vec<u8>) -> io::Result<Vec<u8>>> CopyingReader<R, F> {
         Self { source, hand_on, block: Vec::new(), read_count: 0, failure: None }
     }
 
-    /// Reads what is left, and hands it on.
+    /// Reads the rest of the source and passes it on.
     ///
     /// # Errors
-    /// The first failure of the source or of the handing on, also an earlier one.
+    /// The first error of the source or of the receiver, including earlier ones.
     pub(in crate::service) fn finish(mut self) -> io::Result<()> {
         loop {
             match self.fill_buf().map(<[u8]>::len) {
@@ -35,7 +34,7 @@ impl<R: Read, F: FnMut(Vec<u8>) -> io::Result<Vec<u8>>> CopyingReader<R, F> {
         }
     }
 
-    /// What went wrong so far.
+    /// The first error so far.
     pub(in crate::service) fn into_failure(self) -> Option<io::Error> {
         self.failure
     }
@@ -52,7 +51,7 @@ impl<R: Read, F: FnMut(Vec<u8>) -> io::Result<Vec<u8>>> CopyingReader<R, F> {
     }
 }
 
-/// Fills a block to the brim; shorter only at the end.
+/// Fills a block completely; it is shorter only at the end of the source.
 pub(in crate::service) fn fill(source: &mut impl Read, block: &mut Vec<u8>) -> io::Result<()> {
     block.resize(READ_BLOCK_BYTES, 0);
     let mut count = 0;
@@ -97,13 +96,13 @@ impl<R: Read, F: FnMut(Vec<u8>) -> io::Result<Vec<u8>>> Read for CopyingReader<R
 mod tests {
     use super::*;
 
-    /// Three blocks and a bit, that do not repeat with the length of a block.
+    /// Three and a half blocks, with content that does not repeat with the block length.
     fn content() -> Vec<u8> {
         (0..3 * READ_BLOCK_BYTES + 77).map(|i| (i % 251) as u8).collect()
     }
 
     #[test]
-    fn every_byte_is_passed_on_once_however_far_the_reader_is_read() {
+    fn every_byte_is_passed_on_once_even_if_the_reader_is_read_in_part() {
         let content = content();
         for read_bytes in [0, 1, READ_BLOCK_BYTES, READ_BLOCK_BYTES + 1, content.len()] {
             let mut handed_on = Vec::new();
@@ -120,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failure_of_the_receiver_ends_the_reading_and_is_reported_at_the_end() {
+    fn an_error_of_the_receiver_ends_the_reading_and_is_reported_at_the_end() {
         let content = content();
         let mut reader = CopyingReader::new(content.as_slice(), |_| Err(io::Error::other("no room")));
         let error = io::copy(&mut reader, &mut io::sink()).expect_err("it fails");

@@ -56,21 +56,21 @@ fn request_key(scan_id: &str, order: &MeasurementOrder) -> Option<RequestKey> {
     order.request_id.clone().map(|id| RequestKey { id, fingerprint: fingerprint_of(scan_id, order) })
 }
 
-/// What was asked, as a digest: what it is about, and everything said about it.
+/// Digest of a request: its subject and all its parameters.
 pub(in crate::service) fn fingerprint_of<T: Serialize>(subject: &str, order: &T) -> String {
-    // No order has a value that JSON could not hold; should it, the request would merely not be recognised again.
+    // Every order can be serialised; if one could not, a repetition of the request would merely not be recognised.
     let asked = serde_json::to_string(order).unwrap_or_default();
     let digest = Sha256::new().chain_update(subject).chain_update([0]).chain_update(asked).finalize();
     hex(&digest)
 }
 
 impl Measuring {
-    /// Looks up the recipe, resolves it and sees whether there is room: what can be refused before the scan is sent. A
-    /// request that was answered before needs no room.
+    /// Looks up and resolves the recipe and checks the capacity, so that a request can be refused before the scan is sent. A
+    /// request that was answered before needs no capacity.
     ///
     /// # Errors
     /// [`ServiceError::Option`], [`ServiceError::RecipeUnknown`], [`ServiceError::Recipe`], [`ServiceError::Compute`]
-    /// where the queue is full.
+    /// if the queue is full.
     pub async fn accept(
         &self,
         order: MeasurementOrder,
@@ -83,7 +83,7 @@ impl Measuring {
         Ok(accepted)
     }
 
-    /// The same with other defaults than those of the configuration, and whether there is room or not.
+    /// Like [`Self::accept`], but with the given defaults and without the check of the capacity.
     pub(in crate::service) async fn accept_with(
         &self,
         order: MeasurementOrder,
@@ -105,7 +105,7 @@ impl Measuring {
         Ok(self.shared.store.measurement_by_request(id).await?.is_some())
     }
 
-    /// Measures a scan that just arrived, and keeps it. What cannot be read leaves nothing behind.
+    /// Measures a scan that just arrived, and stores it. A scan that cannot be read is deleted.
     ///
     /// # Errors
     /// [`ServiceError`]; nothing is recorded then.
@@ -133,11 +133,11 @@ impl Measuring {
             self.calculate(&scan.id(), (queued, points), accepted, acquisition).await?;
         let row = scan_row(&scan, &measurement, &origin, arrival);
         let new = new_measurement(&measurement, profiles, Some(row), request)?;
-        // It holds its place among the uploads until it is kept.
+        // The scan keeps its place among the uploads until it is stored.
         self.insert(measurement, new, Some((scan, place))).await
     }
 
-    /// Measures a scan that is kept.
+    /// Measures a stored scan.
     ///
     /// # Errors
     /// [`ServiceError`]; nothing is recorded then.
@@ -151,17 +151,17 @@ impl Measuring {
         if let Some(earlier) = self.earlier_answer(request.as_ref()).await? {
             return Ok(earlier);
         }
-        // Before its file is read, which takes a while.
+        // The place is taken before the file is read, which takes a while.
         let queued = self.compute.take_place()?;
         let file = self.scan_file(&row.id).await?;
-        // A scan by the sensor has the same uncertainty whenever it is measured.
+        // A scan by the sensor has the same uncertainty at every measurement.
         let accepted = match row.description.as_deref() {
             Some(TAKEN_BY_SENSOR) => {
                 self.accept_with(accepted.order, &self.sensor_defaults, accepted.acquisition).await?
             }
             _ => accepted,
         };
-        // However often a scan is measured again, its pose gets no younger.
+        // The age of the pose counts from the scan, however often it is measured again.
         let acquisition = row.arrival.as_deref().and_then(|arrival| serde_json::from_str(arrival).ok());
         let points = Points::InFile(Box::new(PointFile {
             file,
@@ -216,7 +216,7 @@ impl Measuring {
         self.with_points((&self.compute, place), points, work).await
     }
 
-    /// Records a measurement and remembers it, whoever hangs up meanwhile.
+    /// Records a measurement and remembers it, even if the client disconnects meanwhile.
     async fn insert(
         self: &Arc<Self>,
         measurement: Measurement,
@@ -246,11 +246,11 @@ impl Measuring {
 }
 
 impl Measuring {
-    /// Begins an upload; `encoding` is how its pieces are packed and `bytes_expected` how many bytes they are together, where that
-    /// is said. What is packed without a word is known by its first bytes.
+    /// Begins an upload; `encoding` is the declared compression of its pieces and `bytes_expected` their announced total size, if
+    /// given. Undeclared compression is recognised by the first bytes.
     ///
     /// # Errors
-    /// [`ServiceError::UploadsBusy`], [`ServiceError::Store`] where there is no room for it.
+    /// [`ServiceError::UploadsBusy`], [`ServiceError::Store`] if the store has no space.
     pub async fn begin_upload(
         &self,
         encoding: Option<Encoding>,
@@ -272,16 +272,16 @@ impl Measuring {
         })
     }
 
-    /// All pieces of an upload were written.
+    /// Completes an upload after its last piece.
     ///
     /// # Errors
-    /// [`ServiceError::Store`] where there is no room, [`ServiceError::Content`] where it cannot be unpacked.
+    /// [`ServiceError::Store`] if the store has no space, [`ServiceError::Content`] if the upload cannot be decompressed.
     pub async fn complete_upload(&self, upload: Upload) -> Result<ReceivedScan, ServiceError> {
         let encoding = upload.encoding();
         let Upload { writer, said, reading, limits, place, bytes_count, .. } = upload;
         let trail = writer.trail();
         let sent = writer.complete().await;
-        // Its reader ends with it, however that went.
+        // The reader ends with the upload, whatever the result.
         let read = match reading {
             Some(reading) => Some(reading.outcome().await),
             None => None,
@@ -292,7 +292,7 @@ impl Measuring {
             (None, Some(encoding)) => {
                 let work = move |_: &Stop| {
                     let unpacked = unpack(&trail, encoding, &limits);
-                    // What was sent lies there until here.
+                    // The compressed file is needed until here.
                     drop(sent);
                     unpacked
                 };

@@ -1,4 +1,4 @@
-//! Measurements that were made: one, a page of them, their profiles, and the last one.
+//! Looks up recorded measurements: a single one, a page of them, their profiles, and the newest one.
 
 use super::record::Last;
 use std::sync::{Arc, PoisonError};
@@ -13,13 +13,13 @@ use crate::store::{Filter, Listing, MeasurementRow, NewestMeasurement, Page};
 
 use super::record::{Measurement, Verdict};
 
-/// The record from its row.
+/// The record of a row.
 pub(in crate::service) fn read_back(row: &MeasurementRow) -> Result<Measurement, ServiceError> {
     document::read("measurement", &row.id, &row.document)
 }
 
 impl Measuring {
-    /// The measurement of an id, where one ran.
+    /// The measurement of an id, if it was recorded.
     pub(in crate::service) async fn recorded(&self, id: &str) -> Result<Option<Measurement>, ServiceError> {
         let row = self.shared.store.measurement(id).await?.or_else(|| self.shared.unwritten.measurement(id));
         row.map(|row| read_back(&row)).transpose()
@@ -28,14 +28,14 @@ impl Measuring {
     /// A page of the measurements that pass the filter, newest first.
     ///
     /// # Errors
-    /// What the store says.
+    /// Errors of the store.
     pub async fn measurements(
         &self,
         filter: &Filter,
         page: &Page,
     ) -> Result<Listing<Entry<Measurement>>, ServiceError> {
         let Listing { rows, next } = self.shared.store.measurements(filter, page).await?;
-        // Those that are not written yet are the newest.
+        // The measurements that are not written yet are the newest.
         let unwritten = if page.before.is_none() { self.shared.unwritten.measurements(filter) } else { Vec::new() };
         let read = move || {
             let rows = unwritten.iter().chain(&rows);
@@ -44,7 +44,7 @@ impl Measuring {
         Ok(Listing { rows: run_blocking(read).await?, next })
     }
 
-    /// What became of every profile of a measurement, in station order.
+    /// The verdict on every profile of a measurement, in station order.
     ///
     /// # Errors
     /// [`ServiceError::MeasurementUnknown`].
@@ -63,14 +63,14 @@ impl Measuring {
         .await
     }
 
-    /// The newest measurement; `None` where there is none.
+    /// The newest measurement; `None` if there is none.
     #[must_use]
     pub fn last(&self) -> Option<Last> {
         self.last.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Remembers the newest measurement of the store. Two may be recorded at the same time; the later one stays, whoever comes here
-    /// first.
+    /// Remembers the newest measurement of the store. Two may be recorded at the same time; the later one is kept in any order of
+    /// the calls.
     pub(in crate::service) async fn recall_last(&self) -> Result<(), ServiceError> {
         if let Some(NewestMeasurement { sequence, id, created_at, verdict }) =
             self.shared.store.newest_measurement().await?
@@ -83,7 +83,7 @@ impl Measuring {
         Ok(())
     }
 
-    /// A measurement was just recorded.
+    /// Updates the newest measurement after one was recorded.
     pub(in crate::service) async fn remember_last(&self) {
         if let Err(error) = self.recall_last().await {
             tracing::warn!(%error, "the newest measurement cannot be looked up; the status shows the one before");

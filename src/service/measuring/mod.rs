@@ -1,4 +1,4 @@
-//! Measuring: from the bytes of a scan to a record, and all that is looked up, drawn or proposed from scans and records. Needs
+//! Measuring: from the bytes of a scan to a record, and all queries, pictures and proposals from scans and records. Needs
 //! no cell.
 
 pub(in crate::service) mod copying_reader;

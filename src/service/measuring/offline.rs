@@ -1,5 +1,5 @@
-//! The same measurement without service or store: a file in, the record and what pictures need out. What both calculate is one
-//! function, so that both give the same bits.
+//! The same measurement without service or store: from a file to the record and the data for pictures. The service and the offline
+//! command call the same function for the calculation, so that both give the same bits.
 
 use std::io::{self, BufReader, Cursor, Read};
 use std::sync::mpsc;
@@ -19,29 +19,30 @@ use super::pipeline::{MeasureError, read};
 use super::recipe::Resolved;
 use super::record::{Identity, Measurement};
 
-/// First bytes that tell how a file is packed.
+/// Number of first bytes that identify the compression of a file.
 const HEAD_BYTES: u64 = 4;
 /// Blocks that wait to be hashed: 8 MiB, so that reading waits less and memory stays bounded.
 const BLOCKS_BEHIND_MAX: usize = 32;
 
-/// Takes a block that is to be hashed, and gives back one to be filled.
+/// Takes a block that is to be hashed, and returns one to be filled.
 type HandOn = Box<dyn FnMut(Vec<u8>) -> io::Result<Vec<u8>>>;
 
-/// A measurement that was made offline.
+/// An offline measurement.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Offline {
-    /// The record, as the service would keep it.
+    /// The record, as the service would store it.
     pub measurement: Measurement,
-    /// What became of every profile, in station order.
+    /// The verdict on every profile, in station order.
     pub profiles: Vec<Profile>,
     /// The profiles' points, for pictures.
     pub scan: Scan,
 }
 
-/// Measures what `source` holds; gzip and zstd are decompressed first. The bytes are hashed on the way, on a thread of their own.
+/// Measures the content of `source`; gzip and zstd are decompressed first. The bytes are hashed during reading, on a separate
+/// thread.
 ///
 /// # Errors
-/// [`MeasureError`] with what is wrong with the file.
+/// [`MeasureError`] with the cause in the file.
 pub fn measure_offline(
     source: Box<dyn Read + '_>,
     origin: &Origin,
@@ -58,7 +59,7 @@ pub fn measure_offline(
         Ok(decoded) => decoded,
         Err(error) => return Err(bytes.into_failure().map_or(error, DecodeError::from).into()),
     };
-    // A reader may stop behind the last point; the file's identity is all of it.
+    // A decoder may stop after the last point; the SHA-256 is that of the complete file.
     bytes.finish().map_err(DecodeError::from)?;
     let measured = super::pipeline::measure(decoded, resolved, limits, progress)?;
     let scan_sha256 = digest.join().map_err(|_| DecodeError::from(not_hashed()))?;
@@ -74,7 +75,7 @@ pub fn measure_offline(
     Ok(Offline { measurement, profiles, scan: measured.prepared.scan })
 }
 
-/// The source without its packing, if its first bytes give one away, and then how much was read of it.
+/// The decompressed source if its first bytes identify a compression, with a counter of the compressed bytes read.
 pub(in crate::service) fn unpacked<'a>(
     mut source: Box<dyn Read + 'a>,
     limits: &Limits,
@@ -92,8 +93,8 @@ pub(in crate::service) fn unpacked<'a>(
     })
 }
 
-/// Starts a thread that hashes blocks and gives them back: the SHA-256 in the end, and the way in. The hash of a large
-/// binary scan takes longer than its reading; what it lags behind is caught up with while the estimation runs.
+/// Starts a thread that hashes blocks and returns them: the result is the SHA-256, with the function that passes blocks on.
+/// Hashing a large binary scan takes longer than reading it; the thread finishes during the estimation.
 fn hash_along() -> io::Result<(JoinHandle<String>, HandOn)> {
     let (to_hash, blocks) = mpsc::sync_channel::<Vec<u8>>(BLOCKS_BEHIND_MAX);
     let (give_back, hashed) = mpsc::channel();
@@ -101,7 +102,7 @@ fn hash_along() -> io::Result<(JoinHandle<String>, HandOn)> {
         let mut hash = Sha256::new();
         for block in blocks {
             hash.update(&block);
-            // Whoever reads no more has no use for it.
+            // The receiver is gone if the reading has ended.
             let _ = give_back.send(block);
         }
         hex(&hash.finalize())

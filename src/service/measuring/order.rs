@@ -1,4 +1,4 @@
-//! What is requested of a measurement, and what is known about the bytes of its scan.
+//! What a client requests of a measurement, and the declared properties of the bytes of its scan.
 
 use super::recipe::RecipeName;
 use super::recipe::{Recipe, Resolved};
@@ -9,27 +9,27 @@ use crate::service::error::ServiceError;
 use serde::Serialize;
 use std::sync::Arc;
 
-/// What a client calls a request of his, so that it may be repeated without harm.
+/// A client's own id of a request, so that the request may be repeated without harm.
 pub type RequestId = String;
 
-/// What is asked of a measurement besides the scan.
+/// Parameters of a measurement besides the scan.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct MeasurementOrder {
     /// Name of a stored recipe.
     pub recipe: Option<RecipeName>,
-    /// What the request says over the recipe.
+    /// Values of the request that override the recipe.
     pub overrides: Recipe,
-    /// So that a repeated request gets the first answer again.
+    /// With an id, a repeated request gets the first answer again.
     #[serde(skip)]
     pub request_id: Option<RequestId>,
 }
 
-/// A measurement, and whether it was made for an earlier request of the same id.
+/// A measurement, and whether it was recorded for an earlier request of the same id.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Answer {
     /// The record.
     pub measurement: Measurement,
-    /// Whether nothing was calculated for this answer.
+    /// Whether an earlier answer is repeated, without a calculation.
     pub replayed: bool,
 }
 
@@ -38,24 +38,24 @@ pub struct Answer {
 pub struct ResolvedOrder {
     pub(in crate::service) order: MeasurementOrder,
     pub(in crate::service) resolved: Resolved,
-    /// Whether there is an answer to its request id, so that nothing will be calculated.
+    /// Whether its request id was answered before, so that nothing will be calculated.
     pub(in crate::service) answered: bool,
-    /// When the scan arrived, if it comes with this request.
+    /// When the scan arrived, if it is sent with this request.
     pub(in crate::service) acquisition: Acquisition,
 }
 
 impl ResolvedOrder {
-    /// When the scan arrived, as the store keeps it.
+    /// When the scan arrived, as stored.
     pub(in crate::service) fn arrival(&self) -> Result<String, ServiceError> {
         serde_json::to_string(&self.acquisition)
             .map_err(|source| ServiceError::RecordUnwritable { what: "scan", source: Arc::new(source) })
     }
 }
 
-/// What is said about the bytes of a scan besides themselves.
+/// Declared properties of the bytes of a scan.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Origin {
-    /// The format named on purpose.
+    /// The format given as a parameter.
     pub parameter: Option<Format>,
     /// The media type they were sent with.
     pub media_type: Option<String>,
@@ -64,7 +64,7 @@ pub struct Origin {
 }
 
 impl Origin {
-    /// The same for the reader.
+    /// The same for the decoder.
     #[must_use]
     pub fn claims(&self) -> FormatClaims<'_> {
         FormatClaims {

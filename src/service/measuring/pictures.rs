@@ -1,4 +1,4 @@
-//! Pictures of a measurement, or of one part of it, drawn from the kept scan when they are requested.
+//! Pictures of a measurement, or of one of its parts, drawn from the stored scan on request.
 
 use super::order::Origin;
 use super::points::{PointFile, Points};
@@ -13,23 +13,23 @@ use super::pipeline::Decoded;
 use super::recipe::Resolved;
 use super::record::{Chosen, Measurement, PoseResult};
 
-/// A scan and what came out of it, as pictures take them: in one frame, with one profile a station.
+/// A scan and its result as pictures need them: in one frame, with one profile per station.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
-    /// The profiles of the part; of all parts where it has none.
+    /// The profiles of the part, or of all parts if none is selected.
     pub scan: Scan,
-    /// What came out, put together again with its profiles; without any where they are not those of the scan.
+    /// The result with its profiles; without profiles if they are not those of the scan.
     pub estimate: Estimate,
-    /// Index of its first profile among those of the whole scan.
+    /// Index of its first profile among those of the complete scan.
     pub first_profile: usize,
-    /// Name of the part, where there are parts.
+    /// Name of the part, if there are parts.
     pub part: Option<String>,
 }
 
-/// What a picture is of, and what it says about that.
+/// Type of a picture and the texts that it shows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PictureRequest<'a> {
-    /// Which.
+    /// The type.
     pub picture: Picture,
     /// The name of the measurement or of its file.
     pub name: &'a str,
@@ -37,7 +37,7 @@ pub struct PictureRequest<'a> {
     pub recipe: Option<&'a str>,
     /// The setting of the estimation.
     pub epsilon_mm: f64,
-    /// Index among all profiles of the scan of the one that a section shows.
+    /// Index, among all profiles of the scan, of the profile that a section shows.
     pub profile: Option<usize>,
 }
 
@@ -59,7 +59,7 @@ impl Measurement {
         draw(picture, &view.scan, &view.estimate, &subject)
     }
 
-    /// What is seen of the part that was chosen, with `profile` (its index in the whole scan) in any case.
+    /// The view of the selected part; it always contains `profile` (an index in the complete scan).
     #[must_use]
     pub fn view(&self, scan: &Scan, profiles: &[Profile], chosen: Chosen<'_>, profile: Option<usize>) -> View {
         let all = 0..scan.stations().len();
@@ -72,17 +72,17 @@ impl Measurement {
             }
         };
         let (stations, part) = match profile {
-            // One that lies outside every part can only be seen among all.
+            // A profile outside every part can only be shown among all profiles.
             Some(index) if !stations.contains(&index) => (all.clone(), None),
             _ => (stations, part),
         };
-        // So can a window that holds none.
+        // The same applies to a window that contains no profile.
         let (scan, stations) = match scan.part(stations.clone()) {
             Some(part) => (part, stations),
             None => (scan.clone(), all.clone()),
         };
         let first_profile = stations.start;
-        // Sections that were cut along the axis are others than the profiles of the scan, and not as many.
+        // Sections that were cut along the axis differ from the profiles of the scan, also in number.
         let profiles = if stations == all { profiles } else { profiles.get(stations).unwrap_or_default() };
         let PoseResult { outcome, conditioning, residuals } = finding;
         let (scan, outcome, profiles) = in_one_frame(scan, outcome, profiles);
@@ -90,7 +90,7 @@ impl Measurement {
         View { scan, estimate, first_profile, part }
     }
 
-    /// The same of every part, or of the whole scan where there are none.
+    /// The views of all parts, or of the complete scan if there are none.
     #[must_use]
     pub fn views(&self, scan: &Scan, profiles: &[Profile]) -> Vec<View> {
         let chosen: Vec<Chosen<'_>> = match self.result.parts() {
@@ -103,12 +103,12 @@ impl Measurement {
     }
 }
 
-/// Brings the points, the pose and the profiles into one frame: that of the scan, or that of the sections that were cut along
+/// Transforms the points, the pose and the profiles to one frame: that of the scan, or that of the sections that were cut along
 /// the axis.
 fn in_one_frame(scan: Scan, outcome: Outcome, profiles: &[Profile]) -> (Scan, Outcome, Vec<Profile>) {
     let pose = match &outcome {
         Outcome::Accepted(pose) => pose,
-        // A scan may be refused after sections were cut from it. How is not stored, so it is shown as it was given.
+        // A scan may be refused after sections were cut from it. Their frame is not stored, so the scan is shown in its own frame.
         Outcome::Refused(_) if are_of(profiles, &scan) => return (scan, outcome, profiles.to_vec()),
         Outcome::Refused(_) => return (scan, outcome, Vec::new()),
     };
@@ -117,7 +117,7 @@ fn in_one_frame(scan: Scan, outcome: Outcome, profiles: &[Profile]) -> (Scan, Ou
     if let Some(sections) = sections.as_ref().filter(|sections| are_of(profiles, sections)) {
         return (sections.clone(), outcome, profiles.to_vec());
     }
-    // `least_squares` takes the points as they are and cuts none; its pose is in a frame along the axis all the same.
+    // `least_squares` uses the points directly and cuts no sections, but its pose is in a frame along the axis as well.
     match (pose.on_rail(), sections) {
         (Some(found), _) => {
             let (axis, x_ref, uncertainty) = (found.axis, found.x_ref, found.uncertainty);
@@ -139,7 +139,7 @@ fn are_of(profiles: &[Profile], scan: &Scan) -> bool {
     profiles.len() == scan.stations().len() && profiles.iter().zip(scan.stations()).all(same)
 }
 
-/// A profile all of whose points are used.
+/// A profile all of whose points are inliers.
 fn without_verdict(station: &Station) -> Profile {
     let points_count = station.end - station.start;
     Profile { x: station.x, points_count, rejected: None, section: None, offset: None }
@@ -167,11 +167,11 @@ impl Wanted {
 }
 
 impl Measuring {
-    /// Draws a picture of a measurement, or of a part of it; `profile` is the index of the one that a section shows.
+    /// Draws a picture of a measurement, or of a part of it; `profile` is the index of the profile that a section shows.
     ///
     /// # Errors
     /// [`ServiceError::PartUnknown`], [`ServiceError::ProfileUnknown`],
-    /// [`ServiceError::ScanFileMissing`], [`ServiceError::Compute`] where as many pictures wait as may.
+    /// [`ServiceError::ScanFileMissing`], [`ServiceError::Compute`] if the queue of pictures is full.
     pub async fn picture(
         &self,
         measurement: Measurement,
@@ -187,7 +187,7 @@ impl Measuring {
         let of_profile = || measurement.result.part_of_profile(profile?).map(str::to_owned);
         let part = part.or_else(of_profile);
         measurement.result.choose(part.as_deref())?;
-        // Before its profiles and its file are read, which take memory and time.
+        // The place is taken before the profiles and the file are read, which takes memory and time.
         let queued = self.drawing.take_place()?;
         let profiles = self.profiles(&measurement.id).await?;
         let resolved = measurement.recipe.resolve(&self.shared.defaults)?;
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_is_shown_in_the_frame_of_the_points_whatever_the_method_and_the_direction() {
+    fn a_pose_is_shown_in_the_frame_of_the_points_for_every_method_and_direction() {
         for (scan, on_rail) in [(scan(), true), (upright(), false)] {
             for method in [Method::Cylinder, Method::LeastSquares] {
                 let Estimate { outcome, profiles, .. } = by(&scan, method);
@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn profiles_of_sections_that_were_cut_before_a_refusal_are_not_taken_for_those_of_the_scan() {
+    fn profiles_of_sections_cut_before_a_refusal_are_not_mistaken_for_those_of_the_scan() {
         let scan = upright();
         let profiles = by(&scan, Method::Cylinder).profiles;
         assert!(profiles.len() > 1);

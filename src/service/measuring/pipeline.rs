@@ -1,5 +1,5 @@
-//! The whole way from the bytes of a scan to an estimate, in one place for service and offline command, so that both give
-//! the same bits. In: a reader and a resolved recipe. Plain calculation: must not know store, clock or network.
+//! The complete path from the bytes of a scan to an estimate, in one place for service and offline command, so that both give
+//! the same bits. The input is a reader and a resolved recipe.
 
 use std::io::BufRead;
 
@@ -13,53 +13,53 @@ use crate::scan::{Cloud, Scan};
 /// A scan that was read and cut into profiles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prepared {
-    /// What the file turned out to be.
+    /// The detected format.
     pub format: Format,
-    /// The unit that its coordinates were read in.
+    /// The unit in which its coordinates were read.
     pub unit: Unit,
     /// Its profiles.
     pub scan: Scan,
-    /// Points that the file holds.
+    /// Number of points in the file.
     pub points_count: u64,
-    /// Points that the file marks as missing, besides.
+    /// Number of points that the file marks as missing, not included in the above.
     pub missing_count: u64,
-    /// Values that stand for missing points, and profiles that repeat an earlier one.
+    /// Values that mark missing points, and profiles that repeat an earlier one.
     pub warnings: Vec<Warning>,
 }
 
-/// A scan that was estimated.
+/// A scan with its estimate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measured {
-    /// What it was estimated from.
+    /// The scan.
     pub prepared: Prepared,
-    /// What came out.
+    /// The result.
     pub estimate: ScanEstimate,
 }
 
-/// Why a scan could not be estimated. An estimate that refuses is no such reason but a result.
+/// Why a scan could not be estimated. An estimate that refuses the scan is a result, not an error.
 #[derive(Debug, thiserror::Error)]
 pub enum MeasureError {
-    /// The bytes are not a scan that can be read.
+    /// The bytes are not a readable scan.
     #[error(transparent)]
     Decode(#[from] DecodeError),
-    /// The points cannot be put into profiles as asked.
+    /// The points cannot be cut into profiles as requested.
     #[error(transparent)]
     Slice(#[from] SliceError),
 }
 
-/// What a file turned out to be, before anybody cuts it into profiles.
+/// The decoded file, before it is cut into profiles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Decoded {
-    /// What the file turned out to be.
+    /// The detected format.
     pub format: Format,
     /// Its points.
     pub cloud: Cloud,
 }
 
-/// Bytes to points; `sent` counts the bytes as they were sent, where they were unpacked on the way.
+/// Decodes bytes to points; `sent` counts the compressed bytes if they are decompressed during reading.
 ///
 /// # Errors
-/// [`DecodeError`] with what is wrong with the bytes.
+/// [`DecodeError`] with the cause in the bytes.
 pub fn read(
     reader: &mut dyn BufRead,
     claims: &FormatClaims<'_>,
@@ -73,10 +73,10 @@ pub fn read(
     Ok(Decoded { format, cloud: decode(format, reader, &request)? })
 }
 
-/// Points to profiles.
+/// Cuts points into profiles.
 ///
 /// # Errors
-/// [`MeasureError`] with what is wrong with the way they are to be cut.
+/// [`MeasureError`] if the points cannot be cut as requested.
 pub(in crate::service) fn cut(
     decoded: Decoded,
     resolved: &Resolved,
@@ -93,7 +93,7 @@ pub(in crate::service) fn cut(
     Ok(Prepared { format, unit, scan, points_count, missing_count, warnings: warnings(&removed) })
 }
 
-/// What a user should know of the points that were removed; what was declared needs no word.
+/// Warnings about removed points; declared missing values need none.
 fn warnings(removed: &Removed) -> Vec<Warning> {
     let found = removed.missing.iter().filter(|missing| !matches!(missing.kind, MissingKind::Declared(_)));
     let missing = found.map(|missing| Warning::MissingValues {
@@ -106,10 +106,10 @@ fn warnings(removed: &Removed) -> Vec<Warning> {
     missing.chain(repeated).collect()
 }
 
-/// Points to an estimate.
+/// Estimates the pose from points.
 ///
 /// # Errors
-/// [`MeasureError`] with what is wrong with the way they are to be cut.
+/// [`MeasureError`] if the points cannot be cut as requested.
 pub fn measure(
     decoded: Decoded,
     resolved: &Resolved,

@@ -1,4 +1,4 @@
-//! Reads the points of a kept or uploaded file within the memory that is set aside for them, and hands them to a calculation.
+//! Reads the points of a stored or uploaded file within the memory reserved for them, and passes them to a calculation.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek};
@@ -14,52 +14,52 @@ use super::copying_reader::READ_BLOCK_BYTES;
 use super::pipeline::Decoded;
 use super::recipe::Resolved;
 
-/// A file of points, and what is known of it.
+/// A file of points, and its known properties.
 #[derive(Debug)]
 pub(in crate::service) struct PointFile {
     pub(in crate::service) file: File,
     pub(in crate::service) bytes_count: u64,
-    /// Points of it, where it was read before.
+    /// Number of its points, if it was read before.
     pub(in crate::service) points_count: Option<u64>,
-    /// Bytes as they were sent, where they were unpacked.
+    /// Count of the bytes as sent, if they were decompressed.
     pub(in crate::service) sent: Option<Sent>,
     pub(in crate::service) origin: Origin,
     pub(in crate::service) resolved: Resolved,
 }
 
-/// Where the points of a scan are.
+/// Location of the points of a scan.
 #[derive(Debug)]
 pub(in crate::service) enum Points {
-    /// In memory that is set aside for them.
+    /// In reserved memory.
     Read(Box<ReadPoints>),
     /// In their file.
     InFile(Box<PointFile>),
 }
 
-/// Points that were read on the way, or why they cannot be.
+/// Points that were read during the upload, or why they cannot be read.
 #[derive(Debug)]
 pub(in crate::service) struct ReadPoints {
     pub(in crate::service) decoded: Result<Decoded, DecodeError>,
     pub(in crate::service) claim: Claim,
 }
 
-/// What a calculation on points is given besides them.
+/// Context of a calculation on points.
 #[derive(Debug)]
 pub(in crate::service) struct Context<'a> {
     pub(in crate::service) stop: &'a Stop,
-    /// When it began.
+    /// Running since its start.
     pub(in crate::service) watch: Stopwatch,
 }
 
-/// What became of the reading of a file.
+/// Result of an attempt to read a file.
 pub(in crate::service) enum Attempt<T, W> {
-    /// It was read, or cannot be.
+    /// The final result: it was read, or it cannot be read.
     Over(Result<T, ServiceError>),
-    /// More has to be set aside.
+    /// More memory has to be reserved.
     Outgrown(Box<PointFile>, W),
 }
 
-/// A file whose reading fails as soon as the calculation is told to stop.
+/// A file whose reading fails as soon as the calculation is stopped.
 struct StoppableFile<'a> {
     file: &'a File,
     stop: &'a Stop,
@@ -68,7 +68,7 @@ struct StoppableFile<'a> {
 impl Read for StoppableFile<'_> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         if self.stop.is_stopped() {
-            return Err(io::Error::other("the calculation was told to stop"));
+            return Err(io::Error::other("the calculation was stopped"));
         }
         self.file.read(buffer)
     }
@@ -81,7 +81,7 @@ impl PointFile {
         super::pipeline::read(&mut reader, &self.origin.claims(), &self.resolved, limits, self.sent.as_ref())
     }
 
-    /// A file that was read before has as many points as then; of any other its length says more or less how many.
+    /// The number of points from an earlier reading; otherwise an estimate from the file's length.
     pub(in crate::service) fn points_expected(&self) -> usize {
         let known = self.points_count.map_or(0, |count| usize::try_from(count).unwrap_or(usize::MAX));
         known.max(points_expected(self.bytes_count))
@@ -95,7 +95,7 @@ mod tests {
     use crate::service::Recipe;
 
     #[test]
-    fn a_file_is_not_read_on_once_its_points_are_not_wanted() {
+    fn the_reading_of_a_file_stops_with_its_calculation() {
         let path = std::env::temp_dir().join(format!("coaxis-points-{}", std::process::id()));
         std::fs::write(&path, "0,1,2\n0,2,3\n1,1,2\n").expect("written");
         let mut file = PointFile {
@@ -109,7 +109,7 @@ mod tests {
         let (limits, stop) = (Limits::default(), Stop::default());
         assert_eq!(file.decode(&limits, &stop).expect("read").cloud.columns.len(), 3);
         stop.stop();
-        file.decode(&limits, &stop).expect_err("told to stop");
+        file.decode(&limits, &stop).expect_err("stopped");
         std::fs::remove_file(path).expect("removed");
     }
 }

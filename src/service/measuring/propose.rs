@@ -1,5 +1,4 @@
-//! Proposes recipes for a scan file that nobody has written a recipe for: one recipe for each cylinder that is found in its
-//! points, in any direction.
+//! Proposes recipes for a scan file without a recipe: one for each cylinder that is detected in its points, in any direction.
 //!
 //! ```text
 //! file --read, clean--> Cloud --detect--> cylinders --in_frame--> Proposal: the cylinder and its recipe
@@ -20,35 +19,35 @@ use crate::scan::slice::Region;
 use super::pipeline::read;
 use super::recipe::{Recipe, Resolved};
 
-/// Most cylinders that are proposed: more are a list that nobody reads, and the search for each of them takes its time.
+/// Maximum number of proposals: a longer list is not useful, and the search for each cylinder takes time.
 pub const PROPOSALS_MAX: usize = 8;
-/// A cylinder with a smaller share of the points than this part of the first one's is clutter beside it.
+/// A cylinder with a smaller share of the points than this fraction of the first one's is clutter.
 const SHARE_MIN: f64 = 0.05;
-/// The points that the search sees. It draws a random sample of some thousand; more only take memory.
+/// Maximum number of points for the search. It draws a random sample of some thousand; more points only use memory.
 const SEARCHED_MAX: usize = 200_000;
-/// The region extends beyond each end of the cylinder by this share of its length, as the estimation's own sections do: the
-/// search reports where 98 % of the points lie.
+/// The region extends beyond each end of the cylinder by this fraction of its length, like the sections of the estimation: the
+/// search reports the extent of 98 % of the points.
 const BEYOND_ENDS: f64 = 0.05;
-/// Half the width of the region in radii, the distance from the axis up to which the estimation keeps points.
+/// Half the width of the region in radii: the distance from the axis within which the estimation keeps points.
 const HALF_WIDTH: f64 = 1.5;
-/// Decimals of a direction; over the length of a part they make a millionth of it.
+/// Decimals of a direction; over the length of a part, the rounding is a millionth of the length.
 const DIRECTION_DECIMALS: usize = 6;
 
 /// A cylinder of a scan and a recipe that measures it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Proposal {
-    /// The cylinder as it was detected, in the coordinates of the scan, its axis rounded as in the recipe. It is the start of
+    /// The detected cylinder in the coordinates of the scan, its axis rounded as in the recipe. It is the initial value of
     /// a measurement, not its result.
     pub cylinder: FoundCylinder,
-    /// The recipe, which works as it is.
+    /// The recipe, which can be used without changes.
     pub recipe: Recipe,
 }
 
-/// Reads the points of a scan file as a measurement would: gzip and zstd are decompressed, missing points and repeated profiles
+/// Reads the points of a scan file like a measurement: gzip and zstd are decompressed, missing points and repeated profiles
 /// removed.
 ///
 /// # Errors
-/// [`DecodeError`] with what is wrong with the file.
+/// [`DecodeError`] with the cause in the file.
 pub fn read_cloud(
     source: Box<dyn Read + '_>,
     origin: &Origin,
@@ -65,7 +64,7 @@ pub fn read_cloud(
     }
 }
 
-/// A recipe for each cylinder of a cloud, the best supported first. Everything that `asked` says goes into each of the recipes;
+/// A recipe for each cylinder of a cloud, the one with most points first. Each recipe contains all values of `asked`;
 /// `nominal_radius_mm` restricts the search to cylinders within 2 % of it.
 #[must_use]
 pub fn propose(cloud: &Cloud, asked: &Recipe, nominal_radius_mm: Option<f64>) -> Vec<Proposal> {
@@ -78,14 +77,14 @@ pub fn propose(cloud: &Cloud, asked: &Recipe, nominal_radius_mm: Option<f64>) ->
     numbered.filter_map(|(index, found)| proposal(found, asked, &format!("{} of {count}", index + 1))).collect()
 }
 
-/// The points of a cloud, of a large one every n-th. n is odd, so that it does not keep in step with rows of an even number of
-/// points.
+/// The points of a cloud, or every n-th of a large one. n is odd, so that the selection does not alias with rows of an even number
+/// of points.
 fn searched(cloud: &Cloud) -> Vec<[f64; 3]> {
     let step = cloud.columns.len().div_ceil(SEARCHED_MAX) | 1;
     cloud.points().step_by(step).collect()
 }
 
-/// The recipe of a cylinder. `None` where its axis has no direction, which the search does not report.
+/// The recipe of a cylinder. `None` if its axis has no direction, which the search does not report.
 fn proposal(found: &Detected, asked: &Recipe, number: &str) -> Option<Proposal> {
     let FoundCylinder { point_mm, direction, radius_mm, length_mm, share } = FoundCylinder::from(found);
     let decimals = cylinder_decimals(radius_mm);
@@ -94,7 +93,7 @@ fn proposal(found: &Detected, asked: &Recipe, number: &str) -> Option<Proposal> 
         point_mm: point_mm.map(length),
         direction: direction.map(|component| rounded(component, DIRECTION_DECIMALS)),
     };
-    // `Frame::along` makes the direction one of unit length again, with all of its digits.
+    // `Frame::along` normalises the direction again, to full precision.
     let frame = Frame { x_axis: axis.direction, ..Frame::along(&axis).ok()? };
     let about_axis = |half: f64| Some([-length(half), length(half)]);
     let across = about_axis(HALF_WIDTH * radius_mm);
@@ -107,7 +106,7 @@ fn proposal(found: &Detected, asked: &Recipe, number: &str) -> Option<Proposal> 
     );
     let recipe = Recipe {
         description: Some(description),
-        // X of the frame lies along this cylinder: one that crosses it is not meant.
+        // X of the frame lies along this cylinder, so a cylinder that crosses it is excluded.
         orientation: Some(Orientation::Rail),
         frame: Some(frame),
         region: Some(region),
@@ -117,22 +116,22 @@ fn proposal(found: &Detected, asked: &Recipe, number: &str) -> Option<Proposal> 
     Some(Proposal { cylinder, recipe })
 }
 
-/// Decimals that give a length of a cylinder to a ten-thousandth of its radius or better: a recipe is read by people, and the
+/// Decimals that represent a length of a cylinder to a ten-thousandth of its radius or better: people read recipes, and the
 /// detection is not more accurate.
 #[must_use]
 pub fn cylinder_decimals(radius_mm: f64) -> usize {
     let decade = (1e-4 * radius_mm).log10().floor();
-    // A radius that is no number, which the search does not report, has none.
+    // A radius that is not finite, which the search does not report, gets no decimals.
     if decade.is_finite() { (-decade).clamp(0.0, 12.0) as usize } else { 0 }
 }
 
-/// A value with so many decimals.
+/// A value rounded to `decimals` decimals.
 fn rounded(value: f64, decimals: usize) -> f64 {
-    // Adding zero makes −0 and 0 one.
+    // Adding zero converts −0 to 0.
     format!("{value:.decimals$}").parse().unwrap_or(value) + 0.0
 }
 
-/// A length above zero for people, with three digits.
+/// A positive length for people, with three digits.
 fn three_digits(value: f64) -> String {
     crate::service::wording::plain(format!("{value:.2e}").parse().unwrap_or(value))
 }
@@ -142,7 +141,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lengths_are_given_to_a_ten_thousandth_of_the_radius() {
+    fn lengths_are_rounded_to_a_ten_thousandth_of_the_radius() {
         for (radius, decimals) in [(94.1, 3), (200.0, 2), (0.3, 5), (1e6, 0), (f64::NAN, 0), (0.0, 0)] {
             assert_eq!(cylinder_decimals(radius), decimals, "{radius}");
         }
@@ -152,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn a_recipe_lies_about_its_cylinder_and_says_what_was_asked() {
+    fn a_recipe_encloses_its_cylinder_and_contains_the_requested_values() {
         let found = Detected {
             point: [1.0, 2.0, 3.0],
             direction: [0.0, 0.6, 0.8],

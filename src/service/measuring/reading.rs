@@ -1,11 +1,8 @@
-//! Reads a scan while it still comes in, behind the writer of its file: when the last byte is here, the points are, too. Goes
-//! out as what the file turned out to hold.
+//! Decodes a scan during its upload, from the file that is being written, so that the points are available with the last byte.
 //!
-//! Such a reader waits for a client, so it has a thread of its own and not one of those that calculate; and it holds the
-//! points in memory until their turn comes, so there are few. A scan that finds no place is read from its file later.
-//!
-//! A reader that somebody else reads along with: every block that was read through is handed on, in order, and all of them once
-//! it is finished.
+//! A reader waits for its client, so it has its own thread and does not use one of those that calculate. It keeps the
+//! points in memory until their turn comes, so the number of readers is small. A scan without a reader is read from its file
+//! later.
 
 use super::copying_reader::{CopyingReader, READ_BLOCK_BYTES};
 use std::io::{self, BufRead, BufReader};
@@ -25,26 +22,26 @@ use crate::store::{CompleteScan, ScanPart, ScanTrail, StoreError};
 use super::pipeline::read;
 use super::recipe::Resolved;
 
-/// Points that are expected of a body whose length is not announced: an eighth of what the readers may hold by default.
+/// Points expected of a body whose length is not announced: an eighth of the points that the readers may keep by default.
 const POINTS_UNANNOUNCED: usize = 1_000_000;
-/// What a packed scan is expected to unpack to, times its size: text shrinks to a third or a quarter, binary numbers less.
+/// Assumed ratio of decompressed to compressed size: text shrinks to a third or a quarter, binary numbers less.
 const PACKED_TO: u64 = 4;
 
-/// Places for scans that are read while they come in, and memory for their points.
+/// Places for scans that are read during their upload, and memory for their points.
 #[derive(Debug, Clone)]
 pub(in crate::service) struct Readers {
     places: Arc<Semaphore>,
     memory: Memory,
 }
 
-/// What has to be known to read a scan.
+/// Parameters for reading a scan.
 #[derive(Debug, Clone)]
 pub(in crate::service) struct Wanted {
     pub(in crate::service) encoding: Option<Encoding>,
     pub(in crate::service) origin: Origin,
     pub(in crate::service) resolved: Resolved,
     pub(in crate::service) limits: Limits,
-    /// Bytes that will come, where that was said.
+    /// Announced number of bytes.
     pub(in crate::service) bytes_expected: Option<u64>,
 }
 
@@ -54,13 +51,13 @@ pub(in crate::service) struct Reading {
     outcome: oneshot::Receiver<Result<ReadScan, ServiceError>>,
 }
 
-/// A scan that was read while it came in.
+/// A scan that was read during its upload.
 #[derive(Debug)]
 pub(in crate::service) struct ReadScan {
-    /// The content, where it came packed.
+    /// The decompressed content, if the upload was compressed.
     pub(in crate::service) unpacked: Option<CompleteScan>,
-    /// The points; `None` where they need more memory than was set aside for them. Bytes that are no scan are told when it is
-    /// their turn, as they would be if they were read then.
+    /// The points; `None` if they need more memory than was reserved. Bytes that are not a scan are reported at their turn, as if
+    /// they were read then.
     pub(in crate::service) points: Option<ReadPoints>,
 }
 
@@ -69,7 +66,7 @@ impl Readers {
         Self { places: Arc::new(Semaphore::new(places_count.min(Semaphore::MAX_PERMITS))), memory }
     }
 
-    /// Begins to read; `None` where there is no place, no memory, or no thread.
+    /// Starts to read; `None` if no place, memory or thread is available.
     pub(in crate::service) fn begin(&self, trail: &ScanTrail, wanted: impl FnOnce() -> Wanted) -> Option<Reading> {
         let place = Arc::clone(&self.places).try_acquire_owned().ok()?;
         let (trail, wanted) = (trail.clone(), wanted());
@@ -78,7 +75,7 @@ impl Readers {
         let work = move || {
             let read = take_in(&trail, &wanted, claim);
             drop(place);
-            // Nobody listens any more where the upload was given up.
+            // The receiver is gone if the upload was abandoned.
             let _ = sender.send(read);
         };
         thread::Builder::new().name("read".to_owned()).spawn(work).ok().map(|_| Reading { outcome })
@@ -91,7 +88,7 @@ impl Reading {
         !self.outcome.is_empty()
     }
 
-    /// What was read, once the writer has ended; soon after it where it gave up.
+    /// The result, once the writer has ended, or soon after it was abandoned.
     pub(in crate::service) async fn outcome(self) -> Result<ReadScan, ServiceError> {
         self.outcome.await.map_err(|_| ComputeError::Panicked)?
     }
@@ -104,7 +101,7 @@ impl Wanted {
     }
 }
 
-/// Bytes to points, and to the file that holds them unpacked, where they came packed.
+/// Decodes bytes to points, and writes the decompressed file if they were compressed.
 fn take_in(trail: &ScanTrail, wanted: &Wanted, mut claim: Claim) -> Result<ReadScan, ServiceError> {
     let Wanted { encoding, origin, resolved, limits, .. } = wanted;
     let within = claim.limits(limits);
@@ -129,7 +126,7 @@ fn take_in(trail: &ScanTrail, wanted: &Wanted, mut claim: Claim) -> Result<ReadS
     Ok(ReadScan { unpacked, points })
 }
 
-/// Undoes the packing of a scan into a file of its own.
+/// Decompresses a scan into a separate file.
 pub(in crate::service) fn unpack(
     trail: &ScanTrail,
     encoding: Encoding,
@@ -139,7 +136,7 @@ pub(in crate::service) fn unpack(
     Ok(unpack_seen(encoding, bytes, trail.begin_another()?, limits, &Sent::default(), |_| ())?.0)
 }
 
-/// Undoes a packing into `part`, to its end; `look` sees the bytes on the way, as far as it likes.
+/// Decompresses all of `packed` into `part`; `look` may read any number of the decompressed bytes on the way.
 fn unpack_seen<T>(
     encoding: Encoding,
     packed: impl BufRead,

@@ -1,5 +1,5 @@
-//! How a kind of part is measured: what the operator may say, checked, laid over what somebody else said, and resolved into
-//! what scan and estimation take.
+//! Measurement parameters for a kind of part: validates the operator's values, combines recipes by priority, and resolves them to
+//! the settings of scan and estimation.
 
 use crate::estimation::{
     EndFaceRule, Method, Orientation, PartRule, PartsError, RadiusRule, SettingError, Settings, TypeB,
@@ -10,29 +10,29 @@ use crate::scan::slice::{Region, RegionError, SliceRequest};
 use crate::scan::{ProfileRule, RuleError};
 use crate::service::wording::plain;
 use serde::{Deserialize, Serialize};
-/// What is said about a measurement; what is left out is somebody else's to say. Lengths in mm.
+/// Parameters of a measurement; an omitted value is taken from the next source. Lengths in mm.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Recipe {
-    /// For people.
+    /// Description for people.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub description: Option<String>,
-    /// How the pose is found.
+    /// Estimation method.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub method: Option<Method>,
-    /// A point nearer than this to its ellipse is an inlier. Shuts out `epsilon_noise_multiple`.
+    /// A point nearer than this to its ellipse is an inlier. Excludes `epsilon_noise_multiple`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub epsilon_mm: Option<f64>,
     /// The same as a multiple of `noise_sigma_mm`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub epsilon_noise_multiple: Option<f64>,
-    /// The sensor's noise, one standard deviation.
+    /// Standard deviation of the sensor's noise.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_sigma_mm: Option<f64>,
     /// A profile with a smaller share of inliers is rejected.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub inlier_ratio_min: Option<f64>,
-    /// Re-weighted ellipse fits of one profile.
+    /// Maximum number of re-weighted ellipse fits of one profile.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub iterations_max: Option<u32>,
     /// A profile with fewer points is rejected.
@@ -41,13 +41,13 @@ pub struct Recipe {
     /// A profile whose inliers span a smaller arc is rejected.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub arc_min_deg: Option<f64>,
-    /// Fewer valid profiles than this refuse the scan.
+    /// A scan with fewer valid profiles is refused.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub profiles_min: Option<u32>,
-    /// Valid profiles closer together than this along x refuse the scan.
+    /// A scan whose valid profiles span less than this along x is refused.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub axial_length_min_mm: Option<f64>,
-    /// The radius that the drawing gives.
+    /// The nominal radius of the drawing.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub nominal_radius_mm: Option<f64>,
     /// How `cylinder` treats the radius: free, fixed or prior.
@@ -56,31 +56,31 @@ pub struct Recipe {
     /// Standard uncertainty of the nominal radius.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub radius_sigma_mm: Option<f64>,
-    /// Angles of `cylinder` known worse than this refuse the scan; standard uncertainty.
+    /// A scan is refused if the standard uncertainty of an angle of `cylinder` is greater.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub angle_uncertainty_max_deg: Option<f64>,
-    /// Positions of `cylinder` at x_ref known worse than this refuse the scan; standard uncertainty.
+    /// A scan is refused if the standard uncertainty of a position of `cylinder` at x_ref is greater.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub position_uncertainty_max_mm: Option<f64>,
-    /// What is known of stage, sensor and temperature; said as a whole.
+    /// Type B uncertainties of stage, sensor and temperature; given together.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub type_b: Option<TypeB>,
-    /// In which directions the axis is looked for: auto, rail or any.
+    /// Directions in which the axis is searched: auto, rail or any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub orientation: Option<Orientation>,
-    /// An axis farther from X than this is not along the rail.
+    /// An axis at a larger angle to X is not along the rail.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tilt_max_deg: Option<f64>,
     /// Which end faces are measured: none, near, far or both.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub end_face: Option<EndFaceRule>,
-    /// Values of x, y or z, in the unit of the file, that mark points as missing; none are looked for where this is given.
+    /// Values of x, y or z, in the unit of the file, that mark points as missing; if given, no others are searched for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub missing_values: Option<Vec<f64>>,
-    /// Unit of the file's coordinates; millimetres where nobody says.
+    /// Unit of the file's coordinates; millimetres by default.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<Unit>,
-    /// Sign before the decimals of a text file's numbers; what the cells show where nobody says.
+    /// Decimal separator of the numbers of a text file; detected by default.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub decimal: Option<Decimal>,
     /// Distance between the profiles of a file that is a matrix of heights.
@@ -89,86 +89,86 @@ pub struct Recipe {
     /// Distance between the points of a profile of such a file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub y_pitch_mm: Option<f64>,
-    /// Which points belong to one profile, e.g. `column=frame`, `row`, `x_pitch_mm=0.5`, `x_value`.
+    /// Rule that assigns points to profiles, e.g. `column=frame`, `row`, `x_pitch_mm=0.5`, `x_value`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub profile_by: Option<String>,
-    /// The rail frame in the coordinates of the scan; they agree where nobody says.
+    /// The rail frame in the coordinates of the scan; identical by default.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frame: Option<Frame>,
-    /// What of the scan is looked at, in the rail frame; all of it where nobody says.
+    /// The region of the scan that is used, in the rail frame; all of it by default.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub region: Option<Region>,
-    /// Which profiles belong to one part; all of them where nobody says.
+    /// Rule that assigns profiles to parts; all of them to one part by default.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub parts: Option<PartRule>,
 }
 
-/// A recipe with nothing left to say: what a measurement is made with.
+/// A recipe with all values filled in, ready for a measurement.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Resolved {
     /// For the estimation.
     pub settings: Settings,
-    /// For the reader; `None` leaves it to the file, and to millimetres where that is silent.
+    /// For the decoder; `None` uses the unit that the file declares, or millimetres.
     pub unit: Option<Unit>,
-    /// For the reader; `None` leaves it to the file.
+    /// For the decoder; `None` detects it in the file.
     pub decimal: Option<Decimal>,
-    /// For the reader of a matrix.
+    /// For the decoder of a matrix.
     pub grid: Grid,
-    /// Values that mark missing points, in the unit of the file; `None` looks for them.
+    /// Values that mark missing points, in the unit of the file; `None` searches for them.
     pub missing_values: Option<Vec<f64>>,
-    /// For the cutting into profiles.
+    /// For the division into profiles.
     pub slicing: SliceRequest,
-    /// For the cutting into parts.
+    /// For the division into parts.
     pub parts: PartRule,
-    /// All of it in the words of a recipe, defaults filled in: goes into the record.
+    /// The complete recipe with defaults filled in, for the record.
     pub recipe: Recipe,
 }
 
 /// Why a recipe cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RecipeError {
-    /// A value out of its range.
+    /// A value is out of range.
     #[error("{name} must be {allowed}, got {}", plain(*value))]
     OutOfRange {
         /// Name of the field.
         name: &'static str,
-        /// What would be accepted, in words.
+        /// The accepted values, as text.
         allowed: &'static str,
-        /// What was given.
+        /// The given value.
         value: f64,
     },
     /// ε is given twice, as a length and as a multiple of the noise.
-    #[error("epsilon_mm and epsilon_noise_multiple say the same thing in two ways; give one of them")]
+    #[error("epsilon_mm and epsilon_noise_multiple set the same value in two ways; give one of them")]
     EpsilonTwice,
-    /// A multiple without what it is a multiple of.
+    /// A multiple of the noise is given without the noise.
     #[error("epsilon_noise_multiple needs noise_sigma_mm, the sensor's noise")]
     NoiseUnknown,
-    /// `profile_by` is no rule.
+    /// `profile_by` is not a valid rule.
     #[error("profile_by: {0}")]
     ProfileRule(#[from] RuleError),
-    /// The frame spans no space.
+    /// The frame's axes do not span a space.
     #[error("frame: {0}")]
     Frame(#[from] FrameError),
-    /// A bound of the region is no range.
+    /// A bound of the region is not a valid range.
     #[error("region: {0}")]
     Region(#[from] RegionError),
-    /// The parts cannot be looked for like that.
+    /// The rule for parts is invalid.
     #[error("parts: {0}")]
     Parts(#[from] PartsError),
-    /// More text than a description is.
+    /// The description is too long.
     #[error("the description has {characters_count} characters, at most {characters_max} are kept")]
     DescriptionTooLong {
-        /// Given.
+        /// Given length.
         characters_count: usize,
-        /// Allowed.
+        /// Maximum length.
         characters_max: usize,
     },
 }
 
-/// Most values that mark missing points.
+/// Maximum number of values that mark missing points.
 const MISSING_VALUES_MAX: usize = 16;
 
-/// Longest description.
+/// Maximum length of a description.
 pub const DESCRIPTION_CHARACTERS_MAX: usize = 1000;
 
 impl From<SettingError> for RecipeError {
@@ -178,7 +178,7 @@ impl From<SettingError> for RecipeError {
 }
 
 impl Resolved {
-    /// Looks for the axis along the rail where nobody asked for it elsewhere: the sensor of the cell travels there.
+    /// Searches the axis along the rail unless another orientation was requested: the sensor of the cell travels along it.
     pub fn look_along_rail(&mut self) {
         if self.settings.orientation == Orientation::Auto {
             self.settings.orientation = Orientation::Rail;
@@ -186,7 +186,7 @@ impl Resolved {
         }
     }
 
-    /// The column that the profiles are to be told apart by, where one is named.
+    /// The column that distinguishes the profiles, if one is named.
     #[must_use]
     pub fn profile_column(&self) -> Option<&str> {
         match &self.slicing.rule {
@@ -197,10 +197,10 @@ impl Resolved {
 }
 
 impl Recipe {
-    /// What this recipe says, and where it says nothing, what `under` says.
+    /// The values of this recipe, and those of `under` for values that are omitted here.
     #[must_use]
     pub fn over(self, under: &Self) -> Self {
-        // ε has two spellings; one said here must not meet the other from below.
+        // ε can be given in two ways; a value given here excludes the other form from below.
         let epsilon_said = self.epsilon_mm.is_some() || self.epsilon_noise_multiple.is_some();
         let unless_said = |value: Option<f64>| value.filter(|_| !epsilon_said);
         Self {
@@ -236,18 +236,18 @@ impl Recipe {
         }
     }
 
-    /// Whether the recipe can be used, by itself.
+    /// Whether the recipe is valid by itself.
     ///
     /// # Errors
-    /// [`RecipeError`] names the first thing that cannot be.
+    /// [`RecipeError`] names the first invalid value.
     pub fn check(&self) -> Result<(), RecipeError> {
         self.resolve(&Settings::default()).map(|_| ())
     }
 
-    /// Fills in what nobody said from `defaults` and checks everything.
+    /// Fills in omitted values from `defaults` and validates all values.
     ///
     /// # Errors
-    /// [`RecipeError`] names the first thing that cannot be.
+    /// [`RecipeError`] names the first invalid value.
     pub fn resolve(&self, defaults: &Settings) -> Result<Resolved, RecipeError> {
         self.check_description()?;
         self.check_missing_values()?;
@@ -309,7 +309,7 @@ impl Recipe {
         Self {
             method: Some(settings.method),
             epsilon_mm: Some(settings.epsilon_mm),
-            // The multiple has become the length beside it.
+            // The multiple was converted to the length above.
             epsilon_noise_multiple: None,
             inlier_ratio_min: Some(settings.inlier_ratio_min),
             iterations_max: Some(settings.iterations_max),
@@ -366,16 +366,16 @@ fn check_positive(name: &'static str, value: Option<f64>) -> Result<(), RecipeEr
     }
 }
 
-/// Lower-case letters, digits, `-` and `_`, at most 64, the first no sign.
+/// Lower-case letters, digits, `-` and `_`, at most 64 characters; the first one is a letter or digit.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(transparent)]
 pub struct RecipeName(String);
 
 impl RecipeName {
-    /// Longest name.
+    /// Maximum length of a name.
     pub const CHARACTERS_MAX: usize = 64;
 
-    /// The name, if it is one.
+    /// The name, if it is valid.
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
         let plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit();
@@ -408,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_said_above_holds_and_the_rest_shines_through() {
+    fn values_of_the_upper_recipe_override_and_the_others_are_kept() {
         let under = Recipe { points_min: Some(30), epsilon_mm: Some(0.2), ..Recipe::default() };
         let over = Recipe { epsilon_noise_multiple: Some(3.0), noise_sigma_mm: Some(0.05), ..Recipe::default() };
         let settings = over.over(&under).resolve(&Settings::default()).expect("valid").settings;
@@ -426,11 +426,11 @@ mod tests {
         };
         let elsewhere = Settings { points_min: 99, ..Settings::default() };
         let resolved = recipe.resolve(&elsewhere).expect("valid");
-        assert_eq!(resolved.recipe.resolve(&Settings::default()), Ok(resolved), "whatever the defaults have become");
+        assert_eq!(resolved.recipe.resolve(&Settings::default()), Ok(resolved), "independent of later defaults");
     }
 
     #[test]
-    fn what_cannot_be_is_refused_by_name() {
+    fn an_invalid_value_is_refused_by_name() {
         let refused = |recipe: Recipe| recipe.check().expect_err("refused").to_string();
         assert!(refused(Recipe { iterations_max: Some(0), ..Recipe::default() }).starts_with("iterations_max"));
         assert!(refused(Recipe { noise_sigma_mm: Some(-1.0), ..Recipe::default() }).starts_with("noise_sigma_mm"));

@@ -1,4 +1,4 @@
-//! Recipes under a name: put under a precondition, looked up, listed.
+//! Named recipes: stored under a precondition, looked up, listed.
 
 use super::recipe::RecipeName;
 use std::sync::Arc;
@@ -14,29 +14,29 @@ use crate::store::{Listing, Page, Precondition, PutRecipe, RecipeRow};
 
 use super::recipe::Recipe;
 
-/// A recipe with what is known about its revision.
+/// A recipe and its revision.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoredRecipe {
     /// Its name.
     pub name: String,
-    /// What it says.
+    /// Its values.
     pub recipe: Recipe,
-    /// Counts up from 1.
+    /// Revision number, from 1.
     pub revision: u64,
-    /// Names the revision.
+    /// Identifies the revision.
     pub etag: String,
-    /// When the first revision was put.
+    /// When the first revision was stored.
     pub created_at: Timestamp,
-    /// When this revision was put.
+    /// When this revision was stored.
     pub updated_at: Timestamp,
 }
 
-/// What became of a recipe that was put.
+/// Result of storing a recipe.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Put {
     /// It is the first of its name.
     Created(StoredRecipe),
-    /// It took the place of an earlier revision.
+    /// It replaced an earlier revision.
     Replaced(StoredRecipe),
 }
 
@@ -48,7 +48,7 @@ pub(in crate::service) fn read_back(row: RecipeRow) -> Result<StoredRecipe, Serv
 }
 
 impl Measuring {
-    /// The recipe of a name.
+    /// The recipe of this name.
     ///
     /// # Errors
     /// [`ServiceError::RecipeUnknown`].
@@ -57,10 +57,10 @@ impl Measuring {
         read_back(row.ok_or_else(|| ServiceError::RecipeUnknown { name: name.as_str().to_owned() })?)
     }
 
-    /// A page of the recipes, the latest made first.
+    /// A page of the recipes, the latest created first.
     ///
     /// # Errors
-    /// What the store says.
+    /// Errors of the store.
     pub async fn recipes(&self, page: &Page) -> Result<Listing<Entry<StoredRecipe>>, ServiceError> {
         let Listing { rows, next } = self.shared.store.recipes(page).await?;
         let read = move || {
@@ -73,7 +73,7 @@ impl Measuring {
         Ok(Listing { rows: run_blocking(read).await?, next })
     }
 
-    /// Checks a recipe and puts it under its name where the precondition holds.
+    /// Validates a recipe and stores it under its name if the precondition is true.
     ///
     /// # Errors
     /// [`ServiceError::Recipe`], [`ServiceError::RecipeChanged`], [`ServiceError::RecipeAbsent`].

@@ -1,5 +1,5 @@
-//! A measurement as it is kept: what was measured, with what, and the result, for the whole scan or part by part. The profiles are
-//! kept beside it, since a list of measurements does not need them.
+//! The stored record of a measurement: the scan, the recipe, and the result for the complete scan or for each part. The profiles
+//! are stored separately, because a list of measurements does not need them.
 
 use super::pipeline::{Measured, Prepared};
 use super::recipe::{Recipe, Resolved};
@@ -14,57 +14,57 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
-/// The software that measures, with its version.
+/// The software and its version.
 pub const SOFTWARE: &str = concat!("coaxis ", env!("CARGO_PKG_VERSION"));
 
-/// A measurement that ran.
+/// A completed measurement.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Measurement {
     /// `m-` and a number that grows with time.
     pub id: String,
-    /// When it was made.
+    /// When it was recorded.
     pub created_at: Timestamp,
-    /// Reading and calculation, milliseconds; what was read while it came in is not counted.
+    /// Time for reading and calculation, milliseconds; reading during the upload is not counted.
     pub duration_ms: u64,
     /// SHA-256 of the scan, 64 lower-case hexadecimal digits.
     pub scan_sha256: String,
-    /// What the scan was read as.
+    /// Format of the scan.
     pub format: Format,
-    /// Unit that the file's coordinates were read in.
+    /// Unit in which the file's coordinates were read.
     pub unit: Unit,
-    /// How its profiles were told apart, in words.
+    /// The rule that separated its profiles, as text.
     pub profile_rule: String,
-    /// Points that the file holds.
+    /// Number of points in the file.
     pub points_count: u64,
-    /// Points that the file marks as missing.
+    /// Number of points that the file marks as missing.
     pub missing_count: u64,
-    /// What it was measured with, nothing left out.
+    /// The complete recipe, including defaults.
     pub recipe: Recipe,
-    /// Name of the recipe, where one was named.
+    /// Name of the recipe, if one was given.
     pub recipe_name: Option<String>,
-    /// When the scan was taken, or arrived; not known of a file that was measured without a service.
+    /// When the scan was taken or arrived; unknown for an offline measurement.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub acquisition: Option<Acquisition>,
-    /// What measured it.
+    /// The software that measured it.
     pub software: String,
-    /// How the pose was found.
+    /// Estimation method.
     pub method: Method,
-    /// What came out.
+    /// The result.
     #[serde(flatten)]
     pub result: MeasurementResult,
-    /// What became of the profiles.
+    /// Verdicts on the profiles.
     #[serde(rename = "tally")]
     pub counts: ProfileCounts,
 }
 
-/// How many profiles passed, and what the others failed on.
+/// How many profiles are valid, and why the others were rejected.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct ProfileCounts {
     /// All.
     pub total_count: u64,
-    /// Those that passed.
+    /// Valid profiles.
     pub valid_count: u64,
-    /// The others by reason; only reasons that occurred.
+    /// Rejected profiles by reason; only reasons that occurred.
     pub rejected: BTreeMap<Reason, u64>,
 }
 
@@ -79,7 +79,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// The verdict of a name, where it is one.
+    /// The verdict of this name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         [Self::Accepted, Self::Refused].into_iter().find(|verdict| verdict.name() == name)
@@ -95,7 +95,7 @@ impl Verdict {
     }
 }
 
-/// What a measurement is known by, and what only the caller knows about it.
+/// Identification of a measurement, and facts that only the caller knows.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Identity {
     /// See [`Measurement::id`].
@@ -113,7 +113,7 @@ pub struct Identity {
 }
 
 impl Measurement {
-    /// The record of what was measured, and its profiles.
+    /// The record of a measurement, and its profiles.
     #[must_use]
     pub fn record(
         identity: Identity,
@@ -150,7 +150,7 @@ impl Measurement {
         format!("s-{}", self.scan_sha256)
     }
 
-    /// Whether there is a pose, of every part where there are parts.
+    /// Accepted if there is a pose, or a pose of every part if there are parts.
     #[must_use]
     pub fn verdict(&self) -> Verdict {
         self.result.verdict()
@@ -176,18 +176,18 @@ fn wide(count: usize) -> u64 {
     u64::try_from(count).unwrap_or(u64::MAX)
 }
 
-/// What came out. Records from before there were parts read as one finding.
+/// The result. Records written before parts were supported are read as one result.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum MeasurementResult {
-    /// Of the parts of the scan, where they were asked for.
+    /// Results of the parts of the scan, if parts were requested.
     Parts {
         /// In order of x.
         parts: Vec<MeasuredPart>,
-        /// Why the scan is not one of such parts.
+        /// Why the scan does not consist of the requested parts.
         refusal: Option<Refusal>,
     },
-    /// Of the whole scan.
+    /// Result of the complete scan.
     Whole(PoseResult),
 }
 
@@ -198,42 +198,42 @@ pub struct PoseResult {
     pub outcome: Outcome,
     /// How well the scan determines a pose.
     pub conditioning: Conditioning,
-    /// How the points lie about their sections.
+    /// Distribution of the points about their sections.
     pub residuals: Option<Residuals>,
 }
 
-/// What came out for one part of several.
+/// The result for one part of several.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MeasuredPart {
-    /// What it is called.
+    /// Its name.
     pub name: String,
-    /// Least x of its window, or of its profiles where it was found, mm.
+    /// Smallest x of its window, or of its profiles if it was detected, mm.
     pub x_min: f64,
     /// Largest x of the same.
     pub x_max: f64,
     /// Index of its first profile among those of the scan.
     pub first_profile: usize,
-    /// What became of its profiles.
+    /// Verdicts on its profiles.
     #[serde(rename = "tally")]
     pub counts: ProfileCounts,
-    /// What came out.
+    /// The result.
     #[serde(flatten)]
     pub finding: PoseResult,
 }
 
-/// The part of a measurement that somebody asked for.
+/// The selected part of a measurement.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Chosen<'a> {
-    /// All of the scan, where no parts were asked for.
+    /// The complete scan, if no parts were requested.
     Whole(&'a PoseResult),
     /// One of its parts, and its number from 1.
     Part(&'a MeasuredPart, usize),
-    /// None: the scan was refused before it had parts.
+    /// None: the scan was refused before it was divided into parts.
     None(&'a Refusal),
 }
 
 impl MeasurementResult {
-    /// Takes an estimate apart.
+    /// Separates an estimate into the result and its profiles.
     #[must_use]
     pub fn of(estimate: ScanEstimate) -> (Self, Vec<Profile>) {
         match estimate {
@@ -249,13 +249,13 @@ impl MeasurementResult {
         }
     }
 
-    /// Whether there is a pose, of every part where there are parts.
+    /// Accepted if there is a pose, or a pose of every part if there are parts.
     #[must_use]
     pub fn verdict(&self) -> Verdict {
         if self.refusal().is_none() { Verdict::Accepted } else { Verdict::Refused }
     }
 
-    /// The first reason why not, with the name of the part that it is about.
+    /// The first reason why not, with the name of the part concerned.
     #[must_use]
     pub fn refusal(&self) -> Option<(Option<&str>, &Refusal)> {
         match self {
@@ -267,7 +267,7 @@ impl MeasurementResult {
         }
     }
 
-    /// The finding, where there is exactly one.
+    /// The result, if there is exactly one.
     #[must_use]
     pub fn sole(&self) -> Option<&PoseResult> {
         match self {
@@ -279,7 +279,7 @@ impl MeasurementResult {
         }
     }
 
-    /// The parts; `None` where none were asked for.
+    /// The parts; `None` if none were requested.
     #[must_use]
     pub fn parts(&self) -> Option<&[MeasuredPart]> {
         match self {
@@ -288,7 +288,7 @@ impl MeasurementResult {
         }
     }
 
-    /// How many parts there are, also where they are too many to be measured; `None` where none were asked for.
+    /// The number of parts, even if they are too many to be measured; `None` if none were requested.
     #[must_use]
     pub fn parts_count(&self) -> Option<u64> {
         let count = match self {
@@ -299,7 +299,7 @@ impl MeasurementResult {
         Some(u64::try_from(count).unwrap_or(u64::MAX))
     }
 
-    /// The part of a name or of a number from 1; the first where nobody says.
+    /// The part of this name or number (from 1); the first one by default.
     ///
     /// # Errors
     /// [`ServiceError::PartUnknown`].
@@ -331,7 +331,7 @@ impl MeasurementResult {
 }
 
 impl PoseResult {
-    /// Why there is no pose; `None` where there is one.
+    /// Why there is no pose; `None` if there is one.
     #[must_use]
     pub const fn refusal(&self) -> Option<&Refusal> {
         match &self.outcome {
@@ -365,14 +365,14 @@ impl From<PartEstimate> for MeasuredPart {
     }
 }
 
-/// A measurement and its profiles, as the store keeps them.
+/// A measurement and its profiles, as stored.
 pub(in crate::service) struct Calculated {
     pub(in crate::service) measurement: Measurement,
     pub(in crate::service) profiles: Vec<u8>,
 }
 
 impl Calculated {
-    /// The record of what was measured. Writing the profiles takes the processor for a while, so it is done here.
+    /// The record of a measurement. The profiles are serialised here because that is processor-bound.
     pub(in crate::service) fn of(
         identity: Identity,
         measured: Measured,
@@ -384,20 +384,20 @@ impl Calculated {
     }
 }
 
-/// The description of a scan that was taken by the sensor. It tells such a scan from an upload, since no client can write the
-/// description of a scan.
+/// The description of a scan that was taken by the sensor. It distinguishes this scan from an upload, because no client can set
+/// the description of a scan.
 pub(in crate::service) const TAKEN_BY_SENSOR: &str = "taken by the sensor";
 
-/// The newest measurement, for those who poll.
+/// The newest measurement, for polling clients.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Last {
-    /// Which measurement it is in the order in which they were recorded.
+    /// Its position in the order of recording.
     pub(in crate::service) sequence: u64,
     /// Its id.
     pub id: String,
-    /// Whether it has a pose; none where the record does not say so in a word that is known.
+    /// Whether it has a pose; `None` if the record has an unknown verdict.
     pub verdict: Option<Verdict>,
-    /// When it was made.
+    /// When it was recorded.
     pub created_at: Timestamp,
 }
 
@@ -406,7 +406,7 @@ mod measurement_tests {
     use super::*;
     use serde_json::{Value, json};
 
-    /// A record as it was written before there were parts.
+    /// A record as it was written before parts were supported.
     fn record() -> Value {
         let recipe = json!({"method": "section_line", "epsilon_mm": 0.111, "points_min": 20, "radius": "free"});
         let axis = json!({"p": 0.01, "q": -0.02, "y0": 1.5, "z0": -2.5});
@@ -432,7 +432,7 @@ mod measurement_tests {
     }
 
     #[test]
-    fn a_record_from_before_there_were_parts_reads_and_writes_as_it_was() {
+    fn a_record_from_before_parts_were_supported_reads_and_writes_unchanged() {
         let text = record().to_string();
         let measurement: Measurement = serde_json::from_str(&text).expect("readable");
         assert_eq!(measurement.verdict(), Verdict::Accepted);
@@ -460,7 +460,7 @@ mod findings_tests {
     }
 
     #[test]
-    fn a_record_from_before_there_were_parts_reads_as_one_finding() {
+    fn a_record_from_before_parts_were_supported_reads_as_one_result() {
         let found = read(&format!(
             r#"{{"outcome":{REFUSED},"conditioning":{{"arc":null,"axial_length":0.0,"warnings":[]}},"residuals":null}}"#
         ));

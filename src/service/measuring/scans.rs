@@ -1,4 +1,4 @@
-//! Raw scans: kept under their content, looked up, handed out byte for byte.
+//! Raw scans: stored under the hash of their content, looked up, and returned byte for byte.
 
 use std::fs::File;
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use super::pipeline::{Decoded, MeasureError};
 use super::points::{PointFile, Points};
 use super::upload::ReceivedScan;
 
-/// The content of a kept scan.
+/// The content of a stored scan.
 #[derive(Debug)]
 pub struct Content {
     /// Its record.
@@ -21,12 +21,12 @@ pub struct Content {
     pub file: File,
 }
 
-/// What became of a scan that was to be kept.
+/// Result of storing a scan.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Kept {
-    /// Nobody sent these bytes before.
+    /// These bytes were not stored before.
     New(ScanRow),
-    /// Somebody did.
+    /// These bytes were stored already.
     Known(ScanRow),
 }
 
@@ -35,7 +35,7 @@ fn count_points(decoded: &Decoded) -> (Format, u64) {
 }
 
 impl Measuring {
-    /// Keeps a scan after reading it once; what cannot be read leaves nothing behind. The same bytes are kept once.
+    /// Stores a scan after reading it once; a scan that cannot be read is deleted. The same bytes are stored once.
     ///
     /// # Errors
     /// [`ServiceError`]; nothing is recorded then.
@@ -70,7 +70,7 @@ impl Measuring {
         };
         let service = Arc::clone(self);
         let keeping = async move {
-            // It holds its place among the uploads until it is kept.
+            // The scan keeps its place among the uploads until it is stored.
             let _place = place;
             match service.shared.store.keep_scan(row.clone(), scan).await? {
                 RecordedScan::New => {
@@ -94,7 +94,7 @@ impl Measuring {
     /// A page of the scans, newest first.
     ///
     /// # Errors
-    /// What the store says.
+    /// Errors of the store.
     pub async fn scans(&self, page: &Page) -> Result<Listing<ScanRow>, ServiceError> {
         Ok(self.shared.store.scans(page).await?)
     }
@@ -102,16 +102,16 @@ impl Measuring {
     /// The bytes of a scan.
     ///
     /// # Errors
-    /// [`ServiceError::ScanUnknown`], [`ServiceError::ScanFileMissing`], [`ServiceError::Store`] where it cannot be read.
+    /// [`ServiceError::ScanUnknown`], [`ServiceError::ScanFileMissing`], [`ServiceError::Store`] if it cannot be read.
     pub async fn scan_content(&self, id: &str) -> Result<Content, ServiceError> {
         let row = self.scan(id).await?;
         Ok(Content { file: self.scan_file(id).await?, row })
     }
 
-    /// The file of a recorded scan, whose bytes were compared with their record.
+    /// The file of a recorded scan, after its bytes were compared with their record.
     ///
     /// # Errors
-    /// [`ServiceError::ScanFileMissing`], [`ServiceError::Store`] where it is damaged.
+    /// [`ServiceError::ScanFileMissing`], [`ServiceError::Store`] if it is damaged.
     pub(in crate::service) async fn scan_file(&self, id: &str) -> Result<File, ServiceError> {
         self.shared.store.open_scan(id).await?.ok_or_else(|| ServiceError::ScanFileMissing { id: id.to_owned() })
     }

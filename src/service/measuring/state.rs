@@ -1,4 +1,4 @@
-//! What measuring consists of: its queues, the uploads under way and the newest measurement.
+//! State of the measuring service: its queues, the uploads under way and the newest measurement.
 
 use std::sync::{Arc, Mutex};
 
@@ -11,46 +11,46 @@ use crate::service::compute::{Compute, ComputeError, Load, Place};
 use crate::service::error::ServiceError;
 use crate::service::shared::Shared;
 
-/// Measures scans that are uploaded or kept, and finds, lists and draws what was measured. Needs no cell.
+/// Measures uploaded and stored scans, and looks up, lists and draws the results. Needs no cell.
 #[derive(Debug)]
 pub struct Measuring {
     pub(in crate::service) shared: Arc<Shared>,
     /// The queue of measurements.
     pub(in crate::service) compute: Compute,
-    /// The queue of pictures: however many are requested, no measurement is refused for them.
+    /// The queue of pictures, separate so that pictures never block a measurement.
     pub(in crate::service) drawing: Compute,
-    /// The queue of packed uploads. There is room for each of them to wait.
+    /// The queue of compressed uploads, with a place for each of them.
     pub(in crate::service) unpacking: Compute,
     pub(in crate::service) uploads: Uploads,
-    /// What holds for scans by the sensor where neither the request nor its recipe says otherwise.
+    /// Settings for scans by the sensor that apply unless the request or its recipe overrides them.
     pub(in crate::service) sensor_defaults: Settings,
     pub(in crate::service) last: Mutex<Option<Last>>,
 }
 
 impl Measuring {
-    /// Measuring on the threads of `compute`.
+    /// The measuring service on the threads of `compute`.
     pub(in crate::service) fn new(shared: Arc<Shared>, compute: Compute, sensor_defaults: Settings) -> Self {
         let capacity = &shared.capacity;
         let drawing = compute.beside(capacity.pictures_running_max, capacity.pictures_queue_max);
         let unpacking = compute.beside(capacity.running_max, capacity.uploads_max);
-        // Points that wait in memory are bounded as those that are calculated with are.
+        // Points that wait in memory have the same limit as points in a calculation.
         let uploads = Uploads::new(capacity.uploads_max, capacity.running_max, shared.memory.readers.clone());
         Self { shared, compute, drawing, unpacking, uploads, sensor_defaults, last: Mutex::new(None) }
     }
 
-    /// What the queue of measurements has to do now.
+    /// The current load of the queue of measurements.
     #[must_use]
     pub fn load(&self) -> Load {
         self.compute.load()
     }
 
-    /// Uploads under way: being received, unpacked, measured.
+    /// Uploads under way: being received, decompressed, measured.
     #[must_use]
     pub fn uploads_count(&self) -> u64 {
         u64::try_from(self.uploads.count()).unwrap_or(u64::MAX)
     }
 
-    /// Refuses where a measurement requested now would be refused.
+    /// Refuses if a measurement requested now would be refused.
     ///
     /// # Errors
     /// [`ComputeError::Busy`].
@@ -60,8 +60,8 @@ impl Measuring {
 }
 
 impl Measuring {
-    /// Has `work` done on points when it is the turn of `place` and there is memory for them: first what a file of this size mostly
-    /// needs, and where it needs more, [`Claim::more`] until that is what any file may need.
+    /// Runs `work` on points when it is the turn of `place` and memory is available: first the amount that a file of this size
+    /// usually needs, then repeatedly [`Claim::more`] up to the maximum for any file.
     pub(in crate::service) async fn with_points<T: Send + 'static>(
         &self,
         (queue, place): (&Compute, Place),
@@ -82,7 +82,7 @@ impl Measuring {
         };
         let mut points_count = file.points_expected();
         loop {
-            // The turn first: memory of this share is then given back without waiting for anything else.
+            // The turn comes first: memory of this share is then released without waiting for anything else.
             let turn = queue.take_turn(&place).await?;
             let mut claim = self.shared.memory.rest.claim(points_count).await?;
             let (limits, more) = (claim.limits(&self.shared.capacity.scan), claim.more());

@@ -1,8 +1,8 @@
-//! A scan that comes in piece by piece into a file of the store that is not kept yet. Large ones are read on the way; the rest
-//! is unpacked, where it has to be, once it is whole. Dropped before its end, it leaves nothing behind.
+//! Receives a scan piece by piece into a file that is not stored yet. Large scans are decoded during the upload; the others
+//! are decompressed, if necessary, when they are complete. An upload that is dropped before its end is deleted.
 //!
-//! Nothing but memory and disk is waited for here, and no thread that others need is held while a client sends: as many
-//! uploads as may be under way go on beside each other on however few threads.
+//! An upload waits only for memory and disk and blocks no shared thread while a client sends: the maximum number of
+//! uploads can be under way on any number of threads.
 
 use std::sync::Arc;
 
@@ -19,10 +19,10 @@ use super::order::ResolvedOrder;
 use super::points::ReadPoints;
 use super::reading::{Readers, Reading, Wanted};
 
-/// First bytes that tell how a body is packed.
+/// Number of first bytes that identify the compression of a body.
 pub(in crate::service) const HEAD_BYTES: usize = 4;
 
-/// Places for uploads; each has at most two files that are not kept yet.
+/// Places for uploads; each has at most two files that are not stored yet.
 #[derive(Debug)]
 pub(in crate::service) struct Uploads {
     places: Arc<Semaphore>,
@@ -30,7 +30,7 @@ pub(in crate::service) struct Uploads {
     pub(in crate::service) readers: Readers,
 }
 
-/// A scan that is coming in.
+/// A scan that is being received.
 #[derive(Debug)]
 pub struct Upload {
     pub(in crate::service) writer: ScanWriter,
@@ -43,7 +43,7 @@ pub struct Upload {
     pub(in crate::service) place: OwnedSemaphorePermit,
 }
 
-/// What was said before the first byte.
+/// Parameters that are known before the first byte.
 #[derive(Debug)]
 pub(in crate::service) struct Said {
     pub(in crate::service) encoding: Option<Encoding>,
@@ -52,14 +52,14 @@ pub(in crate::service) struct Said {
     pub(in crate::service) accepted: ResolvedOrder,
 }
 
-/// A scan that is here as a whole, unpacked and not kept yet. It holds its place among the uploads until it is kept or let
-/// go, so that the files that are not kept are as few as the uploads.
+/// A complete scan, decompressed and not stored yet. It keeps its place among the uploads until it is stored or dropped, so that
+/// the number of uploads limits the number of temporary files.
 #[derive(Debug)]
 pub struct ReceivedScan {
     pub(in crate::service) scan: CompleteScan,
-    /// What it holds, where it was read on the way.
+    /// Its content, if it was decoded during the upload.
     pub(in crate::service) read: Option<ReadPoints>,
-    /// How much was sent, where it was unpacked.
+    /// The number of bytes sent, if it was decompressed.
     pub(in crate::service) sent: Option<Sent>,
     pub(in crate::service) origin: Origin,
     pub(in crate::service) accepted: ResolvedOrder,
@@ -73,7 +73,7 @@ impl Uploads {
         Self { places: Arc::new(Semaphore::new(uploads_max)), uploads_max, readers }
     }
 
-    /// How many are under way.
+    /// Number of uploads under way.
     pub(in crate::service) fn count(&self) -> usize {
         self.uploads_max.saturating_sub(self.places.available_permits())
     }
@@ -85,10 +85,10 @@ impl Uploads {
 }
 
 impl Upload {
-    /// Takes the next piece. After an error only dropping is left.
+    /// Takes the next piece. After an error the upload can only be dropped.
     ///
     /// # Errors
-    /// [`ServiceError::Store`] where there is no room.
+    /// [`ServiceError::Store`] if the store has no space.
     pub async fn write(&mut self, piece: &[u8]) -> Result<(), ServiceError> {
         let wanting = HEAD_BYTES.saturating_sub(self.head.len());
         self.head.extend(piece.iter().take(wanting));
@@ -100,7 +100,7 @@ impl Upload {
         Ok(())
     }
 
-    /// Lets it go, and waits until nothing is left of it.
+    /// Drops the upload and waits until its files are deleted.
     pub async fn abandon(self) {
         let Self { writer, reading, .. } = self;
         drop(writer);
@@ -109,8 +109,8 @@ impl Upload {
         }
     }
 
-    /// Less than a block is read at once when it is whole, and the points of a request that was answered before are not
-    /// looked at.
+    /// Whether decoding during the upload is useful: content of less than a block is decoded quickly at its end, and the points of
+    /// a request that was answered before are not needed.
     fn is_worth_reading(&self) -> bool {
         self.bytes_count >= READ_BLOCK_BYTES && !self.said.accepted.answered
     }

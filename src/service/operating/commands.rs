@@ -1,4 +1,4 @@
-//! Commands that no job follows: stop, reset, and those to a single manipulator; each with its record.
+//! Commands without a job: stop, reset, and commands to a single manipulator. Each is recorded.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -14,12 +14,12 @@ use crate::motion::Carrier;
 use crate::service::error::ServiceError;
 use crate::service::unwritten::{PAUSE_FIRST, PAUSE_MAX};
 
-/// A command to a single device, or the reset, as it is kept.
+/// The record of a reset or of a command to a single device.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 struct ActOrder {
     verb: String,
     manipulator: Option<Carrier>,
-    /// How many commands it stands for, where it is more than one.
+    /// Number of commands that the record stands for, if more than one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     count: Option<u64>,
     #[serde(flatten)]
@@ -31,14 +31,14 @@ fn act(verb: &str, manipulator: Option<Carrier>, by: Commander) -> ActOrder {
 }
 
 impl Operating {
-    /// Stops whatever moves. Needs no lease, waits for no device and for no store; it is recorded afterwards.
+    /// Stops all motion. Needs no lease and waits for neither a device nor the store; it is recorded afterwards.
     ///
     /// # Errors
     /// [`ServiceError::CellAbsent`].
     pub async fn stop(self: &Arc<Self>) -> Result<StopReport, ServiceError> {
         let handle = self.cell_handle()?;
         let report = handle.cell.stop().await;
-        // One record at a time is written; the stops that come meanwhile share the next one.
+        // One record is written at a time; the stops that arrive meanwhile share the next one.
         if handle.stops.fetch_add(1, Ordering::AcqRel) == 0 {
             let service = Arc::clone(self);
             self.shared.background.add(async move { service.record_stops().await });
@@ -60,7 +60,7 @@ impl Operating {
                     tracing::error!(%error, "{count} stops are not recorded");
                 }
                 Err(error) => {
-                    tracing::warn!(%error, "{count} stops are not recorded yet; it is tried again");
+                    tracing::warn!(%error, "{count} stops are not recorded yet; writing is retried");
                     let _ = timeout(pause, self.shared.shutdown.wait()).await;
                     pause = (pause * 2).min(PAUSE_MAX);
                     continue;
@@ -72,20 +72,20 @@ impl Operating {
         }
     }
 
-    /// Acknowledges the faults and has every device read; only then may anything move.
+    /// Acknowledges the faults and has every device read; motion is possible only afterwards.
     ///
     /// # Errors
-    /// [`ServiceError::Cell`] with what the cell refuses, and what the store says.
+    /// [`ServiceError::Cell`] with the refusal of the cell, and errors of the store.
     pub async fn reset(self: &Arc<Self>, lease_id: String) -> Result<Taken, ServiceError> {
         let by = self.authorise(&lease_id, None).await?;
         let order = act("reset", None, by);
         self.command(order, move |cell| async move { cell.reset(&lease_id).await }).await
     }
 
-    /// Has one manipulator enabled, disabled or homed.
+    /// Enables, disables or homes one manipulator.
     ///
     /// # Errors
-    /// [`ServiceError::Cell`] with what the cell refuses, and what the store says.
+    /// [`ServiceError::Cell`] with the refusal of the cell, and errors of the store.
     pub async fn command_manipulator(
         self: &Arc<Self>,
         lease_id: String,
@@ -102,7 +102,7 @@ impl Operating {
         self.command(order, move |cell| async move { cell.act(&lease_id, carrier, manual).await }).await
     }
 
-    /// A single command: written down, given to the cell, and its taking written down.
+    /// Executes a single command: records it, sends it to the cell, and records its acceptance.
     async fn command<F: Future<Output = Result<Taken, Refusal>> + Send>(
         self: &Arc<Self>,
         order: ActOrder,

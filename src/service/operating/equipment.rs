@@ -1,4 +1,4 @@
-//! Makes the devices that the configuration names: the one place that knows every adaptor. Connects nothing.
+//! Creates the devices of the configuration: the only file that knows every adaptor. It connects to no device.
 
 use crate::cell::Devices;
 use crate::config::{Cell as CellConfig, Manipulator, ManipulatorAdaptor, SensorAdaptor, StageAdaptor};
@@ -8,55 +8,55 @@ use crate::device::simulated::{SettingError, World};
 use crate::device::{self, ProfileSensor, Stage, gocator, modbus};
 use crate::motion::{Carrier, Pair};
 
-/// What a cell is made of.
+/// The components of a cell.
 pub struct Equipment {
     /// The devices.
     pub devices: Devices,
-    /// How they are set up.
+    /// Their configuration.
     pub config: CellConfig,
-    /// What stands behind those that are simulated; `None` where none is.
+    /// The simulated world of the simulated devices; `None` if there are none.
     pub world: Option<World>,
 }
 
-/// Why a device cannot be made.
+/// Why a device cannot be created.
 #[derive(Debug, thiserror::Error)]
 pub enum EquipmentError {
-    /// The simulation.
+    /// The simulation is invalid.
     #[error("cell.simulated.{0}")]
     Simulated(#[from] SettingError),
-    /// A device behind Modbus.
+    /// A device connected by Modbus is invalid.
     #[error("cell.{key}.{cause}")]
     Modbus {
-        /// Which, by its key below `cell`.
+        /// Its key below `cell`.
         key: &'static str,
-        /// Why not.
+        /// The reason.
         cause: modbus::SettingsError,
     },
-    /// A device behind OPC UA.
+    /// A device connected by OPC UA is invalid.
     #[cfg(feature = "opcua")]
     #[error("cell.{key}.opcua.{cause}")]
     Opcua {
-        /// Which, by its key below `cell`.
+        /// Its key below `cell`.
         key: &'static str,
-        /// Why not.
+        /// The reason.
         cause: opcua::SettingRefusal,
     },
-    /// The sensor.
+    /// The sensor is invalid.
     #[error("cell.sensor.gocator: {0}")]
     Gocator(#[from] gocator::SettingsError),
-    /// The adaptor was left out of this program.
+    /// This program was built without the adaptor.
     #[error("cell.{key}.adaptor: this program was built without it")]
     NotBuilt {
-        /// Which, by its key below `cell`.
+        /// Its key below `cell`.
         key: &'static str,
     },
 }
 
 impl Equipment {
-    /// The devices of a configuration; `None` where the cell is not enabled.
+    /// The devices of a configuration; `None` if the cell is not enabled.
     ///
     /// # Errors
-    /// [`EquipmentError`] names the device that cannot be made.
+    /// [`EquipmentError`] names the device that cannot be created.
     pub fn of(config: &CellConfig) -> Result<Option<Self>, EquipmentError> {
         if !config.enabled {
             return Ok(None);

@@ -1,11 +1,11 @@
-//! A job of the cell as it is kept: what was commanded by whom, and how it ended.
+//! The record of a job of the cell: what was commanded, by whom, and how it ended.
 
 use crate::cell::{JobEnd, Lease, Refusal, StopCause};
 use crate::store::JobRow;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
-/// What kind of job.
+/// Kind of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::service) enum Kind {
     /// The manipulators move.
@@ -17,7 +17,7 @@ pub(in crate::service) enum Kind {
 }
 
 impl Kind {
-    /// The word in the store.
+    /// The name in the store.
     pub(in crate::service) const fn name(self) -> &'static str {
         match self {
             Self::Move => "move",
@@ -27,29 +27,29 @@ impl Kind {
     }
 }
 
-/// How a job stands.
+/// Status of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum JobStatus {
     /// Under way.
     Running,
-    /// Everything was reached and read back.
+    /// Every set-point was reached and confirmed by the devices.
     Done,
-    /// It was stopped before its end, and every device was seen at rest.
+    /// It was stopped before its end, and the standstill of every device was confirmed.
     Stopped,
-    /// It could not go on.
+    /// It could not continue.
     Failed,
-    /// It could not go on, and what the devices did is not known.
+    /// It could not continue, and the state of the devices is unknown.
     Unknown,
     /// The service ended while it was under way; nothing was resumed.
     Interrupted,
-    /// The cell refused to begin it; nothing was sent.
+    /// The cell refused it; nothing was sent.
     Refused,
 }
 
 impl JobStatus {
     const ENDS: [Self; 6] = [Self::Done, Self::Stopped, Self::Failed, Self::Unknown, Self::Interrupted, Self::Refused];
 
-    /// The word in documents, for jobs that are over.
+    /// The name in documents, for jobs that are over.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -63,7 +63,7 @@ impl JobStatus {
         }
     }
 
-    /// What a row says; what it says in a word of a later version was no success.
+    /// The status of a row; an unknown status of a later version counts as not successful.
     pub(in crate::service) fn of(row: &JobRow) -> Self {
         match row.ended_at {
             None => Self::Running,
@@ -75,46 +75,46 @@ impl JobStatus {
 /// Why a job ended as it did.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EndReason {
-    /// A short word.
+    /// A short code.
     pub code: String,
-    /// What happened, as an operator would say it.
+    /// What happened, as text for an operator.
     pub text: String,
 }
 
-/// A job that was written down, with what it says.
+/// A recorded job with its order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JobRecord<T> {
     /// Its id.
     pub id: String,
-    /// When it was asked for.
+    /// When it was requested.
     pub created_at: Timestamp,
-    /// When it was over.
+    /// When it ended.
     pub ended_at: Option<Timestamp>,
-    /// How it stands.
+    /// Its status.
     pub standing: JobStatus,
     /// The plan that it executes.
     pub plan_id: Option<String>,
     /// What was commanded.
     pub order: T,
-    /// Why it ended, where there is more to say than that it is done.
+    /// Why it ended, unless it is done.
     pub ending: Option<EndReason>,
 }
 
-/// A job, and whether it was begun by an earlier request of the same id, or of the same plan.
+/// A job, and whether it was started by an earlier request of the same id or plan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StartedJob<T> {
     /// The job.
     pub job: JobRecord<T>,
-    /// Whether nothing was begun for this answer.
+    /// Whether an earlier answer is repeated, without starting a job.
     pub replayed: bool,
 }
 
-/// Who commands.
+/// Who commanded a job.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Commander {
-    /// Who holds the lease; none where the command needs none.
+    /// Holder of the lease; none if the command needs none.
     pub holder: Option<String>,
-    /// Its fence.
+    /// Its fencing token.
     pub fence: Option<u64>,
 }
 
@@ -129,7 +129,7 @@ impl Commander {
 }
 
 impl EndReason {
-    /// How the cell says that a job ended.
+    /// The status and reason of an end reported by the cell.
     pub(in crate::service) fn of(end: &JobEnd) -> (JobStatus, Option<Self>) {
         let say = |code: &str| Some(Self { code: code.to_owned(), text: end.to_string() });
         match end {
@@ -140,7 +140,7 @@ impl EndReason {
         }
     }
 
-    /// How a job stands that the cell did not say it had begun.
+    /// The status of a job whose start the cell did not confirm.
     pub(in crate::service) fn of_refusal(refusal: &Refusal) -> (JobStatus, Self) {
         let (standing, code) = match refusal {
             Refusal::Unanswered => (JobStatus::Unknown, "cell_failed"),
@@ -151,7 +151,7 @@ impl EndReason {
     }
 }
 
-/// A stable short word for what stopped a job.
+/// A stable short code for the cause of a stop.
 #[must_use]
 pub const fn stop_code(cause: StopCause) -> &'static str {
     match cause {

@@ -1,5 +1,5 @@
-//! Jobs of the cell in the store: recorded before the cell begins them, ended when the cell has reported the end, and written
-//! again and again until the store takes the end.
+//! Jobs of the cell in the store: recorded before the cell begins them, and ended when the cell has reported the end. Writing
+//! the end is retried until the store accepts it.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -39,7 +39,7 @@ fn document_of<T: Serialize>(order: &T, ending: Option<&EndReason>) -> Result<St
     document::write("job", &Document { order, ending: ending.cloned() })
 }
 
-/// The job from its row.
+/// The job of a row.
 pub(in crate::service) fn read_back<T: DeserializeOwned>(row: &JobRow) -> Result<JobRecord<T>, ServiceError> {
     let Document { order, ending } = document::read("job", &row.id, &row.document)?;
     let standing = JobStatus::of(row);
@@ -55,10 +55,10 @@ pub(in crate::service) fn read_back<T: DeserializeOwned>(row: &JobRow) -> Result
 }
 
 impl Operating {
-    /// Writes a job down before it begins.
+    /// Records a job before it begins.
     ///
     /// # Errors
-    /// [`ServiceError::RequestIdReused`], and what the store says.
+    /// [`ServiceError::RequestIdReused`], and errors of the store.
     pub(in crate::service) async fn write_down<T: Serialize + DeserializeOwned + Clone + Send + 'static>(
         &self,
         beginning: Beginning<'_, T>,
@@ -93,7 +93,7 @@ impl Operating {
         }
     }
 
-    /// The end of a job as the store takes it.
+    /// The end of a job as the store expects it.
     pub(in crate::service) fn ended<T: Serialize>(
         &self,
         job: &JobRecord<T>,
@@ -108,7 +108,7 @@ impl Operating {
         })
     }
 
-    /// Writes down how a job ended, now or as soon as the store takes it.
+    /// Records how a job ended, now or as soon as the store accepts it.
     pub(in crate::service) async fn conclude<T: Serialize>(
         self: &Arc<Self>,
         job: &JobRecord<T>,
@@ -117,18 +117,18 @@ impl Operating {
     ) {
         match self.ended(job, standing, ending) {
             Ok(end) => self.end_job(End { job: end, frees: standing == JobStatus::Refused, measured: None }).await,
-            // Every order was written once, so it can be written again.
+            // Every order was serialised once, so it can be serialised again.
             Err(error) => tracing::error!(job = job.id, %error, "the end of job {} cannot be written", job.id),
         }
     }
 
-    /// A job is over, which its record shows from now on.
+    /// Called when the record of a job shows its end.
     pub(in crate::service) fn has_ended(&self) {
         self.shared.advance();
         self.shared.background.ended.send_modify(|count| *count += 1);
     }
 
-    /// The job of an id, of a kind; waits for its end, no longer than `wait` and no longer than the service runs.
+    /// The job of this id and kind; waits for its end, at most for `wait` and until the service shuts down.
     pub(in crate::service) async fn job<T: DeserializeOwned + Send + 'static>(
         &self,
         kind: Kind,
@@ -165,7 +165,7 @@ impl Operating {
         Ok(self.shared.store.job(id).await?.map(|row| self.shared.unwritten.complete(row)))
     }
 
-    /// A page of the jobs of a kind, of one standing where it is given, newest first.
+    /// A page of the jobs of a kind, optionally of one status, newest first.
     pub(in crate::service) async fn list_jobs<T: DeserializeOwned + Send + 'static>(
         &self,
         kind: Kind,
@@ -177,7 +177,7 @@ impl Operating {
         let mut rows: Vec<JobRow> = rows.into_iter().map(|row| self.shared.unwritten.complete(row)).collect();
         if let Some(state) = state {
             rows.retain(|row| row.state == state);
-            // Those whose end is not written yet are among the running ones to the store.
+            // Jobs whose end is not written yet are still running according to the store.
             let ids = if page.before.is_none() { self.shared.unwritten.ids_in(state) } else { Vec::new() };
             for id in ids {
                 rows.extend(self.job_row(&id).await?.filter(|row| row.kind == kind.name() && row.state == state));
@@ -187,10 +187,10 @@ impl Operating {
         Ok(Listing { rows: run_blocking(read).await?, next })
     }
 
-    /// Ends what an earlier process left under way.
+    /// Records jobs that an earlier process left unfinished as interrupted.
     pub(in crate::service) async fn interrupt_jobs(&self) -> Result<(), ServiceError> {
         if self.shared.store.check_loss().is_err() {
-            // Such a store takes nothing; it is told by the readiness.
+            // A store in this state accepts no writes; the readiness check reports it.
             return Ok(());
         }
         let interrupted =
@@ -206,11 +206,11 @@ impl Operating {
 }
 
 impl Operating {
-    /// Writes the end of a job, or keeps it until the store takes it.
+    /// Writes the end of a job, or keeps it until the store accepts it.
     pub(in crate::service) async fn end_job(self: &Arc<Self>, end: End) {
         if let Err(error) = self.write_end(&end).await {
             let (id, state) = (end.job.id.clone(), end.job.state.clone());
-            tracing::error!(job = id, %error, "the end of job {id} ({state}) is not written yet; it is tried again");
+            tracing::error!(job = id, %error, "the end of job {id} ({state}) is not written yet; writing is retried");
             self.shared.unwritten.all().insert(id.clone(), Arc::new(end));
             let service = Arc::clone(self);
             self.shared.background.add(async move { service.write_later(id).await });
@@ -232,7 +232,7 @@ impl Operating {
                     self.has_ended();
                 }
                 Err(error) if last_try => {
-                    tracing::error!(job = id, %error, "the end of job {id} is lost; the next start calls it interrupted");
+                    tracing::error!(job = id, %error, "the end of job {id} is lost; the next start records it as interrupted");
                     return;
                 }
                 Err(_) => pause = (pause * 2).min(PAUSE_MAX),
@@ -248,7 +248,7 @@ impl Operating {
             Some(MeasuredScan { new, points }) => {
                 let file = self.file_of(points).await?;
                 match self.shared.store.end_job_with(job.clone(), new.clone(), file).await {
-                    // It was committed the time before, and only its acknowledgement failed.
+                    // It was committed at the previous attempt, and only its acknowledgement failed.
                     Ok(_) | Err(StoreError::IdTaken { .. }) => self.measuring.remember_last().await,
                     Err(error) => return Err(error.into()),
                 }
@@ -257,7 +257,7 @@ impl Operating {
         Ok(())
     }
 
-    /// The file of raw points that have no place yet; `None` where they are kept.
+    /// The file of raw points that are not stored yet; `None` if they are stored.
     async fn file_of(&self, points: &Points) -> Result<Option<Arc<CompleteScan>>, StoreError> {
         match points {
             Points::Kept => Ok(None),
@@ -266,7 +266,7 @@ impl Operating {
         }
     }
 
-    /// A file of these bytes that has no place yet.
+    /// A file of these bytes that is not in the store yet.
     pub(in crate::service) async fn file_with(&self, bytes: &[u8]) -> Result<CompleteScan, StoreError> {
         let mut writer = self.shared.store.begin_scan(u64::MAX).await?;
         writer.write(bytes).await?;
@@ -280,7 +280,7 @@ mod tests {
     use crate::cell::Refusal;
 
     #[test]
-    fn only_what_was_refused_is_called_so() {
+    fn only_refused_jobs_get_the_status_refused() {
         for refusal in [Refusal::LeaseRequired, Refusal::Closing] {
             assert_eq!(EndReason::of_refusal(&refusal).0, JobStatus::Refused, "{refusal}");
         }

@@ -1,4 +1,4 @@
-//! The lease: taken, used, given back. Whoever names another than the one that is held is told so.
+//! The lease: acquired, used, released. A wrong lease id gets its own error.
 
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
@@ -15,22 +15,22 @@ use crate::store::RequestKey;
 /// Longest name of a holder.
 pub const HOLDER_CHARACTERS_MAX: usize = 64;
 
-/// A lease as its holder is told.
+/// A lease as its holder receives it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct HeldLease {
-    /// Names it in every command; a secret.
+    /// Sent with every command; a secret.
     pub id: String,
-    /// Who holds it.
+    /// Name of the holder.
     pub holder: String,
-    /// Goes to the devices with every command.
+    /// The fencing token, sent to the devices with every command.
     pub fence: u64,
-    /// How long it lasts after each use.
+    /// Time to live after each use.
     pub time_to_live: Duration,
-    /// When it ends unless it is used.
+    /// When it expires unless it is used.
     pub until_at: Timestamp,
 }
 
-/// A lease was named, and it is not the one that is held.
+/// The error for a lease id that is not that of the current lease.
 fn of_another(refusal: Refusal) -> ServiceError {
     match refusal {
         Refusal::LeaseHeld { holder, remaining } => ServiceError::LeaseOfAnother { holder, remaining },
@@ -39,10 +39,10 @@ fn of_another(refusal: Refusal) -> ServiceError {
 }
 
 impl Operating {
-    /// Gives the lease to `holder`, unless somebody else holds it. Its fence is remembered before anybody can command by it.
+    /// Grants the lease to `holder`, unless another client has it. Its fencing token is stored before any command can use it.
     ///
     /// # Errors
-    /// [`ServiceError::Value`], [`ServiceError::Cell`] where somebody else holds it.
+    /// [`ServiceError::Value`], [`ServiceError::Cell`] if another client has the lease.
     pub async fn take_lease(
         self: &Arc<Self>,
         holder: String,
@@ -59,17 +59,17 @@ impl Operating {
         }
         let request = LeaseRequest { id: self.shared.clock.new_id("l-"), holder, time_to_live };
         let service = Arc::clone(self);
-        // Whoever hangs up here has a lease that he knows nothing of; it runs out.
+        // If the client disconnects here, the lease expires by itself.
         let taking = async move {
             let handle = service.cell_handle()?;
             let mut newest = handle.fence.lock().await;
-            // Whoever asks while somebody else holds it costs no write; the id is new, so nothing is renewed by this.
+            // A refused request must cost no write to the store; the id is new, so this does not renew a lease.
             if let Err(refusal @ (Refusal::LeaseHeld { .. } | Refusal::Closing)) =
                 handle.cell.renew_lease(&request.id).await
             {
                 return Err(refusal.into());
             }
-            // Stored first: a fence that could be forgotten is never given out.
+            // The token is stored first, so that no token is issued that a crash could forget.
             service.shared.store.raise_fence(newest.saturating_add(1)).await?;
             let lease = handle.cell.take_lease(request).await?;
             *handle.newest_lease.lock().unwrap_or_else(PoisonError::into_inner) = Some((lease.id.clone(), lease.fence));
@@ -79,7 +79,7 @@ impl Operating {
         self.shared.background.run_detached(taking).await
     }
 
-    /// Refuses a time to live beyond the bounds of the configuration.
+    /// Refuses a time to live outside the configured range.
     ///
     /// # Errors
     /// [`ServiceError::Value`], [`ServiceError::CellAbsent`].
@@ -87,15 +87,15 @@ impl Operating {
         self.time_to_live(self.cell_handle()?, Some(asked)).map(drop)
     }
 
-    /// Uses the lease, which renews it.
+    /// Renews the lease by using it.
     ///
     /// # Errors
-    /// [`ServiceError::Cell`] where it is over or somebody else's.
+    /// [`ServiceError::Cell`] if it has expired or belongs to another client.
     pub async fn renew_lease(&self, id: &str) -> Result<HeldLease, ServiceError> {
         Ok(self.held(self.use_lease(id).await?))
     }
 
-    /// Whether this is the id of the lease that is held. Nothing is waited for, and the lease is not renewed by it.
+    /// Whether this is the id of the current lease. Does not wait, and does not renew the lease.
     #[must_use]
     pub fn holds_lease(&self, id: &str) -> bool {
         let Some(handle) = &self.cell else { return false };
@@ -105,10 +105,10 @@ impl Operating {
             && self.shared.clock.instant() < held.until
     }
 
-    /// Gives the lease back; what moves by it stops.
+    /// Releases the lease; motion commanded with it stops.
     ///
     /// # Errors
-    /// [`ServiceError::Cell`] where it is over or somebody else's.
+    /// [`ServiceError::Cell`] if it has expired or belongs to another client.
     pub async fn release_lease(&self, id: &str) -> Result<(), ServiceError> {
         let handle = self.cell_handle()?;
         handle.cell.release_lease(id).await.map_err(of_another)?;
@@ -122,8 +122,8 @@ impl Operating {
         self.cell_handle()?.cell.renew_lease(id).await.map_err(of_another)
     }
 
-    /// Who commands by the lease of this id, for the record. Refuses a client that does not hold it, before anything is written
-    /// or planned for it; the lease is renewed by that. A request that was answered before is answered again without a lease,
+    /// The commander for the record, from the lease of this id. Refuses a client without the lease before anything is written
+    /// or planned for it, and renews the lease. A request that was answered before is answered again without a lease,
     /// and nothing is recorded for it.
     pub(in crate::service) async fn authorise(
         &self,
@@ -135,7 +135,7 @@ impl Operating {
         {
             return Ok(Commander::NOBODY);
         }
-        // The cell's answer, not its newest snapshot: the lease may change hands before the command is recorded.
+        // The cell is asked, not its newest snapshot: the lease may change hands before the command is recorded.
         Ok(Commander::by(&self.use_lease(id).await?))
     }
 

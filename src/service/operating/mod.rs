@@ -1,4 +1,4 @@
-//! Operating the cell: its lease, plans, moves, scans by its sensor, and commands to single devices; each with its record.
+//! Operating the cell: its lease, plans, moves, scans by its sensor, and commands to single devices. Each is recorded.
 
 pub(in crate::service) mod cell_handle;
 pub(in crate::service) mod commands;

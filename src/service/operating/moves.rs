@@ -1,5 +1,5 @@
-//! Moves: a path that was planned and checked is written down, given to the cell, and seen to its end. A client that hangs up
-//! changes nothing about it.
+//! Moves: a planned and checked path is recorded, sent to the cell, and followed to its end. A client that disconnects
+//! does not affect the move.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -18,25 +18,25 @@ use crate::service::events::Happening;
 use crate::service::measuring::measure::fingerprint_of;
 use crate::store::{Listing, Page, RequestKey};
 
-/// What is told of a job's progress: every so much of it.
+/// Step of progress between two events of a job.
 const PROGRESS_STEP: f64 = 0.1;
 
-/// What is asked of a move.
+/// Parameters of a move.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MoveRequest {
-    /// Names the right to move.
+    /// Authorises the motion.
     #[serde(skip)]
     pub lease_id: String,
-    /// Where to; axes that are not named stay.
+    /// Target positions; axes without a target keep their position.
     pub targets: MoveTargets,
-    /// Share of the greatest speeds; above 0, at most 1.
+    /// Share of the maximum speeds; above 0, at most 1.
     pub speed_ratio: f64,
-    /// So that a repeated request gets the first answer again.
+    /// With an id, a repeated request gets the first answer again.
     #[serde(skip)]
     pub request_id: Option<String>,
 }
 
-/// What was commanded by a move.
+/// The order of a move.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MoveOrder {
     /// Who commanded it.
@@ -44,13 +44,13 @@ pub struct MoveOrder {
     pub by: Commander,
     /// The measurement that it was planned from.
     pub measurement_id: Option<String>,
-    /// Share of the greatest speeds.
+    /// Share of the maximum speeds.
     pub speed_ratio: f64,
     /// Every set-point, and what it means.
     pub plan: Plan,
 }
 
-/// A move as it is kept.
+/// The record of a move.
 pub type Move = JobRecord<MoveOrder>;
 
 /// A move that is about to begin.
@@ -65,13 +65,13 @@ impl Operating {
     /// Plans a move to absolute targets and begins it.
     ///
     /// # Errors
-    /// [`ServiceError::Motion`] where the path is not allowed, [`ServiceError::Cell`] where the cell refuses,
+    /// [`ServiceError::Motion`] if the path is not allowed, [`ServiceError::Cell`] if the cell refuses,
     /// [`ServiceError::RequestIdReused`].
     pub async fn start_move(self: &Arc<Self>, request: MoveRequest) -> Result<StartedJob<MoveOrder>, ServiceError> {
         let handle = self.cell_handle()?;
         let fingerprint = fingerprint_of("move", &request);
         let key = request.request_id.map(|id| RequestKey { id, fingerprint });
-        // A repeated request is answered whatever the positions are now.
+        // A repeated request gets its first answer whatever the present positions.
         if let Some(key) = &key
             && let Some(row) = self.shared.store.job_by_request(&key.id).await?
         {
@@ -88,7 +88,7 @@ impl Operating {
         self.depart(Departure { lease_id: request.lease_id, plan_id: None, request: key, order }).await
     }
 
-    /// A move; waits for its end, no longer than `wait`.
+    /// A move; waits for its end, at most for `wait`.
     ///
     /// # Errors
     /// [`ServiceError::MoveUnknown`].
@@ -100,19 +100,19 @@ impl Operating {
     /// A page of the moves, newest first.
     ///
     /// # Errors
-    /// What the store says.
+    /// Errors of the store.
     pub async fn moves(&self, page: &Page) -> Result<Listing<Entry<Move>>, ServiceError> {
         self.list_jobs(Kind::Move, None, page).await
     }
 
-    /// How far a job under way is, 0 to 1; `None` where it is not under way.
+    /// Progress of a job under way, 0 to 1; `None` if it is not under way.
     #[must_use]
     pub fn progress(&self, job_id: &str) -> Option<f64> {
         let view = self.cell_view().ok()?;
         view.snapshot.job.as_ref().filter(|job| job.id == job_id).and(view.progress)
     }
 
-    /// Writes the move down, begins it, and has it followed.
+    /// Records the move, begins it, and follows it in the background.
     pub(in crate::service) async fn depart(
         self: &Arc<Self>,
         departure: Departure,
@@ -142,7 +142,7 @@ impl Operating {
                         let (standing, ending) = EndReason::of_refusal(&refusal);
                         let mut job = started.job;
                         if standing == JobStatus::Refused {
-                            // Nobody will ask for the set-points of what never began.
+                            // The set-points of a move that never began are not needed.
                             job.order.plan.path.waypoints.clear();
                         }
                         service.conclude(&job, standing, Some(&ending)).await;
@@ -159,7 +159,7 @@ impl Operating {
         self.conclude(recorded, standing, ending.as_ref()).await;
     }
 
-    /// Tells of a job's progress until it is over.
+    /// Publishes the progress of a job until it is over.
     pub(in crate::service) async fn tell_progress(&self, job: &Job) {
         let mut state = job.watch();
         let mut told = 0.0;

@@ -1,6 +1,6 @@
-//! Plans: from a measured pose and a target to what would move, how far, and the strain on the part. A plan moves nothing,
-//! contains the positions that it assumes, and can be executed once. A pose from before a restart, from before a motion or from too
-//! long ago is refused.
+//! Plans: from a measured pose and a target to the motion, its length, and the strain on the part. A plan moves nothing,
+//! contains the positions that it assumes, and can be executed once. It is refused if its pose was measured before a restart,
+//! before a motion, or too long ago.
 
 use std::sync::Arc;
 
@@ -24,62 +24,62 @@ use super::job::StartedJob;
 use super::moves::{Departure, MoveOrder};
 use super::state::Operating;
 
-/// Where the part's axis is wanted; angles in rad, lengths in mm.
+/// Target pose of the part's axis; angles in rad, lengths in mm.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Target {
     /// Rotation towards +Y.
     pub deflection: f64,
     /// Rotation towards +Z.
     pub pitch: f64,
-    /// Where the axis is to meet the plane x = 0.
+    /// Target y of the axis in the plane x = 0.
     pub y_c0: f64,
-    /// Where the axis is to meet the plane x = 0.
+    /// Target z of the axis in the plane x = 0.
     pub z_c0: f64,
-    /// Turn about the axis, on top.
+    /// Additional rotation about the axis.
     pub roll: f64,
-    /// Shift along the axis, on top.
+    /// Additional shift along the axis.
     pub shift_x: f64,
 }
 
-/// What is asked of a plan.
+/// Parameters of a plan.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PlanRequest {
-    /// The measurement that says where the part is.
+    /// The measurement that gives the part's pose.
     pub measurement_id: String,
-    /// Which part of it; the only one where nothing is said.
+    /// The part; the only one by default.
     pub part: Option<String>,
-    /// Where it is wanted.
+    /// The target.
     pub target: Target,
-    /// Share of the greatest speeds; above 0, at most 1.
+    /// Share of the maximum speeds; above 0, at most 1.
     pub speed_ratio: f64,
-    /// So that a repeated request gets the first answer again.
+    /// With an id, a repeated request gets the first answer again.
     #[serde(skip)]
     pub request_id: Option<String>,
 }
 
-/// A plan as it is kept.
+/// The record of a plan.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StoredPlan {
     /// `p-` and a number that grows with time.
     pub id: String,
-    /// When it was made.
+    /// When it was created.
     pub created_at: Timestamp,
-    /// From this it is too old to be executed: the pose that it rests on is.
+    /// When the plan becomes too old to be executed, because its pose does.
     pub expires_at: Timestamp,
-    /// When the scan behind it was taken.
+    /// When the scan of its measurement was taken.
     #[serde(default)]
     pub acquisition: Option<Acquisition>,
-    /// The measurement that it was made from.
+    /// The measurement that it is based on.
     pub measurement_id: String,
     /// The measured axis.
     pub measured: AxisLine,
-    /// x at which the measured axis is known best, mm.
+    /// x at which the position of the measured axis is most accurate, mm.
     pub x_ref: f64,
-    /// Where the axis is wanted.
+    /// The target of the axis.
     pub target: Target,
-    /// Share of the greatest speeds.
+    /// Share of the maximum speeds.
     pub speed_ratio: f64,
-    /// What would move.
+    /// The planned motion.
     pub plan: Plan,
 }
 
@@ -88,16 +88,16 @@ pub struct StoredPlan {
 pub struct PlanInList {
     /// The plan.
     pub plan: StoredPlan,
-    /// The move that executes it, where one does.
+    /// The move that executes it, if there is one.
     pub move_id: Option<String>,
 }
 
-/// A plan, and whether it was made for an earlier request of the same id.
+/// A plan, and whether it was created for an earlier request of the same id.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlanAnswer {
     /// The plan.
     pub plan: StoredPlan,
-    /// Whether nothing was planned for this answer.
+    /// Whether an earlier answer is repeated, without planning.
     pub replayed: bool,
 }
 
@@ -118,7 +118,7 @@ fn max_age(handle: &CellHandle) -> SignedDuration {
     SignedDuration::from_secs(i64::try_from(handle.config.plan_age_max_s).unwrap_or(i64::MAX))
 }
 
-/// The pose of a measurement, of the part that was asked for.
+/// The pose of the requested part of a measurement.
 fn pose<'a>(measurement: &'a Measurement, part: Option<&str>) -> Result<&'a Pose, ServiceError> {
     let missing = || ServiceError::PoseMissing { measurement_id: measurement.id.clone() };
     let finding = match (part, measurement.result.sole()) {
@@ -147,11 +147,11 @@ pub(in crate::service) fn read_back(row: &PlanRow) -> Result<StoredPlan, Service
 }
 
 impl Operating {
-    /// Plans how the part comes from where a measurement found it to a target. Moves nothing.
+    /// Plans the motion of the part from its measured pose to a target. Moves nothing.
     ///
     /// # Errors
-    /// Those of [`Operating::measurement`], [`ServiceError::PoseMissing`], [`ServiceError::Stale`] where something has
-    /// moved since, [`ServiceError::Motion`] where no allowed path leads there, [`ServiceError::RequestIdReused`].
+    /// Those of [`Operating::measurement`], [`ServiceError::PoseMissing`], [`ServiceError::Stale`] if something has
+    /// moved since, [`ServiceError::Motion`] if there is no allowed path, [`ServiceError::RequestIdReused`].
     pub async fn create_plan(self: &Arc<Self>, request: PlanRequest) -> Result<PlanAnswer, ServiceError> {
         let handle = self.cell_handle()?;
         let fingerprint = fingerprint_of("plan", &request);
@@ -163,7 +163,7 @@ impl Operating {
         }
         let measurement = self.measurement(&request.measurement_id).await?;
         let pose = pose(&measurement, request.part.as_deref())?;
-        // A cell that has ended says nothing about where anything is.
+        // The positions are unknown if the cell has ended.
         self.cell_view()?;
         let from = handle.positions().ok_or(ServiceError::PositionsUnknown)?;
         let taken = measurement.acquisition.as_ref();
@@ -198,10 +198,10 @@ impl Operating {
         run_blocking(move || read_back(&row)).await
     }
 
-    /// The id of the move that executes a plan, where one does.
+    /// The id of the move that executes a plan, if there is one.
     ///
     /// # Errors
-    /// What the store says.
+    /// Errors of the store.
     pub async fn move_of_plan(&self, plan_id: &str) -> Result<Option<String>, ServiceError> {
         Ok(self.shared.store.job_of_plan(plan_id).await?.map(|row| row.id))
     }
@@ -209,7 +209,7 @@ impl Operating {
     /// A page of the plans, newest first.
     ///
     /// # Errors
-    /// What the store says.
+    /// Errors of the store.
     pub async fn plans(&self, page: &Page) -> Result<Listing<Entry<PlanInList>>, ServiceError> {
         let Listing { rows, next } = self.shared.store.plans(page).await?;
         let read = move || {
@@ -222,10 +222,10 @@ impl Operating {
         Ok(Listing { rows: run_blocking(read).await?, next })
     }
 
-    /// Begins to execute a plan; one that was begun before answers with the same move.
+    /// Begins to execute a plan; a plan that was begun before returns the same move.
     ///
     /// # Errors
-    /// [`ServiceError::PlanUnknown`], [`ServiceError::Stale`], [`ServiceError::Cell`] where the cell refuses.
+    /// [`ServiceError::PlanUnknown`], [`ServiceError::Stale`], [`ServiceError::Cell`] if the cell refuses.
     pub async fn execute_plan(
         self: &Arc<Self>,
         id: &str,
@@ -272,7 +272,7 @@ impl Operating {
 }
 
 impl Operating {
-    /// This moment.
+    /// The acquisition data of the present moment.
     pub(in crate::service) fn acquisition_now(&self) -> Acquisition {
         Acquisition {
             instance_id: self.shared.instance_id.clone(),
@@ -289,7 +289,7 @@ impl Operating {
         handle: &CellHandle,
         taken: Option<&Acquisition>,
     ) -> Result<(), Stale> {
-        // Records of earlier versions do not say; they are from before a restart.
+        // Records of earlier versions lack the instance; they are from before a restart.
         let Some(taken) = taken.filter(|taken| taken.instance_id == self.shared.instance_id) else {
             return Err(Stale::Restarted);
         };
@@ -305,7 +305,7 @@ impl Operating {
     }
 }
 
-/// Refuses where a manipulator is elsewhere than at that time, whoever moved it.
+/// Refuses if a manipulator has changed its position since then, whatever moved it.
 pub(in crate::service) fn check_in_place(
     taken: &Acquisition,
     handle: &CellHandle,

@@ -1,6 +1,5 @@
-//! What is ordered of a scan: from where to where, how fast, with how many profiles; whether that is possible, and whether the
-//! profiles came from there. And the profiles themselves: they arrive one after the other and become a cloud at once, the same that
-//! the kept file decodes to.
+//! The order of a scan (start, end, speed, number of profiles), its validation, and the check that the profiles came from there.
+//! The arriving profiles are converted at once to the cloud that decoding the stored file would give.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,52 +13,52 @@ use crate::service::measuring::pipeline::Decoded;
 
 use super::job::{Commander, EndReason};
 
-/// Where a scan goes. What is left out is as configured.
+/// Path of a scan. Omitted values are those of the configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct ScanWay {
-    /// Where it begins, along the rail.
+    /// Start position along the rail.
     pub x_from_mm: Option<f64>,
-    /// Where it ends.
+    /// End position.
     pub x_to_mm: Option<f64>,
-    /// Profiles in between.
+    /// Number of profiles.
     pub profiles_count: Option<u64>,
-    /// How fast the stage goes.
+    /// Speed of the stage.
     pub speed_mm_s: Option<f64>,
 }
 
-/// What is asked of a measurement by the sensor.
+/// Parameters of a measurement by the sensor.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SensorRequest {
-    /// Names the right to move.
+    /// Authorises the motion.
     #[serde(skip)]
     pub lease_id: String,
-    /// Where the scan goes.
+    /// Path of the scan.
     pub way: ScanWay,
     /// How the points are measured.
     pub order: MeasurementOrder,
 }
 
-/// What was commanded by a measurement by the sensor.
+/// The order of a measurement by the sensor.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SensorOrder {
     /// Who commanded it.
     #[serde(flatten)]
     pub by: Commander,
-    /// Name of the recipe, where one was named.
+    /// Name of the recipe, if one was given.
     pub recipe_name: Option<String>,
-    /// Where the scan began, along the rail.
+    /// Start position along the rail.
     pub x_from_mm: f64,
-    /// Where it was to end.
+    /// End position.
     pub x_to_mm: f64,
-    /// Profiles in between.
+    /// Number of profiles.
     pub profiles_count: u64,
-    /// How fast the stage was to go.
+    /// Speed of the stage.
     pub speed_mm_s: f64,
-    /// Where the manipulators were; mm, rad.
+    /// Positions of the manipulators; mm, rad.
     pub positions: Option<Pair<Position>>,
 }
 
-/// Refuses a way that is none.
+/// Refuses an invalid scan path.
 pub(in crate::service) fn check(order: &SensorOrder, profiles_max: usize) -> Result<(), ServiceError> {
     let refuse = |field, allowed: String| Err(ServiceError::Value { field, allowed });
     let profiles_max = u64::try_from(profiles_max).unwrap_or(u64::MAX);
@@ -67,7 +66,7 @@ pub(in crate::service) fn check(order: &SensorOrder, profiles_max: usize) -> Res
         return refuse("profiles_count", format!("between 2 and {profiles_max}"));
     }
     if !(order.x_from_mm.is_finite() && order.x_to_mm.is_finite() && order.x_from_mm != order.x_to_mm) {
-        return refuse("x_to_mm", "a place along the rail other than x_from_mm".to_owned());
+        return refuse("x_to_mm", "a position along the rail other than x_from_mm".to_owned());
     }
     if !(order.speed_mm_s.is_finite() && order.speed_mm_s > 0.0) {
         return refuse("speed_mm_s", "above 0".to_owned());
@@ -75,7 +74,7 @@ pub(in crate::service) fn check(order: &SensorOrder, profiles_max: usize) -> Res
     Ok(())
 }
 
-/// What is the matter where the profiles do not lie where the stage was sent; a pose from them would be of another place.
+/// The failure if the profiles do not lie where the stage was sent; their pose would be that of another position.
 pub(in crate::service) fn misplaced(cloud: &Cloud, order: &SensorOrder, tolerance_mm: f64) -> Option<EndReason> {
     let (first, last) = (cloud.stripes.first()?.x, cloud.stripes.last()?.x);
     let SensorOrder { x_from_mm, x_to_mm, .. } = *order;
@@ -90,10 +89,10 @@ pub(in crate::service) fn misplaced(cloud: &Cloud, order: &SensorOrder, toleranc
     })
 }
 
-/// What the kept file calls the number of a profile.
+/// The column of the stored file that contains the number of a profile.
 const PROFILE_COLUMN: &str = "profile";
 
-/// A scan in the making.
+/// A scan that is being received.
 #[derive(Debug)]
 pub(in crate::service) struct IncomingScan {
     limits: Limits,
@@ -104,18 +103,18 @@ pub(in crate::service) struct IncomingScan {
 }
 
 impl IncomingScan {
-    /// Without a profile yet; `limits` are those of a scan file, since it becomes one.
+    /// Without a profile yet; `limits` are those of a scan file, because the scan is stored as one.
     pub(in crate::service) const fn new(limits: Limits) -> Self {
         Self { limits, stripes: Vec::new(), y: Vec::new(), z: Vec::new(), missing_count: 0 }
     }
 
-    /// Takes the next profile.
+    /// Adds the next profile.
     ///
     /// # Errors
-    /// [`DecodeError`] as a file of these points would be refused: too many, or too far away.
+    /// [`DecodeError`] if a file of these points would be refused: too many, or too far away.
     pub(in crate::service) fn take(&mut self, profile: &Profile) -> Result<(), DecodeError> {
         self.missing_count = self.missing_count.saturating_add(profile.missing_count);
-        // The file holds single precision; a profile's number is exact in double.
+        // The file has single precision; a profile's number is exact in double precision.
         let travel = profile.travel_mm as f32;
         let label = profile.index as f64;
         let points = profile.y.iter().zip(&profile.z).enumerate();
@@ -126,7 +125,7 @@ impl IncomingScan {
         Ok(())
     }
 
-    /// The points, as the file that they are kept in will be read.
+    /// The points as decoded from the file in which they will be stored.
     ///
     /// # Errors
     /// [`DecodeError::NoPoints`].
@@ -177,7 +176,7 @@ mod tests {
     use crate::scan::{Columns, Labels, Stripe};
 
     #[test]
-    fn profiles_elsewhere_than_the_stage_went_are_no_scan() {
+    fn profiles_outside_the_path_of_the_stage_are_refused() {
         let cloud = |first: f64, last: f64| Cloud {
             stripes: vec![Stripe { label: 0.0, x: first, end: 1 }, Stripe { label: 1.0, x: last, end: 2 }],
             columns: Columns::F32 { y: vec![0.0; 2], z: vec![0.0; 2] },
@@ -203,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn a_way_that_is_none_is_refused_with_its_field() {
+    fn an_invalid_scan_path_is_refused_with_its_field() {
         let good = SensorOrder {
             by: Commander { holder: None, fence: None },
             recipe_name: None,
@@ -236,7 +235,7 @@ mod incoming_tests {
     }
 
     #[test]
-    fn the_kept_file_reads_back_as_what_was_measured() {
+    fn the_stored_file_reads_back_as_the_measured_points() {
         let limits = Limits::default();
         let mut arriving = IncomingScan::new(limits.clone());
         arriving.take(&profile(0, 0.1, &[], &[1.0, 2.0])).expect("taken");
@@ -246,13 +245,13 @@ mod incoming_tests {
         let mut bytes = Vec::new();
         encode_cloud(&cloud, &mut bytes).expect("memory takes it");
         let read = decode(format, &mut &*bytes, &Request::new(&limits));
-        // A file has no place for points that are not there.
+        // A file does not contain missing points.
         assert_eq!(std::mem::take(&mut cloud.missing_count), 6);
         assert_eq!(read.expect("it reads"), cloud);
     }
 
     #[test]
-    fn points_that_are_none_are_missing_and_points_too_far_or_too_many_are_refused() {
+    fn non_finite_points_are_missing_and_points_too_far_or_too_many_are_refused() {
         let limits = Limits { points_max: 2, coordinate_max_mm: 100.0, ..Limits::default() };
         let mut arriving = IncomingScan::new(limits);
         arriving.take(&profile(0, 0.0, &[], &[f32::NAN])).expect("missing");

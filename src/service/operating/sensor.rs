@@ -1,6 +1,6 @@
-//! Measurements by the sensor: the cell scans, profiles become points as they come, and when the last one is here the pose is
-//! estimated while the points are kept as a file. The record is there from the start, in a state in -ing; what fails on the way
-//! fails by name.
+//! Measurements by the sensor: the cell scans, profiles become points as they arrive, and after the last one the pose is
+//! estimated while the points are stored as a file. The record exists from the start in a transient state; a failure on the way
+//! is recorded with its reason.
 
 use crate::service::measuring::record::TAKEN_BY_SENSOR;
 use std::sync::Arc;
@@ -35,36 +35,36 @@ use crate::service::memory::Claim;
 use crate::service::unwritten::{End, MeasuredScan, Points};
 use crate::store::{Listing, Page, RequestKey, ScanRow, hex};
 
-/// A measurement by the sensor as it is kept beside its result.
+/// The record of a scan by the sensor, stored besides its result.
 pub type SensorScan = JobRecord<SensorOrder>;
 
-/// A measurement: one that ran, or one by the sensor that did not come to that, or not yet.
+/// A completed measurement, or one by the sensor that is running or failed.
 #[derive(Debug, Clone, PartialEq)]
 pub enum AnyMeasurement {
-    /// It ran.
+    /// It is completed.
     Ran(Box<Measurement>),
-    /// It scans, or it failed.
+    /// It is running, or it failed.
     Scan(Box<SensorScan>),
 }
 
-/// What is needed once the profiles are here.
+/// The data needed once the profiles have arrived.
 struct ScanTask {
     job: SensorScan,
     accepted: ResolvedOrder,
     acquisition: Acquisition,
-    /// What the points may have in it.
+    /// Limits of the points within it.
     limits: Limits,
 }
 
-/// A scan whose profiles are all here; not recorded before the cell says that it is whole.
+/// A scan whose profiles have all arrived; it is not recorded before the cell confirms that it is complete.
 struct CompleteScanPoints {
     row: ScanRow,
     points: Points,
-    /// The one calculation, which waits for its turn or runs. Where the scan is given up, so is its turn.
+    /// The single calculation, waiting for its turn or running. It is cancelled if the scan is abandoned.
     calculation: JoinSet<Result<Calculated, ServiceError>>,
 }
 
-/// Takes the profiles as they come; after one that cannot be used the others are let pass.
+/// Receives the profiles; after one that cannot be used, the others are ignored.
 async fn collect(mut profiles: mpsc::Receiver<Vec<Profile>>, limits: &Limits) -> Result<IncomingScan, ServiceError> {
     let mut collected = Ok(IncomingScan::new(limits.clone()));
     while let Some(new) = profiles.recv().await {
@@ -82,7 +82,7 @@ async fn collect(mut profiles: mpsc::Receiver<Vec<Profile>>, limits: &Limits) ->
 async fn encoded(cloud: Cloud) -> Result<(Vec<u8>, String), ServiceError> {
     run_blocking(move || {
         let mut bytes = Vec::new();
-        // Memory takes whatever is written to it.
+        // Writing to memory cannot fail.
         let _ = encode_cloud(&cloud, &mut bytes);
         let sha256_hex = hex(&Sha256::digest(&bytes));
         Ok((bytes, sha256_hex))
@@ -105,7 +105,8 @@ impl Operating {
     /// Begins a measurement by the sensor.
     ///
     /// # Errors
-    /// Those of [`Measuring::accept`](crate::service::Measuring::accept); [`ServiceError::Cell`] where the cell refuses, [`ServiceError::RequestIdReused`].
+    /// Those of [`Measuring::accept`](crate::service::Measuring::accept); [`ServiceError::Cell`] if the cell refuses,
+    /// [`ServiceError::RequestIdReused`].
     pub async fn measure_from_sensor(
         self: &Arc<Self>,
         request: SensorRequest,
@@ -113,7 +114,7 @@ impl Operating {
         let handle = self.cell_handle()?;
         let fingerprint = fingerprint_of("sensor", &request);
         let key = request.order.request_id.clone().map(|id| RequestKey { id, fingerprint });
-        // A repeated request is answered whether there is a free place or not.
+        // A repeated request is answered even if no place is free.
         if let Some(key) = &key
             && let Some(started) = self.scan_of_request(key).await?
         {
@@ -126,7 +127,7 @@ impl Operating {
         accepted.resolved.look_along_rail();
         let (way, scan) = (request.way, &handle.config.scan);
         let order = SensorOrder {
-            // Known once the lease was checked.
+            // Set after the lease is checked.
             by: Commander::NOBODY,
             recipe_name: request.order.recipe.map(RecipeName::into_string),
             x_from_mm: way.x_from_mm.unwrap_or(scan.x_from_mm),
@@ -141,11 +142,11 @@ impl Operating {
         self.shared.background.run_detached(beginning).await
     }
 
-    /// The scan that an earlier request of the same id asked for; `None` where there was none.
+    /// The scan that an earlier request of the same id started; `None` if there was none.
     async fn scan_of_request(&self, key: &RequestKey) -> Result<Option<StartedJob<SensorOrder>>, ServiceError> {
         let reused = || Err(ServiceError::RequestIdReused { request_id: key.id.clone() });
         let Some(row) = self.shared.store.job_by_request(&key.id).await? else {
-            // Where an upload has this id, a measurement by the sensor is another request.
+            // If an upload used this id, a measurement by the sensor is a different request.
             return if self.shared.store.measurement_by_request(&key.id).await?.is_some() {
                 reused()
             } else {
@@ -156,11 +157,11 @@ impl Operating {
             return reused();
         }
         let row = self.shared.unwritten.complete(row);
-        // One whose refusal is not written yet may be tried again as soon as it is.
+        // A request whose refusal is not written yet may be repeated as soon as it is.
         if row.request.is_none() { Ok(None) } else { Ok(Some(StartedJob { job: read_back(&row)?, replayed: true })) }
     }
 
-    /// The measurement of an id that ran.
+    /// The completed measurement of this id.
     ///
     /// # Errors
     /// [`ServiceError::MeasurementRunning`], [`ServiceError::MeasurementFailed`], [`ServiceError::MeasurementUnknown`].
@@ -171,7 +172,7 @@ impl Operating {
         }
     }
 
-    /// A measurement, whether it ran or not; waits for its end, no longer than `wait`.
+    /// A measurement, completed or not; waits for its end, at most for `wait`.
     ///
     /// # Errors
     /// [`ServiceError::MeasurementUnknown`].
@@ -184,10 +185,10 @@ impl Operating {
         }
     }
 
-    /// A page of the measurements by the sensor of one standing, newest first: those that have not run, or not yet.
+    /// A page of the measurements by the sensor of one status that are not completed, newest first.
     ///
     /// # Errors
-    /// What the store says.
+    /// Errors of the store.
     pub async fn sensor_scans(
         &self,
         standing: JobStatus,
@@ -196,13 +197,13 @@ impl Operating {
         self.list_jobs(Kind::Scan, Some(standing), page).await
     }
 
-    /// Why there is no record of a measurement: it still scans, failed, or never was.
+    /// Why there is no record of a measurement: it is running, failed, or never existed.
     async fn why_not_measured(&self, id: &str) -> ServiceError {
         let id = id.to_owned();
         match self.scan_job(&id).await {
             Err(error) => error,
             Ok(None) => ServiceError::MeasurementUnknown { id },
-            // Where it is done, it was recorded this very moment.
+            // If it is done, it was recorded between the two queries.
             Ok(Some(JobRecord { standing: JobStatus::Running | JobStatus::Done, .. })) => {
                 ServiceError::MeasurementRunning { id }
             }
@@ -216,7 +217,7 @@ impl Operating {
         }
     }
 
-    /// The scan by the sensor that a measurement is of; `None` where it was made from a file, or from a kept scan.
+    /// The scan by the sensor that a measurement is based on; `None` if its scan is a file or was stored before.
     pub(in crate::service) async fn scan_job(&self, id: &str) -> Result<Option<SensorScan>, ServiceError> {
         self.job(Kind::Scan, id, Duration::ZERO).await
     }
@@ -236,7 +237,7 @@ impl Operating {
         if started.replayed {
             return Ok(started);
         }
-        // Memory for the points is set aside before anything moves.
+        // Memory for the points is reserved before anything moves.
         let Some(claim) = self.shared.memory.sensor.claim_free() else {
             let busy = ServiceError::ScansBusy;
             let ending = EndReason { code: "busy".to_owned(), text: busy.to_string() };
@@ -247,7 +248,7 @@ impl Operating {
         let way = ScanOrder { x_from_mm, x_to_mm, profiles_count, speed_mm_s };
         match handle.cell.start_scan(&lease_id, &started.job.id, way).await {
             Ok((job, profiles)) => {
-                // While the stage scans, nothing moves the part.
+                // Nothing moves the part while the stage scans.
                 let acquisition = Acquisition { positions: order.positions, ..self.acquisition_now() };
                 let limits = claim.limits(&self.shared.capacity.scan);
                 let task = ScanTask { job: started.job.clone(), accepted, acquisition, limits };
@@ -263,8 +264,8 @@ impl Operating {
         }
     }
 
-    /// Waits for the cell's last word on the scan, and calculates meanwhile: when the last profile is here the sensor and the
-    /// stage are still to be asked whether all is well, and the pose need not wait for that.
+    /// Waits for the cell to confirm the scan, and calculates meanwhile: after the last profile, the sensor and the
+    /// stage must still be checked, and the pose need not wait for that.
     async fn follow_scan(
         self: &Arc<Self>,
         job: Job,
@@ -287,7 +288,7 @@ impl Operating {
         tracing::debug!(measurement = id, "the measurement by the sensor is over");
     }
 
-    /// Takes the profiles; when all are here, their calculation waits for its turn while they are written to a file.
+    /// Receives the profiles; when all have arrived, their calculation waits for its turn while they are written to a file.
     async fn take_in(
         self: &Arc<Self>,
         profiles: mpsc::Receiver<Vec<Profile>>,
@@ -318,7 +319,7 @@ impl Operating {
             id: task.job.id.clone(),
             created_at: task.job.created_at,
             duration_ms: 0,
-            // Known when the points are written.
+            // Set when the points are written.
             scan_sha256: String::new(),
             recipe_name: task.job.order.recipe_name.clone(),
             acquisition: Some(task.acquisition.clone()),
@@ -339,14 +340,14 @@ impl Operating {
         let points = match self.file_with(&bytes).await {
             Ok(file) => Points::InFile(Arc::new(file)),
             Err(error) => {
-                tracing::warn!(%error, "the points of a scan by the sensor stay in memory until there is room for a file");
+                tracing::warn!(%error, "the points of a scan by the sensor stay in memory until there is space for a file");
                 Points::InMemory(Arc::new(bytes))
             }
         };
         Ok(CompleteScanPoints { row, points, calculation })
     }
 
-    /// The scan is whole: records what was measured. Where that is not there yet, or failed, the raw points are kept first.
+    /// Records the measurement of a complete scan. If it is not calculated yet, or failed, the raw points are stored first.
     async fn finish(self: &Arc<Self>, arrived: CompleteScanPoints, task: &ScanTask) -> Happening {
         let CompleteScanPoints { row, mut points, mut calculation } = arrived;
         let calculated = match calculation.try_join_next() {
@@ -366,13 +367,13 @@ impl Operating {
         }
     }
 
-    /// Keeps the raw points of a scan, with their record, before there is a measurement of them.
+    /// Stores the raw points of a scan, with their record, before there is a measurement of them.
     async fn keep_points(&self, row: &ScanRow, points: Points) -> Points {
         let Points::InFile(file) = &points else { return points };
         match self.shared.store.keep_scan(row.clone(), Arc::clone(file)).await {
             Ok(_) => Points::Kept,
             Err(error) => {
-                tracing::warn!(scan = row.id, %error, "the points of a scan by the sensor are not kept yet");
+                tracing::warn!(scan = row.id, %error, "the points of a scan by the sensor are not stored yet");
                 points
             }
         }
@@ -399,7 +400,7 @@ impl Operating {
         Happening::NotMeasured { measurement_id: job.id.clone(), code, text }
     }
 
-    /// On threads of its own: uploads and what is measured again do not delay the line.
+    /// Calculates on separate threads, so that uploads and repeated measurements do not delay the production line.
     async fn calculate_for_line(
         &self,
         decoded: Decoded,

@@ -1,4 +1,4 @@
-//! What operating consists of: the cell, where there is one, the queue of its sensor, and measuring.
+//! State of the operating service: the cell, if there is one, the queue of its sensor, and measuring.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -19,12 +19,12 @@ pub struct Operating {
     pub(in crate::service) shared: Arc<Shared>,
     pub(in crate::service) measuring: Arc<Measuring>,
     pub(in crate::service) cell: Option<CellHandle>,
-    /// Threads of their own for scans by the sensor, so that the line waits neither for uploads nor for repeated measurements.
+    /// Separate threads for scans by the sensor, so that they wait neither for uploads nor for repeated measurements.
     pub(in crate::service) line: Compute,
 }
 
 impl Operating {
-    /// The cell, where there is one.
+    /// The cell, if there is one.
     ///
     /// # Errors
     /// [`ServiceError::CellAbsent`].
@@ -32,7 +32,7 @@ impl Operating {
         self.cell.as_ref().ok_or(ServiceError::CellAbsent)
     }
 
-    /// The cell at this moment.
+    /// The state of the cell at this moment.
     ///
     /// # Errors
     /// [`ServiceError::CellAbsent`], [`ServiceError::CellGone`].
@@ -46,13 +46,13 @@ impl Operating {
         Ok(CellView { snapshot, progress, clock: self.shared.clock, now: self.shared.clock.instant() })
     }
 
-    /// Whether the cell still takes requests; `None` where there is none.
+    /// Whether the cell still accepts requests; `None` if there is none.
     #[must_use]
     pub fn cell_is_alive(&self) -> Option<bool> {
         self.cell.as_ref().map(|handle| handle.cell.is_alive())
     }
 
-    /// How the cell is set up.
+    /// The configuration of the cell.
     ///
     /// # Errors
     /// [`ServiceError::CellAbsent`].
@@ -62,7 +62,7 @@ impl Operating {
 }
 
 impl Operating {
-    /// Starts a task that copies the events of the cell, as long as both live.
+    /// Starts a task that copies the events of the cell while both exist.
     pub(in crate::service) fn follow_cell(&self) {
         let Some(handle) = &self.cell else { return };
         let (cell, log, clock) = (handle.cell.clone(), Arc::clone(&self.shared.events), self.shared.clock);
@@ -82,12 +82,12 @@ impl Operating {
         });
     }
 
-    /// Stops what moves, for good, and releases the devices, within this time.
+    /// Stops all motion permanently and releases the devices, within this time.
     pub(in crate::service) async fn close_cell(&self, within: Duration) {
         if let Some(handle) = &self.cell
             && timeout(within, handle.cell.close()).await.is_err()
         {
-            tracing::error!("the devices were told to stop and have not been seen at rest");
+            tracing::error!("the devices were commanded to stop, but standstill was not confirmed");
         }
     }
 

@@ -1,21 +1,21 @@
-//! What becomes of moves, scans and leases when the store is full, the pool taken, or the caller gone. The devices are simulated.
+//! Moves, scans and leases when the store is full, the pool is busy, or the client has disconnected. The devices are simulated.
 
 use super::*;
 use crate::config::Config;
 use crate::motion::{Axes, Carrier, Pair};
 use crate::store::EndedJob;
 
-/// Simulated seconds in a second.
+/// Simulated seconds per second.
 const FAST: f64 = 50.0;
-/// Longer than anything here takes.
+/// Longer than any operation in these tests.
 const LONG: Duration = Duration::from_secs(60);
 
-/// A service with a simulated cell, whose lease is taken and whose manipulators are enabled; one calculation at a time, none waits.
+/// A service with a simulated cell: the lease is taken and the manipulators are enabled. One calculation runs, none waits.
 async fn ready(folder: &TempFolder, time_factor: f64) -> (Arc<Service>, String) {
     let mut config = Config::default();
     config.cell.enabled = true;
     config.cell.simulated.time_factor = time_factor;
-    // What is tested here is not how soon a device answers on a loaded machine.
+    // The tests must not depend on how soon a device answers on a loaded machine.
     config.cell.timing.reply_ms = 2_000;
     let limits = &mut config.limits;
     (limits.threads, limits.measurements_running_max, limits.queue_max) = (2, 1, 0);
@@ -28,7 +28,7 @@ async fn ready(folder: &TempFolder, time_factor: f64) -> (Arc<Service>, String) 
             && snapshot.sensor.as_ref().is_some_and(|sensor| sensor.reading.is_some())
     })
     .await;
-    let lease = service.operating.take_lease("test".to_owned(), Some(LONG)).await.expect("nobody holds it").id;
+    let lease = service.operating.take_lease("test".to_owned(), Some(LONG)).await.expect("the lease is free").id;
     for carrier in Carrier::ALL {
         service
             .operating
@@ -43,7 +43,7 @@ async fn ready(folder: &TempFolder, time_factor: f64) -> (Arc<Service>, String) 
 async fn until(service: &Arc<Service>, so: impl Fn(&crate::cell::Snapshot) -> bool) {
     let mut watch = service.operating.cell_handle().expect("a cell").cell.watch();
     let seen = tokio::time::timeout(LONG, watch.wait_for(|snapshot| so(snapshot))).await;
-    assert!(matches!(seen, Ok(Ok(_))), "it does not come to what is waited for");
+    assert!(matches!(seen, Ok(Ok(_))), "the expected state was not reached");
 }
 
 fn move_request(lease_id: &str, y: f64, request_id: &str) -> MoveRequest {
@@ -67,7 +67,7 @@ async fn measured(service: &Arc<Service>, id: &str) -> Measurement {
     }
 }
 
-/// Waits until the store holds the end of a job.
+/// Waits until the end of a job is stored.
 async fn written(service: &Arc<Service>, id: &str) -> String {
     loop {
         let row = service.shared.store.job(id).await.expect("read").expect("there");
@@ -134,7 +134,7 @@ async fn ends_that_are_not_written_when_the_service_ends_are_tried_once_more() {
     service.close().await;
     drop(service);
     let store = loop {
-        // The last task that holds the folder may just be ending.
+        // The last task that uses the folder may be ending at this moment.
         match crate::store::Store::open(&folder.0).await {
             Ok(store) => break store,
             Err(_) => tokio::time::sleep(Duration::from_millis(10)).await,
@@ -144,16 +144,19 @@ async fn ends_that_are_not_written_when_the_service_ends_are_tried_once_more() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_lease_whose_fence_cannot_be_stored_is_held_by_nobody() {
+async fn no_lease_is_granted_if_its_fencing_token_cannot_be_stored() {
     let folder = TempFolder::new();
     let (service, lease) = ready(&folder, FAST).await;
-    service.operating.release_lease(&lease).await.expect("given back");
+    service.operating.release_lease(&lease).await.expect("released");
     let fence = service.shared.store.fence().await.expect("read");
     service.shared.store.set_full(true);
     for _ in 0..2 {
         let refused = service.operating.take_lease("line 3".to_owned(), None).await.expect_err("not stored");
         assert!(matches!(refused, ServiceError::Store(_)), "{refused}");
-        assert!(service.operating.cell_handle().expect("a cell").cell.snapshot().lease.is_none(), "nobody holds it");
+        assert!(
+            service.operating.cell_handle().expect("a cell").cell.snapshot().lease.is_none(),
+            "no lease was granted"
+        );
     }
     service.shared.store.set_full(false);
     let held = service.operating.take_lease("line 3".to_owned(), None).await.expect("taken");
@@ -182,7 +185,7 @@ async fn a_repeated_request_finds_its_measurement_by_the_sensor_although_the_poo
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_scan_that_is_taken_while_another_is_calculated_waits_for_its_turn_and_its_points_are_kept_first() {
+async fn a_scan_taken_during_another_calculation_waits_for_its_turn_and_its_points_are_stored_first() {
     let folder = TempFolder::new();
     let (service, lease) = ready(&folder, FAST).await;
     let (end, held) = occupy(&service.operating.line).await;
@@ -204,7 +207,7 @@ async fn a_scan_that_is_taken_while_another_is_calculated_waits_for_its_turn_and
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn uploads_and_their_memory_neither_refuse_nor_delay_a_scan_by_the_sensor() {
+async fn uploads_and_their_memory_neither_block_nor_delay_a_scan_by_the_sensor() {
     let folder = TempFolder::new();
     let (service, lease) = ready(&folder, FAST).await;
     let (end, held) = occupy(&service.measuring.compute).await;
@@ -218,25 +221,21 @@ async fn uploads_and_their_memory_neither_refuse_nor_delay_a_scan_by_the_sensor(
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn no_scan_by_the_sensor_begins_for_whose_points_there_is_no_memory() {
+async fn no_scan_by_the_sensor_begins_without_memory_for_its_points() {
     let folder = TempFolder::new();
     let (service, lease) = ready(&folder, FAST).await;
     let all = service.shared.memory.sensor.claim_free().expect("free");
     let refused = service.operating.measure_from_sensor(scan_request(&lease, "scan-1")).await.expect_err("no memory");
     assert!(matches!(refused, ServiceError::ScansBusy), "{refused}");
     drop(all);
-    let begun = service
-        .operating
-        .measure_from_sensor(scan_request(&lease, "scan-1"))
-        .await
-        .expect("nothing was written down")
-        .job;
+    let begun =
+        service.operating.measure_from_sensor(scan_request(&lease, "scan-1")).await.expect("nothing was recorded").job;
     measured(&service, &begun.id).await;
     service.close().await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn whether_a_pose_still_holds_is_no_matter_of_the_clock_on_the_wall() {
+async fn the_validity_of_a_pose_does_not_depend_on_the_wall_clock() {
     let folder = TempFolder::new();
     let (service, lease) = ready(&folder, FAST).await;
     let handle = service.operating.cell_handle().expect("a cell");
@@ -249,7 +248,7 @@ async fn whether_a_pose_still_holds_is_no_matter_of_the_clock_on_the_wall() {
     let elsewhere = Acquisition { instance_id: "another".to_owned(), ..taken.clone() };
     assert_eq!(service.operating.check_fresh(handle, Some(&elsewhere)), Err(Stale::Restarted));
     assert_eq!(service.operating.check_fresh(handle, None), Err(Stale::Restarted));
-    // Where the clock is set back, a move is still after the scan that it followed.
+    // Even if the clock is set back, a move counts as later than the scan before it.
     let moved = service.operating.start_move(move_request(&lease, 2.0, "part-1")).await.expect("begun").job;
     service.operating.get_move(&moved.id, LONG).await.expect("over");
     let future = Acquisition { at: Timestamp::from_second(4_000_000_000).expect("a time"), ..taken };
@@ -262,7 +261,7 @@ async fn a_start_that_the_closing_cell_refuses_is_refused_and_its_ids_are_free()
     let folder = TempFolder::new();
     let (service, lease) = ready(&folder, FAST).await;
     let order = MoveOrder {
-        by: service.operating.authorise(&lease, None).await.expect("it is held"),
+        by: service.operating.authorise(&lease, None).await.expect("the lease is valid"),
         measurement_id: None,
         speed_ratio: 1.0,
         plan: crate::motion::plan_move(
@@ -273,7 +272,7 @@ async fn a_start_that_the_closing_cell_refuses_is_refused_and_its_ids_are_free()
         )
         .expect("a path"),
     };
-    // The lease was checked a moment ago, and the cell closes now.
+    // The lease was checked before, and now the cell closes.
     service.operating.cell_handle().expect("a cell").cell.close().await;
     let key = crate::store::RequestKey { id: "part-1".to_owned(), fingerprint: "f".to_owned() };
     let departure =
@@ -306,12 +305,12 @@ async fn stops_that_a_full_store_refuses_are_recorded_later() {
 }
 
 #[tokio::test]
-async fn nothing_new_is_begun_while_too_many_ends_wait() {
+async fn no_job_is_started_while_too_many_ends_wait() {
     let folder = TempFolder::new();
     let service = open(&folder).await;
     service.shared.store.set_full(true);
     for number in 0..64 {
-        service.shared.unwritten.check_room(false).expect("room");
+        service.shared.unwritten.check_room(false).expect("space");
         let job = EndedJob {
             id: format!("v-{number}"),
             state: "done".to_owned(),
@@ -327,10 +326,10 @@ async fn nothing_new_is_begun_while_too_many_ends_wait() {
 }
 
 #[tokio::test]
-async fn what_was_committed_is_the_last_although_its_client_hung_up() {
+async fn a_committed_measurement_is_the_newest_although_its_client_disconnected() {
     let folder = TempFolder::new();
     let service = open(&folder).await;
-    let upload = begin(&service, &ply(5), MeasurementOrder::default()).await.expect("room");
+    let upload = begin(&service, &ply(5), MeasurementOrder::default()).await.expect("space");
     let arrived = service.measuring.complete_upload(upload).await.expect("complete");
     let sequence = service.sequence();
     let mut measuring = Box::pin(service.measuring.measure_upload(arrived));

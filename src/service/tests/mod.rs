@@ -1,4 +1,4 @@
-//! Who has to wait for whom: replays, measurements, pictures and uploads when the pool is taken.
+//! Waiting and refusals when the pool is busy: replays, measurements, pictures and uploads.
 
 mod cell;
 mod unreadable;
@@ -16,7 +16,7 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc;
 use tokio::task::JoinHandle;
 
-/// A folder of one test, removed at its end.
+/// Temporary folder of a test, deleted at its end.
 struct TempFolder(PathBuf);
 
 impl TempFolder {
@@ -31,12 +31,12 @@ impl TempFolder {
 
 impl Drop for TempFolder {
     fn drop(&mut self) {
-        // The store may just be taking its log away.
+        // The store may be deleting its log at this moment.
         let _ = (0..100).find(|_| std::fs::remove_dir_all(&self.0).is_ok());
     }
 }
 
-/// One measurement and one picture at a time, none that waits.
+/// A service with one measurement and one picture at a time, and no queue.
 async fn open(folder: &TempFolder) -> Arc<Service> {
     open_with(folder, |_| {}).await
 }
@@ -57,7 +57,7 @@ fn ply(profiles_count: usize) -> Vec<u8> {
     bytes
 }
 
-/// More than is worth reading on the way.
+/// Large enough to be decoded during the upload.
 fn large_ply() -> Vec<u8> {
     let bytes = ply(500);
     assert!(bytes.len() > crate::service::measuring::copying_reader::READ_BLOCK_BYTES, "{}", bytes.len());
@@ -67,7 +67,7 @@ fn large_ply() -> Vec<u8> {
 async fn begin(service: &Service, bytes: &[u8], order: MeasurementOrder) -> Result<Upload, ServiceError> {
     let accepted = service.accept(order).await.expect("a free place");
     let mut upload = service.measuring.begin_upload(None, None, Origin::default(), accepted).await?;
-    upload.write(bytes).await.expect("room");
+    upload.write(bytes).await.expect("space");
     Ok(upload)
 }
 
@@ -76,12 +76,12 @@ fn order(request_id: &str) -> MeasurementOrder {
 }
 
 async fn measure_once(service: &Arc<Service>, order: MeasurementOrder) -> Answer {
-    let upload = begin(service, &ply(5), order).await.expect("room");
+    let upload = begin(service, &ply(5), order).await.expect("space");
     let arrived = service.measuring.complete_upload(upload).await.expect("complete");
     service.measuring.measure_upload(arrived).await.expect("measured")
 }
 
-/// Takes a queue's only place until the sender is dropped.
+/// Occupies the only place of a queue until the sender is dropped.
 async fn occupy(queue: &Compute) -> (mpsc::Sender<()>, JoinHandle<()>) {
     let (end, ended) = mpsc::channel::<()>();
     let held = queue.clone();
@@ -109,7 +109,7 @@ async fn a_replay_needs_no_free_place() {
 }
 
 #[tokio::test]
-async fn pictures_and_measurements_take_no_place_from_each_other() {
+async fn pictures_and_measurements_have_separate_places() {
     let folder = TempFolder::new();
     let service = open(&folder).await;
     let id = measure_once(&service, order("first")).await.measurement.id;
@@ -126,7 +126,7 @@ async fn pictures_and_measurements_take_no_place_from_each_other() {
 }
 
 #[tokio::test]
-async fn an_upload_has_its_place_until_it_is_kept_or_let_go() {
+async fn an_upload_has_its_place_until_it_is_stored_or_dropped() {
     let folder = TempFolder::new();
     let service = open(&folder).await;
     let upload = async || begin(&service, &ply(5), MeasurementOrder::default()).await;
@@ -135,19 +135,19 @@ async fn an_upload_has_its_place_until_it_is_kept_or_let_go() {
     assert!(matches!(refused, ServiceError::UploadsBusy { uploads_max: 1 }), "{refused}");
     drop(begun);
     let arrived = service.measuring.complete_upload(upload().await.expect("free")).await.expect("complete");
-    upload().await.expect_err("what has arrived lies there still");
+    upload().await.expect_err("the arrived scan still occupies the place");
     service.measuring.store_scan(arrived).await.expect("kept");
     upload().await.expect("free again");
 }
 
 #[tokio::test]
-async fn a_large_upload_is_read_on_the_way_and_one_without_a_place_afterwards() {
+async fn a_large_upload_is_read_on_arrival_and_one_without_a_place_afterwards() {
     let folder = TempFolder::new();
     let service = open_with(&folder, |limits| limits.uploads_max = 3).await;
     let bytes = large_ply();
-    let first = begin(&service, &bytes, MeasurementOrder::default()).await.expect("room");
-    let second = begin(&service, &bytes, MeasurementOrder::default()).await.expect("room");
-    let small = begin(&service, &ply(5), MeasurementOrder::default()).await.expect("room");
+    let first = begin(&service, &bytes, MeasurementOrder::default()).await.expect("space");
+    let second = begin(&service, &bytes, MeasurementOrder::default()).await.expect("space");
+    let small = begin(&service, &ply(5), MeasurementOrder::default()).await.expect("space");
     let first = service.measuring.complete_upload(first).await.expect("complete");
     let second = service.measuring.complete_upload(second).await.expect("complete");
     let small = service.measuring.complete_upload(small).await.expect("complete");
@@ -156,18 +156,18 @@ async fn a_large_upload_is_read_on_the_way_and_one_without_a_place_afterwards() 
         [service.measuring.measure_upload(first).await, service.measuring.measure_upload(second).await]
             .map(|answer| answer.expect("measured").measurement);
     assert_eq!((&first.result, &first.scan_sha256), (&second.result, &second.scan_sha256));
-    let third = begin(&service, &bytes, MeasurementOrder::default()).await.expect("room");
+    let third = begin(&service, &bytes, MeasurementOrder::default()).await.expect("space");
     let third = service.measuring.complete_upload(third).await.expect("complete");
     assert!(third.read.is_some(), "the place is free again");
 }
 
 #[tokio::test]
-async fn a_scan_is_read_before_its_end_is_here() {
+async fn a_scan_is_read_before_its_end_arrives() {
     let folder = TempFolder::new();
     let service = open(&folder).await;
     let bytes = [b"Dear Sir or Madam,\n".repeat(10), large_ply()].concat();
-    let upload = begin(&service, &bytes, MeasurementOrder::default()).await.expect("room");
-    // No more comes, and yet it is known that these bytes are no scan.
+    let upload = begin(&service, &bytes, MeasurementOrder::default()).await.expect("space");
+    // No more bytes arrive, and the reader still detects that these are not a scan.
     while !upload.is_read() {
         tokio::task::yield_now().await;
     }
@@ -182,7 +182,7 @@ async fn a_replay_is_not_read() {
     let service = open(&folder).await;
     let mut replayed = Vec::new();
     for _ in 0..2 {
-        let upload = begin(&service, &large_ply(), order("large")).await.expect("room");
+        let upload = begin(&service, &large_ply(), order("large")).await.expect("space");
         let arrived = service.measuring.complete_upload(upload).await.expect("complete");
         let read = arrived.read.is_some();
         replayed.push((read, service.measuring.measure_upload(arrived).await.expect("answered").replayed));
@@ -191,10 +191,10 @@ async fn a_replay_is_not_read() {
 }
 
 #[tokio::test]
-async fn a_store_that_fails_in_the_middle_is_told_as_that() {
+async fn a_store_that_fails_during_an_upload_is_reported_as_that() {
     let folder = TempFolder::new();
     let service = open(&folder).await;
-    let upload = begin(&service, &large_ply(), MeasurementOrder::default()).await.expect("room");
+    let upload = begin(&service, &large_ply(), MeasurementOrder::default()).await.expect("space");
     std::fs::remove_dir_all(folder.0.join("scans")).expect("removed");
     let told = match service.measuring.complete_upload(upload).await {
         Ok(arrived) => service.measuring.measure_upload(arrived).await.expect_err("its file is gone"),
@@ -204,16 +204,16 @@ async fn a_store_that_fails_in_the_middle_is_told_as_that() {
 }
 
 #[tokio::test]
-async fn a_command_is_recorded_under_the_lease_that_authorised_it_and_a_stop_under_none() {
+async fn a_command_is_recorded_with_the_lease_that_authorised_it_and_a_stop_with_none() {
     let folder = TempFolder::new();
     let config = Config::default();
     let equipment = Equipment::of(&config.cell).expect("devices");
     let capacity = Capacity::from_config(&config);
     let service = Service::open_with(&folder.0, capacity, Settings::default(), equipment).await.expect("a store");
     let first = service.operating.take_lease("first".to_owned(), None).await.expect("a lease");
-    let by = service.operating.authorise(&first.id, None).await.expect("it is held");
+    let by = service.operating.authorise(&first.id, None).await.expect("the lease is valid");
     // The lease changes hands before the command is recorded.
-    service.operating.release_lease(&first.id).await.expect("given back");
+    service.operating.release_lease(&first.id).await.expect("released");
     assert!(!service.operating.holds_lease(&first.id));
     let second = service.operating.take_lease("second".to_owned(), None).await.expect("a lease");
     assert_eq!(by, Commander { holder: Some("first".to_owned()), fence: Some(first.fence) });

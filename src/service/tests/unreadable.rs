@@ -1,4 +1,4 @@
-//! Records that are damaged or of a later version: neither the start nor a list stumbles over them.
+//! Records that are damaged or of a later version prevent neither the start nor the listing of the others.
 
 use super::*;
 use crate::store::{MeasurementRow, NewMeasurement, Precondition, ScanRow, Store};
@@ -33,7 +33,7 @@ fn bad_measurement(id: &str, document: &str) -> NewMeasurement {
     NewMeasurement { row, scan: Some(scan), profiles: b"no list".to_vec(), request: None }
 }
 
-/// The document of a good measurement with a recipe key that this version does not know.
+/// The document of a valid measurement with a recipe key that this version does not know.
 async fn with_unknown_recipe_key(folder: &TempFolder) -> String {
     let service = open(folder).await;
     let id = measure_once(&service, order("good")).await.measurement.id;
@@ -88,6 +88,6 @@ async fn unreadable_records_stop_neither_the_start_nor_a_list() {
 
     let mut findings = Vec::new();
     let examined = examine(&folder.0, true, &mut |finding| findings.push(finding.to_owned())).await.expect("examined");
-    // Three measurements, the recipe, and the scan of which there is no file.
+    // Three measurements, the recipe, and the scan whose file is missing.
     assert_eq!((examined.findings_count, findings.len()), (5, 5), "{findings:?}");
 }

@@ -1,4 +1,4 @@
-//! Events: numbered without a gap, by polling and as a stream, both the same and both resumable.
+//! Events: numbered without a gap, by polling and as a stream, with the same content and both resumable.
 
 use super::{FAST, Line};
 use crate::api::harness::{Folder, Running, start_on, start_with};
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Write};
 use std::time::Duration;
 
-/// The events of a stream until one is called `last`.
+/// The events of a stream up to one named `last`.
 fn stream(service: &Running, resume: Option<&str>, last: &str) -> Vec<Value> {
     let mut stream = service.connect();
     let resume = resume.map(|id| format!("Last-Event-ID: {id}\r\n")).unwrap_or_default();
@@ -46,7 +46,7 @@ fn moved(line: &Line) {
 }
 
 #[test]
-fn polling_tells_what_happened_in_order_and_goes_on_behind_a_number() {
+fn polling_returns_events_in_order_and_continues_after_a_number() {
     let line = Line::ready(FAST);
     moved(&line);
     let measured = line.measure();
@@ -84,7 +84,7 @@ fn a_wait_for_an_event_ends_when_there_is_one() {
 }
 
 #[test]
-fn a_number_of_another_instance_is_told_once_and_listeners_are_counted() {
+fn a_number_of_another_instance_is_reported_once_and_listeners_are_counted() {
     let (service, _folder) = start_with(|config| config.limits.listeners_max = 1);
     let mut stream = service.connect();
     stream.set_read_timeout(Some(Duration::from_secs(1))).expect("a timeout");
@@ -93,7 +93,7 @@ fn a_number_of_another_instance_is_told_once_and_listeners_are_counted() {
         "GET /v1/events HTTP/1.1\r\nHost: localhost\r\nAccept: text/event-stream\r\nLast-Event-ID: 5\r\n\r\n"
     )
     .expect("sent");
-    // Nothing comes any more within the time of the read: the stream waits.
+    // No event occurs within the timeout of the read: the stream waits.
     let lines: Vec<_> = BufReader::new(&stream).lines().map_while(Result::ok).take(1000).collect();
     assert_eq!(lines.iter().filter(|line| *line == "event: missed").count(), 1, "{} lines", lines.len());
     service.get("/v1/events?after=0&wait_s=1").problem(503, "busy");
@@ -101,20 +101,20 @@ fn a_number_of_another_instance_is_told_once_and_listeners_are_counted() {
 }
 
 #[test]
-fn the_stream_says_what_polling_says_and_goes_on_behind_the_last_id() {
+fn the_stream_has_the_events_of_polling_and_continues_after_the_last_id() {
     let line = Line::ready(FAST);
     moved(&line);
     let (all, polled) = (stream(&line.service, None, "job_ended"), polled(&line, 0));
     assert!(!all.is_empty() && all == polled[..all.len()]);
     let resumed = stream(&line.service, Some(&format!("{}:2", instance(&line.service))), "job_ended");
     assert_eq!(resumed, all[2..]);
-    // A browser that connects to the same address again says in the header how far it has come.
+    // A browser that reconnects to the same address sends its last id in the header.
     let header = format!("{}:3", instance(&line.service));
     let later = line.service.get_with("/v1/events?after=1", &[("last-event-id", &header)]).expect(200);
     assert_eq!(later["events"][0]["number"], 4);
 }
 
-/// The id of the newest event that a stream has told when it comes to `number`.
+/// The id of the newest event of a stream when the stream reaches `number`.
 fn told_id(service: &Running, number: u64) -> String {
     let mut stream = service.connect();
     write!(stream, "GET /v1/events HTTP/1.1\r\nHost: localhost\r\nAccept: text/event-stream\r\n\r\n").expect("sent");
@@ -123,9 +123,9 @@ fn told_id(service: &Running, number: u64) -> String {
     ids.into_iter().find(|id| id.ends_with(&format!(":{number}"))).expect("an id")
 }
 
-/// Both instances count from 1, so a number of the first is one of the second, too, and of something else.
+/// Both instances count from 1, so a number of the first also exists in the second, for a different event.
 #[test]
-fn whoever_resumes_behind_an_event_from_before_a_restart_is_told_that_something_was_missed() {
+fn resuming_after_an_event_from_before_a_restart_reports_missed_events() {
     let folder = Folder::new();
     let cell = |config: &mut Config| {
         config.cell.enabled = true;

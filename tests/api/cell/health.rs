@@ -1,11 +1,11 @@
-//! A cell that has ended is told: by the probe, by the counters, and by whatever shows the cell.
+//! A cell that has ended is reported by the probe, by the counters, and by every view of the cell.
 
 use super::{FAST, untouched};
 use serde_json::json;
 use std::sync::Arc;
 
 #[test]
-fn a_service_whose_cell_has_ended_is_not_ready_and_shows_no_cell_as_it_was() {
+fn a_service_whose_cell_has_ended_is_not_ready_and_does_not_show_its_last_state() {
     let (service, _folder) = untouched(FAST);
     assert_eq!(service.get("/health/ready").expect(200)["status"], "ok");
     assert!(service.get("/metrics").text().contains("coaxis_cell_alive 1"));

@@ -1,6 +1,6 @@
-//! The laser of a sensor on the network: a service that dies in the middle of a scan leaves it on, and the next one switches it
-//! off; a service that ends by a signal switches it off itself. And the configuration that the simulated sensor prints works
-//! as it is printed.
+//! The laser of a sensor on the network: a service that is killed during a scan leaves it on, and the next start switches it
+//! off; a service that ends by a signal switches it off itself. The configuration that the simulated sensor prints can be used
+//! without changes.
 
 use super::restart::{end, serve_with};
 use crate::api::harness::{Folder, Running, at};
@@ -11,10 +11,10 @@ use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// What is allowed from the restart until the laser is off.
+/// Maximum time from the restart until the laser is off.
 const OFF_WITHIN: Duration = Duration::from_secs(1);
 
-/// A simulated sensor in a process of its own, and the configuration that it prints.
+/// A simulated sensor in a separate process, and the configuration that it prints.
 struct Sensor {
     process: Child,
     document: String,
@@ -32,7 +32,7 @@ impl Sensor {
             .expect("it starts");
         let mut lines = BufReader::new(process.stdout.take().expect("a document")).lines();
         let mut document = String::new();
-        // The start of the travel is the last that it prints.
+        // The start of the travel is the last line.
         while !document.contains("\nstart_mm = ") {
             document += &lines.next().expect("more of it").expect("text");
             document.push('\n');
@@ -41,7 +41,7 @@ impl Sensor {
         Self { process, document, runtime }
     }
 
-    /// Whether its laser is on, asked over a line of our own.
+    /// Whether its laser is on, read over a separate connection.
     fn is_on(&self) -> bool {
         let settings = settings(&self.document).expect("what it printed");
         let mut probe = Gocator::new("probe", &settings).expect("what it printed");
@@ -87,20 +87,20 @@ fn measure(service: &Running) -> Value {
 }
 
 #[test]
-fn a_laser_that_a_killed_service_has_left_on_is_off_within_a_second_of_the_restart() {
+fn a_laser_left_on_by_a_killed_service_is_off_within_a_second_of_the_restart() {
     let (sensor, folder) = (Sensor::start("point_cloud", "20"), Folder::new());
     let (mut child, service) = serve(&folder, &sensor);
     measure(&service);
     sensor.until(true, Duration::from_secs(20));
     end(&mut child);
-    assert!(sensor.is_on(), "nobody has switched it off");
+    assert!(sensor.is_on(), "it was not switched off");
     let (mut child, _) = serve_with(&folder, &["--config", &folder.path().join("coaxis.toml").display().to_string()]);
     sensor.until(false, OFF_WITHIN);
     end(&mut child);
 }
 
 #[test]
-fn a_signal_in_a_scan_switches_the_laser_off_before_the_service_ends() {
+fn a_signal_during_a_scan_switches_the_laser_off_before_the_service_ends() {
     let (sensor, folder) = (Sensor::start("point_cloud", "20"), Folder::new());
     let (mut child, service) = serve(&folder, &sensor);
     measure(&service);

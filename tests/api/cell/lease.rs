@@ -1,18 +1,18 @@
-//! The lease: one at a time, renewed by use, its running out stops what it moves, and its fence never goes back.
+//! The lease: one at a time, renewed by use; its expiry stops the motion, and its fencing token never decreases.
 
 use super::{FAST, Line, REAL, id, untouched, untouched_with};
 use crate::api::harness::{Folder, start_on};
 use serde_json::json;
 
 #[test]
-fn a_lease_is_taken_renewed_seen_and_given_back() {
+fn a_lease_is_acquired_renewed_shown_and_released() {
     let (service, _folder) = untouched(FAST);
     assert_eq!(service.get("/v1/cell/lease").expect(200)["lease"], json!(null));
     let taken = service.post_json("/v1/cell/lease", &json!({"holder": "line 3", "ttl_s": 30})).expect(201);
     let lease = taken["lease_id"].as_str().expect("an id");
     let seen = service.get("/v1/cell/lease").expect(200);
     assert_eq!((&seen["lease"]["holder"], &seen["lease"]["fence"]), (&json!("line 3"), &taken["fence"]));
-    assert!(!seen.to_string().contains(lease), "the id is its holder's alone");
+    assert!(!seen.to_string().contains(lease), "the id is known only to its holder");
     assert!(!service.get("/v1/cell").text().contains(lease));
     let renewed = service.post_json("/v1/cell/lease", &json!({"lease_id": lease})).expect(200);
     assert_eq!(renewed["fence"], taken["fence"]);
@@ -26,7 +26,7 @@ fn a_lease_is_taken_renewed_seen_and_given_back() {
 }
 
 #[test]
-fn the_bounds_of_a_lease_in_messages_are_those_that_hold_whatever_is_asked_for() {
+fn messages_about_a_lease_state_the_configured_range() {
     let (service, _folder) = untouched_with(FAST, |config| config.cell.lease.ttl_max_ms = 30_000);
     for ttl_s in [json!(0.1), json!(0.999), json!(30.001), json!(600), json!(1e300), json!(-1), json!(0)] {
         let problem = service.post_json("/v1/cell/lease", &json!({ "ttl_s": ttl_s })).problem(422, "option_invalid");
@@ -66,7 +66,7 @@ fn the_cell_is_shown_to_a_plc_as_integers_in_less_than_1024_bytes() {
 }
 
 #[test]
-fn the_running_out_of_the_lease_stops_what_it_moved() {
+fn the_expiry_of_the_lease_stops_its_motion() {
     let line = Line::ready(REAL);
     line.service.delete(&format!("/v1/cell/lease?lease_id={}", line.lease)).expect(200);
     let taken = line.service.post_json("/v1/cell/lease", &json!({"holder": "brief", "ttl_s": 1})).expect(201);
@@ -79,7 +79,7 @@ fn the_running_out_of_the_lease_stops_what_it_moved() {
 }
 
 #[test]
-fn giving_the_lease_back_stops_what_it_moved() {
+fn releasing_the_lease_stops_its_motion() {
     let line = Line::ready(REAL);
     let begun = line.long_move();
     line.service.delete(&format!("/v1/cell/lease?lease_id={}", line.lease)).expect(200);
@@ -88,7 +88,7 @@ fn giving_the_lease_back_stops_what_it_moved() {
 }
 
 #[test]
-fn fences_go_on_growing_after_a_restart() {
+fn fencing_tokens_continue_to_increase_after_a_restart() {
     let folder = Folder::new();
     let mut last = 0;
     for _ in 0..2 {

@@ -1,4 +1,4 @@
-//! The cell from outside: a service on simulated devices, made ready the way a client does it. Truth comes from the simulated
+//! The cell as a client uses it: a service on simulated devices, prepared by requests. The truth is that of the simulated
 //! part.
 
 #![expect(clippy::expect_used, clippy::panic, clippy::indexing_slicing, reason = "tests may fail")]
@@ -18,19 +18,19 @@ use coaxis::config::Config;
 use coaxis::geometry::AxisLine;
 use serde_json::{Value, json};
 
-/// Simulated seconds in a second where nobody wants to see a motion on its way.
+/// Simulated seconds per second in tests that do not observe a motion.
 pub(crate) const FAST: f64 = 50.0;
-/// As a machine would go.
+/// The speed of a real machine.
 pub(crate) const REAL: f64 = 1.0;
 
-/// A service with a simulated cell whose lease is taken and whose manipulators are enabled; they may want their references.
+/// A service with a simulated cell: the lease is taken and the manipulators are enabled; references may be missing.
 pub(crate) struct Line {
     pub(crate) service: Running,
     pub(crate) lease: String,
     _folder: Folder,
 }
 
-/// A service with a simulated cell that nobody has touched.
+/// A service with a simulated cell in its initial state.
 pub(crate) fn untouched(time_factor: f64) -> (Running, Folder) {
     untouched_with(time_factor, |_| {})
 }
@@ -45,7 +45,7 @@ pub(crate) fn untouched_with(time_factor: f64, change: impl FnOnce(&mut Config))
     (service, folder)
 }
 
-/// Asks until the answer is as it should be.
+/// Repeats a request until the answer is as expected.
 pub(crate) fn until(service: &Running, path: &str, so: impl Fn(&Value) -> bool) -> Value {
     let mut after = 0;
     for _ in 0..60 {
@@ -53,7 +53,7 @@ pub(crate) fn until(service: &Running, path: &str, so: impl Fn(&Value) -> bool) 
         if so(&answer) {
             return answer;
         }
-        // Something has to happen before it is worth another look; a wait that is bounded, not a sleep.
+        // The next attempt follows an event; this is a bounded wait, not a sleep.
         let events = service.get(&format!("/v1/events?after={after}&wait_s=1")).expect(200);
         after = events["newest"].as_u64().expect("a number");
     }
@@ -90,12 +90,12 @@ impl Line {
         self.service.post_with(path, &headers, body.to_string().as_bytes())
     }
 
-    /// The move at its end.
+    /// The move after its end.
     pub(crate) fn wait_for(&self, begun: &Value) -> Value {
         self.service.get(&format!("/v1/moves/{}?wait_s=50", id(begun))).expect(200)
     }
 
-    /// A measurement by the sensor at its end, accepted.
+    /// An accepted measurement by the sensor after its end.
     pub(crate) fn measure(&self) -> Value {
         let begun = self.post("/v1/measurements", &json!({"source": "sensor"})).expect(201);
         assert_eq!((begun["state"].as_str(), &begun["verdict"]), (Some("scanning"), &Value::Null));
@@ -108,12 +108,12 @@ impl Line {
         measured
     }
 
-    /// Where the part really is.
+    /// The true position of the part.
     pub(crate) fn truth(&self) -> AxisLine {
         self.service.world.as_ref().expect("a simulated cell").truth()
     }
 
-    /// A move that takes some ten seconds as a machine would go.
+    /// A move of some ten seconds at the speed of a real machine.
     pub(crate) fn long_move(&self) -> Value {
         let targets = json!({"m1": {"y_mm": 20.0}, "m2": {"y_mm": 20.0}, "speed_ratio": 0.1});
         self.post("/v1/moves", &targets).expect(201)

@@ -1,11 +1,11 @@
-//! What the cell refuses, and that nothing was sent then: every reason by its code, with the numbers behind it.
+//! Refusals of the cell, after which nothing was sent: every reason has its code and its numbers.
 
 use super::{FAST, Line, REAL, id, untouched};
 use crate::api::harness::start;
 use serde_json::{Value, json};
 
 #[test]
-fn without_a_cell_nothing_can_be_commanded_and_files_are_measured() {
+fn without_a_cell_commands_are_refused_and_files_are_measured() {
     let (service, _folder) = start();
     for path in ["/v1/cell", "/v1/cell/lease", "/v1/manipulators"] {
         service.get(path).problem(409, "cell_absent");
@@ -23,7 +23,7 @@ fn without_a_cell_nothing_can_be_commanded_and_files_are_measured() {
 }
 
 #[test]
-fn whoever_does_not_hold_the_lease_moves_nothing() {
+fn a_client_without_the_lease_moves_nothing() {
     let (service, _folder) = untouched(FAST);
     let targets = json!({"m1": {"y_mm": 1.0}, "m2": {"y_mm": 1.0}});
     service.post_json("/v1/moves", &targets).problem(409, "lease_required");
@@ -47,7 +47,7 @@ fn whoever_does_not_hold_the_lease_moves_nothing() {
 }
 
 #[test]
-fn what_is_not_enabled_does_not_move() {
+fn a_manipulator_that_is_not_enabled_does_not_move() {
     let (service, _folder) = untouched(FAST);
     let lease = service.post("/v1/cell/lease", &[]).expect(201);
     assert_eq!(lease["holder"], "anonymous");
@@ -60,9 +60,9 @@ fn what_is_not_enabled_does_not_move() {
     assert!(kept["ending"]["text"].as_str().is_some_and(|text| text.contains("enable it first")), "{kept}");
 }
 
-/// What a program sent that went wrong: never bent to fit, and told in a few words whatever its size.
+/// Out-of-range values of a faulty client are never clamped, and the message is short whatever their size.
 #[test]
-fn a_number_beyond_its_bounds_is_refused_with_them_and_never_printed_whole() {
+fn a_number_out_of_range_is_refused_with_the_range_and_never_printed_in_full() {
     let line = Line::ready(FAST);
     let refused = |path: &str, body: Value, field: &str| {
         let problem = line.post(path, &body).problem(422, "option_invalid");
@@ -88,7 +88,7 @@ fn a_number_beyond_its_bounds_is_refused_with_them_and_never_printed_whole() {
 }
 
 #[test]
-fn a_move_without_a_target_is_told_what_to_send() {
+fn the_refusal_of_a_move_without_a_target_gives_an_example() {
     let line = Line::ready(FAST);
     for nothing in [json!({}), json!({"m1": {}}), json!({"m1": {}, "m2": {"x_mm": null}})] {
         let problem = line.post("/v1/moves", &nothing).problem(422, "nothing_to_move");
@@ -98,7 +98,7 @@ fn a_move_without_a_target_is_told_what_to_send() {
 }
 
 #[test]
-fn what_an_address_does_not_take_is_not_ignored() {
+fn unknown_parameters_are_not_ignored() {
     let (service, _folder) = untouched(FAST);
     for path in [
         "/v1/cell",
@@ -120,14 +120,14 @@ fn what_an_address_does_not_take_is_not_ignored() {
     service.post_with("/v1/cell/reset", &packed, b"{}").problem(415, "encoding_unsupported");
 }
 
-/// Digits behind the point of the longest number of a document.
+/// Decimals of the longest number of a document.
 fn decimals(text: &str) -> usize {
     let numbers = text.split(|c: char| !c.is_ascii_digit() && c != '.');
     numbers.filter_map(|number| number.split_once('.')).map(|(_, decimals)| decimals.len()).max().unwrap_or(0)
 }
 
 #[test]
-fn lengths_and_turns_of_answers_end_at_a_millionth() {
+fn lengths_and_angles_of_answers_have_at_most_six_decimals() {
     let line = Line::ready(FAST);
     let measured = line.measure();
     let target = json!({"deflection_deg": 0.3, "pitch_deg": 0.7, "y_c0_mm": 1.1, "z_c0_mm": 2.2, "roll_deg": 0.1});
@@ -139,14 +139,14 @@ fn lengths_and_turns_of_answers_end_at_a_millionth() {
     let one = format!("/v1/moves/{}", id(&begun));
     for path in ["/v1/manipulators", "/v1/manipulators/m1", "/v1/plans", "/v1/moves", &one] {
         let text = line.service.get(path).text();
-        // Times of the day have digits behind their points, too.
+        // Times of day have decimals, too.
         let text: Vec<_> = text.split(',').filter(|field| !field.contains("_at\"")).collect();
         assert!((1..=6).contains(&decimals(&text.join(","))), "{path}: {text:?}");
     }
 }
 
 #[test]
-fn a_target_that_cannot_be_is_refused_with_its_numbers_before_anything_is_sent() {
+fn an_invalid_target_is_refused_with_its_numbers_before_anything_is_sent() {
     let line = Line::ready_with(FAST, |config| config.cell.manipulators.m1.limits.z.step_mm = 5.0);
     let refused = |body, code| line.post("/v1/moves", &body).problem(422, code);
     let both = |x: f64, y: f64, z: f64| json!({"m1": {"x_mm": x, "y_mm": y, "z_mm": z}, "m2": {"x_mm": x, "y_mm": y, "z_mm": z}});
@@ -171,7 +171,7 @@ fn a_target_that_cannot_be_is_refused_with_its_numbers_before_anything_is_sent()
 }
 
 #[test]
-fn what_does_not_exist_is_not_found() {
+fn an_unknown_resource_is_not_found() {
     let line = Line::ready(FAST);
     line.service.get("/v1/moves/v-1").problem(404, "move_unknown");
     line.service.get("/v1/plans/p-1").problem(404, "plan_unknown");
@@ -186,7 +186,7 @@ fn what_does_not_exist_is_not_found() {
 }
 
 #[test]
-fn one_thing_at_a_time() {
+fn the_cell_executes_one_job_at_a_time() {
     let line = Line::ready(REAL);
     let begun = line.long_move();
     let busy = line.post("/v1/moves", &json!({"m1": {"y_mm": 1.0}, "m2": {"y_mm": 1.0}})).problem(409, "cell_busy");
@@ -198,7 +198,7 @@ fn one_thing_at_a_time() {
 }
 
 #[test]
-fn a_plan_from_a_pose_that_something_moved_away_from_is_stale() {
+fn a_plan_is_stale_after_a_motion() {
     let line = Line::ready(FAST);
     let measured = line.measure();
     let order = json!({"measurement_id": id(&measured),
@@ -212,7 +212,7 @@ fn a_plan_from_a_pose_that_something_moved_away_from_is_stale() {
 }
 
 #[test]
-fn homing_what_has_its_references_makes_no_plan_stale() {
+fn homing_a_referenced_axis_makes_no_plan_stale() {
     let line = Line::ready(FAST);
     let measured = line.measure();
     let order = json!({"measurement_id": id(&measured),
@@ -227,7 +227,7 @@ fn homing_what_has_its_references_makes_no_plan_stale() {
 }
 
 #[test]
-fn bytes_that_are_sent_again_are_as_fresh_as_their_last_upload() {
+fn the_age_of_repeated_bytes_counts_from_their_last_upload() {
     let folder = crate::api::harness::Folder::new();
     let with_cell = |config: &mut coaxis::config::Config| {
         config.cell.enabled = true;
@@ -258,7 +258,7 @@ fn bytes_that_are_sent_again_are_as_fresh_as_their_last_upload() {
 }
 
 #[test]
-fn a_scan_measured_again_makes_no_younger_pose() {
+fn measuring_a_scan_again_does_not_make_its_pose_newer() {
     let line = Line::ready(FAST);
     let measured = line.measure();
     let order = |measured: &serde_json::Value| {
@@ -273,12 +273,12 @@ fn a_scan_measured_again_makes_no_younger_pose() {
     let begun = line.act(&format!("/v1/plans/{}/execute", id(&plan))).expect(201);
     assert_eq!(line.wait_for(&begun)["state"], "done");
     line.service.post_json("/v1/plans", &order(&again())).problem(409, "plan_stale");
-    // A scan of the part as it is now says that it has arrived.
+    // A new upload states that the scan shows the part as it is now.
     line.service.post_json("/v1/plans", &order(&line.measure())).problem(422, "nothing_to_move");
 }
 
 #[test]
-fn who_has_no_lease_changes_nothing_for_who_has() {
+fn a_client_without_the_lease_does_not_affect_its_holder() {
     let line = Line::ready(FAST);
     let measured = line.measure();
     let order = json!({"measurement_id": id(&measured),
@@ -293,13 +293,13 @@ fn who_has_no_lease_changes_nothing_for_who_has() {
 }
 
 #[test]
-fn a_pose_that_is_too_old_is_not_moved_by() {
+fn a_pose_that_is_too_old_is_refused_for_motion() {
     let line = Line::ready_with(FAST, |config| config.cell.plan_age_max_s = 1);
     let measured = line.measure();
     let order = json!({"measurement_id": id(&measured),
         "target": {"deflection_deg": 0.3, "pitch_deg": 1.0, "y_c0_mm": -7.0, "z_c0_mm": 6.0}});
     let plan = line.service.post_json("/v1/plans", &order).expect(201);
-    // Nothing happens that could be waited for but that time passes: an event that does not come is waited for.
+    // Only time has to pass, and no event marks this, so the test waits for an event that does not occur.
     let newest = line.service.get("/v1/events?after=0").expect(200)["newest"].as_u64().expect("a number");
     line.service.get(&format!("/v1/events?after={newest}&wait_s=2")).expect(200);
     let stale = line.act(&format!("/v1/plans/{}/execute", id(&plan))).problem(409, "plan_stale");
@@ -307,7 +307,7 @@ fn a_pose_that_is_too_old_is_not_moved_by() {
 }
 
 #[test]
-fn a_scan_that_cannot_be_is_refused_and_writes_nothing() {
+fn an_invalid_scan_is_refused_and_not_recorded() {
     let line = Line::ready(FAST);
     let refused = |body| line.post("/v1/measurements", &body);
     let problem = refused(json!({"source": "sensor", "profiles_count": 1})).problem(422, "option_invalid");

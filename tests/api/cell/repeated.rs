@@ -1,4 +1,4 @@
-//! Requests that come twice: the same id answers the same resource, another body under it is a mistake, and nothing moves
+//! Repeated requests: the same id returns the same resource, a different body with this id is refused, and nothing moves
 //! twice.
 
 use super::{FAST, Line, id};
@@ -22,7 +22,7 @@ fn a_repeated_move_is_one_move() {
 }
 
 #[test]
-fn a_request_that_was_refused_may_come_again() {
+fn a_request_that_was_refused_may_be_repeated() {
     let line = Line::ready(FAST);
     line.act("/v1/manipulators/m1/disable").expect(200);
     super::until(&line.service, "/v1/manipulators/m1", |one| one["reading"]["state"] == "disabled");
@@ -42,7 +42,7 @@ fn a_request_that_was_refused_may_come_again() {
 }
 
 #[test]
-fn a_plan_is_executed_once_however_often_it_is_asked_for() {
+fn a_plan_is_executed_once_however_often_it_is_requested() {
     let line = Line::ready(FAST);
     let measured = line.measure();
     let order = json!({"measurement_id": id(&measured), "request_id": "plan-1",

@@ -1,11 +1,11 @@
-//! The service dies in the middle of a move: the next one says so, moves nothing, and has the record of what was commanded.
+//! The service is killed during a move: the next start records this, moves nothing, and has the record of the command.
 
 use crate::api::harness::{Folder, at};
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 
-/// A service with a simulated cell in a process of its own, and its address.
+/// A service with a simulated cell in a separate process, and its address.
 fn serve(folder: &Folder) -> (Child, String) {
     serve_with(folder, &[])
 }
@@ -25,7 +25,7 @@ pub(super) fn serve_with(folder: &Folder, more: &[&str]) -> (Child, String) {
         let line: Value = serde_json::from_str(&line).expect("JSON");
         line["address"].as_str().map(str::to_owned)
     });
-    // Read on, so that the log never blocks the service.
+    // The output must be read continuously, so that the log never blocks the service.
     std::thread::spawn(move || lines.count());
     (child, address.expect("it listens"))
 }
@@ -37,7 +37,7 @@ pub(super) fn end(child: &mut Child) {
 }
 
 #[test]
-fn a_move_that_the_service_died_in_is_interrupted_and_nothing_is_resumed() {
+fn a_move_during_which_the_service_was_killed_is_interrupted_and_not_resumed() {
     let folder = Folder::new();
     let (mut child, address) = serve(&folder);
     let service = at(&address);
@@ -73,7 +73,7 @@ fn a_move_that_the_service_died_in_is_interrupted_and_nothing_is_resumed() {
 }
 
 #[test]
-fn a_signal_stops_what_moves_before_the_service_ends() {
+fn a_signal_stops_all_motion_before_the_service_ends() {
     let folder = Folder::new();
     let (mut child, address) = serve(&folder);
     let service = at(&address);

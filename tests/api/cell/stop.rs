@@ -1,11 +1,11 @@
-//! Stop: always taken, by anybody, in any state; and what a client that goes away leaves running.
+//! Stop: accepted from every client in every state; and jobs that continue after their client has disconnected.
 
 use super::{FAST, Line, REAL, id, untouched};
 use serde_json::json;
 use std::io::Write;
 
 #[test]
-fn a_stop_needs_no_lease_and_no_body_and_says_what_it_is() {
+fn a_stop_needs_no_lease_and_no_body_and_states_its_category() {
     let (service, _folder) = untouched(FAST);
     for _ in 0..2 {
         let stopped = service.post("/v1/cell/stop", &[]).expect(200);
@@ -15,7 +15,7 @@ fn a_stop_needs_no_lease_and_no_body_and_says_what_it_is() {
 }
 
 #[test]
-fn a_stop_ends_the_move_on_its_way_and_the_cell_goes_on_from_where_it_is() {
+fn a_stop_ends_the_move_under_way_and_the_cell_continues_from_there() {
     let line = Line::ready(REAL);
     let begun = line.long_move();
     super::until(&line.service, "/v1/manipulators/m1", |one| one["reading"]["y"]["actual_mm"].as_f64() > Some(0.5));
@@ -30,7 +30,7 @@ fn a_stop_ends_the_move_on_its_way_and_the_cell_goes_on_from_where_it_is() {
 }
 
 #[test]
-fn a_stop_ends_a_scan_and_the_measurement_says_so() {
+fn a_stop_ends_a_scan_and_the_measurement_reports_it() {
     let line = Line::ready(REAL);
     let begun = line.post("/v1/measurements", &json!({"source": "sensor", "speed_mm_s": 20.0})).expect(201);
     let path = format!("/v1/measurements/{}", id(&begun));
@@ -63,7 +63,7 @@ fn a_stop_ends_a_scan_and_the_measurement_says_so() {
 }
 
 #[test]
-fn a_client_that_hangs_up_changes_nothing_about_its_move() {
+fn a_client_that_disconnects_does_not_affect_its_move() {
     let line = Line::ready(REAL);
     let body =
         json!({"m1": {"y_mm": 3.0}, "m2": {"y_mm": 3.0}, "speed_ratio": 0.2, "lease_id": line.lease}).to_string();

@@ -1,5 +1,5 @@
-//! The whole way on simulated devices: measure by the sensor, plan, execute, measure again, and the part lies where it was
-//! wanted. The truth is the simulated part's.
+//! The complete sequence on simulated devices: measure by the sensor, plan, execute, measure again, and the part has its target
+//! pose. The truth is that of the simulated part.
 
 use super::{FAST, Line, id, number};
 use serde_json::{Value, json};
@@ -10,14 +10,14 @@ fn target() -> Value {
     json!({"deflection_deg": 0.1, "pitch_deg": -0.2, "y_c0_mm": 2.0, "z_c0_mm": 8.0})
 }
 
-/// How far a pose is from a target, by field.
+/// Difference between a pose and a target, by field.
 fn off(measured: &Value, target: &Value) -> [f64; 4] {
     FIELDS.map(|field| number(measured, &format!("/pose/{field}")) - number(target, &format!("/{field}")))
 }
 
-/// What the devices leave: an error e of each clamp (backlash 0.05 mm, and 2 % of the way of the two other axes) turns the part
-/// by 2e/500 mm and shifts its axis at x = 0 by at most 1.6 e (clamps at 150 and 650 mm); and what the measurement leaves
-/// (k = 2).
+/// Allowed remaining error of the devices: an error e of each clamp (backlash 0.05 mm, and 2 % of the travel of the two other axes)
+/// rotates the part by 2e/500 mm and shifts its axis at x = 0 by at most 1.6 e (clamps at 150 and 650 mm), and the uncertainty of
+/// the measurement (k = 2).
 fn allowed(measured: &Value, plan: &Value) -> [f64; 4] {
     let way = |carrier: &str, axis: &str| number(plan, &format!("/axes/{carrier}/{axis}/travel_mm")).abs();
     let ways = ["m1", "m2"].map(|carrier| way(carrier, "x") + way(carrier, "y") + way(carrier, "z"));
@@ -44,11 +44,11 @@ fn assert_true(line: &Line, measured: &Value) {
 }
 
 #[test]
-fn a_measured_part_is_planned_moved_and_found_where_it_was_wanted() {
+fn a_measured_part_is_moved_to_its_target_by_a_plan() {
     let line = Line::ready(FAST);
     let mut measured = line.measure();
     assert_true(&line, &measured);
-    // Once from afar, once from nearby.
+    // Once from a large distance, once from a small one.
     for _ in 0..2 {
         let order = json!({"measurement_id": id(&measured), "target": target()});
         let plan = line.service.post_json("/v1/plans", &order).expect(201);
@@ -75,7 +75,7 @@ fn a_measured_part_is_planned_moved_and_found_where_it_was_wanted() {
 }
 
 #[test]
-fn the_kept_scan_measured_again_gives_the_same_pose_to_the_last_bit() {
+fn the_stored_scan_measured_again_gives_the_same_pose_to_the_last_bit() {
     let line = Line::ready(FAST);
     let measured = line.measure();
     let scan = format!("s-{}", measured["provenance"]["scan_sha256"].as_str().expect("a digest"));
@@ -83,7 +83,7 @@ fn the_kept_scan_measured_again_gives_the_same_pose_to_the_last_bit() {
     for part in ["pose", "uncertainty", "profiles", "residuals", "conditioning"] {
         assert_eq!(again[part], measured[part], "{part}");
     }
-    // The simulated stage is not quite straight, which no scan shows; of an uploaded file nothing is known.
+    // The simulated stage is not quite straight, which no scan shows; for an uploaded file this is unknown.
     assert_eq!(measured["uncertainty"]["scope"], "combined");
     assert_eq!(measured["uncertainty"]["budget"][1]["source"], "stage_straightness");
     let kept = line.service.get(&format!("/v1/scans/{scan}")).expect(200);
@@ -95,7 +95,7 @@ fn the_kept_scan_measured_again_gives_the_same_pose_to_the_last_bit() {
 }
 
 #[test]
-fn a_home_is_done_and_told() {
+fn homing_is_executed_and_reported() {
     let line = Line::ready_with(FAST, |config| config.cell.simulated.manipulators.homed = false);
     for manipulator in ["m1", "m2"] {
         let home = format!("/v1/manipulators/{manipulator}/home");

@@ -1,10 +1,10 @@
-//! engeom's robust cylinder (MAGSAC++) as a program that speaks the protocol of `protocol.py`.
+//! engeom's robust cylinder (MAGSAC++) as a program with the protocol of `protocol.py`.
 //!
 //! ```text
 //! engeom_peer sample|again SCAN.npy HINTS.json [REPEATS]
 //! ```
 //!
-//! `sample` searches in every n-th point; `again` then fits to all points near what was found. Prints the pose as one line of
+//! `sample` searches every n-th point; `again` then fits all points near the result. Prints the pose as one line of
 //! JSON.
 
 use engeom::common::consensus::Magsac;
@@ -14,13 +14,13 @@ use serde::{Deserialize, Serialize};
 use std::error::Error;
 use std::time::Instant;
 
-/// Points that are searched, and that the last fit takes.
+/// Points for the search and for the final fit.
 const SAMPLE_COUNT: usize = 20_000;
 const REFINE_COUNT: usize = 250_000;
-/// Neighbourhood of a normal, as a share of the radius.
+/// Neighbourhood of a normal, as a fraction of the radius.
 const NEIGHBOUR_SHARE: f64 = 12.0 / 200.0;
 
-/// What is told besides the scan, mm.
+/// Known values besides the scan, mm.
 #[derive(Deserialize)]
 struct Hints {
     radius: f64,
@@ -83,25 +83,25 @@ fn fit(points: &[Point3], hints: &Hints, again: bool) -> engeom::Result<Cylinder
     if again { refit(&every_nth(points, REFINE_COUNT), found, sigma_max) } else { Ok(found) }
 }
 
-/// Every n-th point with a prime n, which is never in step with the points of a profile.
+/// Every n-th point with a prime n, so that the selection does not alias with the points of a profile.
 fn every_nth(points: &[Point3], count: usize) -> Vec<Point3> {
     let prime = |n: &usize| (2..).take_while(|i| i * i <= *n).all(|i| n % i != 0);
     let step = ((points.len() / count).max(1)..).find(prime).unwrap_or(1);
     points.iter().step_by(step).copied().collect()
 }
 
-/// The consensus wants oriented points; their normals are estimated as the crate does it.
+/// The consensus needs oriented points; their normals are estimated by the method of the crate.
 fn with_normals(points: Vec<Point3>, hints: &Hints) -> engeom::Result<Vec<SurfacePoint3>> {
     let up = vec![Vector3::from(hints.towards_sensor); points.len()];
     let cloud = PointCloud3::new(points);
-    // A neighbourhood must hold more than one profile.
+    // A neighbourhood must contain more than one profile.
     let neighbourhood = (NEIGHBOUR_SHARE * hints.radius).max(1.6 * hints.pitch);
     let estimates = cloud.compute_index()?.estimate_normals(&up, neighbourhood)?;
     let oriented = |(point, normal): (&Point3, &UnitVec3)| SurfacePoint3::new(*point, *normal);
     Ok(cloud.points().iter().zip(&estimates.normals).map(oriented).collect())
 }
 
-/// Least squares on all points nearer than `reach`, chosen anew three times.
+/// Least squares on all points nearer than `reach`, selected again three times.
 fn refit(points: &[Point3], mut cylinder: Cylinder3, reach: f64) -> engeom::Result<Cylinder3> {
     for _ in 0..3 {
         let axis = cylinder.axis();

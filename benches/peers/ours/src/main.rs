@@ -1,11 +1,11 @@
-//! coaxis as a program that speaks the protocol of `protocol.py`.
+//! coaxis as a program with the protocol of `protocol.py`.
 //!
 //! ```text
 //! coaxis_peer cylinder|section_line|section_line_plain SCAN.npy HINTS.json [REPEATS]
 //! ```
 //!
-//! `cylinder` is told nothing. The methods by sections need to know what near means: ε is 2.22 times the noise hint, the
-//! multiple that the default of 0.111 mm is of 0.05 mm. Prints the pose as one line of JSON.
+//! `cylinder` gets no hints. The methods by sections need a threshold: ε is 2.22 times the noise hint, the ratio of the default
+//! of 0.111 mm to 0.05 mm. Prints the pose as one line of JSON.
 
 use coaxis::estimation::{Method, Outcome, Progress, Settings, estimate};
 use coaxis::geometry::AxisLine;

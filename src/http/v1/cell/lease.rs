@@ -1,5 +1,5 @@
-//! The lease: who may move, for how long; renewed by use or by asking again, returned, visible to everybody. Stop, which is always
-//! accepted, and reset, which lets things move again.
+//! The lease: which client may move, and for how long. It is renewed by use or on request, returned, and visible to all clients.
+//! Also stop, which is always accepted, and reset, which enables motion again.
 
 use std::time::Duration;
 
@@ -93,7 +93,7 @@ pub(in crate::http) async fn take_lease(
     app.service.operating.cell_config()?;
     let LeaseRequestDocument { holder, ttl_s, lease_id: said } = body;
     let time_to_live = ttl_s.map(time_to_live);
-    // Also where the lease is renewed, which changes nothing about it: a mistake is better told.
+    // Checked also if the lease is only renewed and keeps its time to live, so that the client learns of a mistake.
     time_to_live.map(|asked| app.service.operating.check_time_to_live(asked)).transpose()?;
     if let Some(id) = named_lease([said, query.lease_id], &headers)? {
         let lease = app.service.operating.renew_lease(&id).await?;
@@ -137,13 +137,13 @@ pub(in crate::http) async fn release_lease(
     Ok(Json(LeaseStateDocument { lease: None }))
 }
 
-/// What is no duration is beyond every bound; the service knows the bounds that hold, and refuses it.
+/// Converts seconds; an invalid value becomes one that is out of range, and the service refuses it with the allowed range.
 fn time_to_live(ttl_s: f64) -> Duration {
     let beyond = if ttl_s > 0.0 { Duration::MAX } else { Duration::ZERO };
     Duration::try_from_secs_f64(ttl_s).unwrap_or(beyond)
 }
 
-/// What a stop is, and is not.
+/// The properties of a stop.
 const NOTE: &str =
     "operational stop (category 2): the drives hold under power. It is no emergency stop and no safety function";
 

@@ -1,4 +1,4 @@
-//! The cell at this moment: what it does, what is latched, how each device is, and whether anything may move.
+//! The present state of the cell: its job, its latched faults, the state of each device, and whether motion is possible.
 
 use super::plc::PlcCellDocument;
 use crate::cell::{Fault, LeaseView, Live, Refusal};
@@ -219,7 +219,7 @@ impl From<&CellView> for CellDocument {
     }
 }
 
-/// A refusal in short, under the code that a request would be refused with.
+/// A refusal in short, with the code that a request would get.
 fn reason(refusal: &Refusal) -> ReasonDocument {
     ReasonDocument { code: Problem::from(refusal.clone()).code().name(), text: refusal.to_string() }
 }

@@ -1,4 +1,4 @@
-//! The cell as a whole: how it is, who may move, stop and reset.
+//! The cell as a whole: its state, the lease, stop and reset.
 
 pub(in crate::http) mod lease;
 pub(in crate::http) mod live;

@@ -1,5 +1,5 @@
 //! The cell for a PLC: one flat object of integers, below 1024 bytes, fixed keys in a fixed order. Lengths in 10⁻⁶ metres
-//! (`_um`), angles in 10⁻⁶ degrees (`_udeg`); null for what is not known. The tables of the codes are in docs/plc.md.
+//! (`_um`), angles in 10⁻⁶ degrees (`_udeg`); null for unknown values. The tables of the codes are in docs/plc.md.
 
 use crate::cell::{Live, Refusal, State};
 use crate::device::{AxisState, Reading};
@@ -190,7 +190,7 @@ const fn axis_state_code(state: AxisState) -> u8 {
     }
 }
 
-/// By the code that a request would be refused with. Only added to: a PLC's program has these numbers in it.
+/// The number of the code that a request would get. Numbers are never changed, because PLC programs contain them.
 fn reason_code(refusal: &Refusal) -> u8 {
     match Problem::from(refusal.clone()).code() {
         Code::CellBusy => 1,
@@ -212,7 +212,7 @@ fn reason_code(refusal: &Refusal) -> u8 {
     }
 }
 
-/// The nearest integer of nine digits at most, which fits the signed 32-bit word of a PLC; `None` beyond.
+/// The nearest integer of at most nine digits, which fits the signed 32-bit word of a PLC; `None` if out of range.
 fn millionths(value: f64) -> Option<i64> {
     let rounded = value.round();
     #[expect(clippy::cast_possible_truncation, reason = "checked in the same line")]
@@ -224,7 +224,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_tables_of_the_documentation_are_those_of_the_view() {
+    fn the_tables_of_the_documentation_match_the_view() {
         let page = include_str!("../../../../docs/plc.md");
         let document: serde_json::Value =
             serde_json::from_str(&crate::http::openapi_json().expect("a document")).expect("JSON");
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn the_reasons_have_the_numbers_that_the_documentation_says() {
+    fn the_reasons_have_the_documented_numbers() {
         assert_eq!(reason_code(&Refusal::LeaseRequired), 2);
         assert_eq!(reason_code(&Refusal::LeaseOver), 4);
         assert_eq!(reason_code(&Refusal::Faulted { count: 1 }), 5);

@@ -1,4 +1,4 @@
-//! Measures: a scan in the body with options in the query, or a JSON order that names a kept scan or the sensor.
+//! Measures: a scan in the body with options in the query, or a JSON order that names a stored scan or the sensor.
 
 use super::document::MeasurementDocument;
 use super::plc::PlcDocument;
@@ -137,9 +137,9 @@ pub(in crate::http) enum JsonBody {
 
 /// An order in JSON.
 enum JsonOrder {
-    /// To measure a kept scan.
+    /// Measures a stored scan.
     Kept(OrderDocument),
-    /// To scan, and measure that.
+    /// Scans with the sensor and measures the scan.
     Sensor(SensorOrderDocument),
 }
 
@@ -249,7 +249,7 @@ async fn measure_kept(
 
 fn answer(app: &App, Answer { measurement, replayed }: Answer, view: View) -> Result<Response, Problem> {
     if !replayed {
-        // Precise enough for a duration of any length that is waited for.
+        // Precise enough for every realistic duration.
         let seconds = std::time::Duration::from_millis(measurement.duration_ms).as_secs_f64();
         app.metrics.measured(measurement.verdict(), measurement.method.name(), seconds);
     }
@@ -261,7 +261,7 @@ fn answer(app: &App, Answer { measurement, replayed }: Answer, view: View) -> Re
 }
 
 impl CreateQuery {
-    /// An order for the sensor with what the query says and the order does not.
+    /// An order for the sensor, completed with values of the query.
     fn under(self, mut order: SensorOrderDocument) -> Result<SensorOrderDocument, Problem> {
         let about_files = self.unit.is_some()
             || self.profile_by.is_some()
@@ -303,7 +303,7 @@ impl CreateQuery {
     }
 }
 
-/// The order that a JSON body is; `None` where it is a scan, whose bytes are all still to be had from `pieces`.
+/// The order in a JSON body; `None` if the body is a scan, whose bytes can then still be read from `pieces`.
 async fn read_order(pieces: &mut Pieces, app: &App) -> Result<Option<JsonOrder>, Problem> {
     let enough = usize::try_from(app.limits.json_bytes_max).unwrap_or(usize::MAX).saturating_add(1);
     let (head, whole) = pieces.look_ahead(enough).await?;
@@ -324,7 +324,7 @@ async fn read_order(pieces: &mut Pieces, app: &App) -> Result<Option<JsonOrder>,
     }
 }
 
-/// The keys of the object that these bytes are, or begin.
+/// The top-level keys of a JSON object that may be cut off.
 fn top_level_keys(head: &[u8]) -> Vec<String> {
     struct Keys<'a>(&'a mut Vec<String>);
     impl<'de> Visitor<'de> for Keys<'_> {
@@ -343,7 +343,7 @@ fn top_level_keys(head: &[u8]) -> Vec<String> {
         }
     }
     let mut keys = Vec::new();
-    // Where the bytes end in the middle, the keys before are known all the same.
+    // If the bytes are cut off, the keys before the cut are known nevertheless.
     let _ = serde_json::Deserializer::from_slice(head).deserialize_map(Keys(&mut keys));
     keys
 }
@@ -395,7 +395,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_keys_of_a_document_that_is_cut_off_are_those_before_the_cut() {
+    fn the_keys_of_a_cut_off_document_are_those_before_the_cut() {
         assert_eq!(top_level_keys(br#"{"profiles": [{"x_mm": 1, "poi"#), ["profiles"]);
         assert_eq!(top_level_keys(br#"{"recipe": "a", "scan_id": "s-1"}"#), ["recipe", "scan_id"]);
         assert_eq!(top_level_keys(b"[1, 2]"), Vec::<String>::new());

@@ -1,5 +1,5 @@
-//! A measurement as clients see it: the same document over HTTP and from the offline command, as a whole and for one part of
-//! several. Degrees and units in names; unknown values are null.
+//! The measurement document, the same over HTTP and from the offline command, for a complete scan and for one of several parts.
+//! Angles are in degrees, units are in the names; unknown values are null.
 
 use std::collections::BTreeMap;
 
@@ -387,7 +387,7 @@ pub struct PartDocument {
     pub refusal: Option<ReasonDocument>,
 }
 
-/// The pose of a finding, where it has one.
+/// The pose of a result, if it has one.
 pub(in crate::http) fn pose(finding: &PoseResult) -> Option<&Pose> {
     match &finding.outcome {
         Outcome::Accepted(pose) => Some(pose),

@@ -1,4 +1,4 @@
-//! Measurements: made from an upload or a kept scan, listed, shown whole or for a PLC.
+//! Measurements: created from an upload or a stored scan, listed, shown in full or for a PLC.
 
 use sensor::Shown;
 pub(in crate::http) mod create;
@@ -126,7 +126,7 @@ pub(in crate::http) async fn list_measurements(
             listed(&uri, page, move |rows, next| MeasurementList::of(rows, next, &service, ran)).await
         }
         Some(_) if filter != Filter::default() => {
-            let detail = "verdict, scan_id and recipe choose among measurements that ran; leave them or state out";
+            let detail = "verdict, scan_id and recipe filter completed measurements; omit them or state";
             Err(Problem::new(Code::QueryInvalid, detail))
         }
         Some(standing) => {
@@ -190,7 +190,7 @@ pub(in crate::http) async fn get_measurement(
 }
 
 impl StateFilter {
-    /// What it says of a job of the cell; `None` for a measurement that ran.
+    /// The corresponding status of a job of the cell; `None` for a completed measurement.
     const fn standing(self) -> Option<JobStatus> {
         Some(match self {
             Self::Done => return None,
@@ -207,7 +207,7 @@ impl StateFilter {
 impl GetQuery {
     fn check(&self) -> Result<(), Problem> {
         if self.part.is_some() && self.view != Some(View::Plc) {
-            let detail = "part goes with view=plc; the whole document has all parts";
+            let detail = "part requires view=plc; the full document contains all parts";
             return Err(Problem::new(Code::QueryInvalid, detail));
         }
         Ok(())

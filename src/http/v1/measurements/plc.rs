@@ -1,5 +1,5 @@
 //! A measurement for a PLC: one flat object of integers, below 1024 bytes, fixed keys in a fixed order. Angles in 10⁻⁶
-//! degrees (`_udeg`), lengths in 10⁻⁶ metres (`_um`); null for what is not known, for a value of more than nine digits (1 km,
+//! degrees (`_udeg`), lengths in 10⁻⁶ metres (`_um`); null for unknown values, for a value of more than nine digits (1 km,
 //! 1000°) and for an uncertainty of more than eight. The tables of the codes are in docs/plc.md.
 
 use super::document::{PoseDocument, pose};
@@ -9,9 +9,9 @@ use crate::service::{Chosen, Measurement};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-/// Nine digits fit the signed 32-bit word that a PLC reads the value into, and keep the longest view below 1024 bytes.
+/// Nine digits fit the signed 32-bit word into which a PLC reads the value, and keep the longest view below 1024 bytes.
 const VALUE_MAX: i32 = 999_999_999;
-/// 100 m or 100°: an uncertainty beyond this is as good as none.
+/// 100 m or 100°: a greater uncertainty is useless.
 const UNCERTAINTY_MAX: i32 = 99_999_999;
 
 /// A measurement as integers; of several parts one of them.
@@ -95,7 +95,7 @@ pub(in crate::http) struct PlcDocument {
 }
 
 impl PlcDocument {
-    /// The part that was chosen, or all of the scan where there are none.
+    /// The selected part, or the complete scan if there are no parts.
     pub(in crate::http) fn new(measurement: &Measurement, chosen: Chosen<'_>) -> Self {
         let (finding, tally, part) = match chosen {
             Chosen::Whole(finding) => (Some(finding), &measurement.counts, 1),
@@ -113,7 +113,7 @@ impl PlcDocument {
         let end_face = pose.as_ref().and_then(|pose| pose.end_face);
         let far_end_face = pose.as_ref().and_then(|pose| pose.far_end_face);
         let (micro, um) = (|value: f64| whole(value * 1e6, VALUE_MAX), |value: f64| whole(value * 1e3, VALUE_MAX));
-        // Rounded up, so that no uncertainty becomes none.
+        // Rounded up, so that no uncertainty becomes zero.
         let up_micro = |value: f64| whole((value * 1e6).ceil(), UNCERTAINTY_MAX);
         let up_um = |value: f64| whole((value * 1e3).ceil(), UNCERTAINTY_MAX);
         let wide = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
@@ -186,7 +186,7 @@ fn mask_of(warnings: &[Warning]) -> u32 {
     warnings.iter().map(|warning| 1 << bit_of(warning)).fold(0, |mask, bit: u32| mask | bit)
 }
 
-/// Only added to: a PLC's program has these numbers in it.
+/// Bits are never reassigned, because PLC programs contain them.
 const fn bit_of(warning: &Warning) -> u8 {
     match warning {
         Warning::ShortArc { .. } => 0,
@@ -204,7 +204,7 @@ const fn bit_of(warning: &Warning) -> u8 {
     }
 }
 
-/// The nearest integer; `None` beyond `most`.
+/// The nearest integer; `None` if it is greater than `most`.
 fn whole(value: f64, most: i32) -> Option<i64> {
     let rounded = value.round();
     #[expect(clippy::cast_possible_truncation, reason = "checked against an i32 in the same line")]
@@ -219,7 +219,7 @@ mod tests {
     #[test]
     fn the_longest_view_stays_below_1024_bytes() {
         let (length, uncertainty) = (Some(-i64::from(VALUE_MAX)), Some(i64::from(UNCERTAINTY_MAX)));
-        // Where the axis lies farther from X the slopes are null.
+        // If the axis is at a larger angle to X, the slopes are null.
         let angle = Some(-60_000_000);
         let view = PlcDocument {
             id: "m-0199f0c8-0000-7000-8000-000000000000".to_owned(),
@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn a_value_of_too_many_digits_is_unknown_not_cut() {
+    fn a_value_of_too_many_digits_is_null_not_truncated() {
         assert_eq!(whole(-1.5, VALUE_MAX), Some(-2));
         assert_eq!(whole(999_999_999.4, VALUE_MAX), Some(999_999_999));
         assert_eq!(whole(999_999_999.5, VALUE_MAX), None);
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn each_kind_of_warning_has_a_bit_of_its_own() {
+    fn each_kind_of_warning_has_its_own_bit() {
         let arc = Warning::ShortArc { arc_deg: 90.0 };
         let not_seen = Warning::EndFaceNotSeen { end: End::Near };
         assert_eq!(mask_of(&[]), 0);
@@ -277,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn the_tables_of_the_documentation_are_those_of_the_view() {
+    fn the_tables_of_the_documentation_match_the_view() {
         let page = include_str!("../../../../docs/plc.md");
         let field = |name: &str| {
             let document = crate::http::openapi_json().expect("a document");

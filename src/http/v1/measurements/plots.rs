@@ -1,4 +1,4 @@
-//! Pictures of a measurement, drawn anew from the kept scan.
+//! Pictures of a measurement, drawn from the stored scan on each request.
 
 use crate::http::app::App;
 use crate::http::wire::extract::{Path, Query};
@@ -53,7 +53,7 @@ pub(in crate::http) struct PlotQuery {
     part: Option<String>,
 }
 
-/// Pictures are for people to look at: SVG with styles of its own, and nothing else.
+/// Pictures are SVG files with inline styles; all other content is blocked.
 const CONTENT_SECURITY: &str = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'self'";
 
 /// Draw a picture of a measurement
@@ -80,7 +80,8 @@ pub(in crate::http) async fn get_plot(
         Problem::new(Code::RouteUnknown, format!("there is no picture {file}; there are {}", names.join(", ")))
     })?;
     if query.part.is_some() && query.profile.is_some() {
-        let detail = "give part or profile: a profile is counted over the whole scan and belongs to its part";
+        let detail =
+            "give part or profile: profiles are numbered over the complete scan, so a profile already selects its part";
         return Err(Problem::new(Code::QueryInvalid, detail));
     }
     let measurement = app.service.operating.measurement(&id).await?;

@@ -1,4 +1,4 @@
-//! What became of every profile of a measurement: JSON by the page, CSV or NDJSON in one piece.
+//! The verdict on every profile of a measurement: JSON in pages, CSV or NDJSON in one piece.
 
 use crate::estimation::Profile;
 use crate::http::app::App;
@@ -113,10 +113,10 @@ pub(in crate::http) enum ProfilesForm {
     Ndjson,
 }
 
-/// Profiles of a page where the query does not say.
+/// Default number of profiles of a page.
 const LIMIT_DEFAULT: u32 = 1000;
 
-/// Most profiles of a page.
+/// Maximum number of profiles of a page.
 const LIMIT_MAX: u32 = 10_000;
 
 /// List the profiles of a measurement
@@ -144,7 +144,7 @@ pub(in crate::http) async fn list_profiles(
     let stations = query.stations(&result)?;
     let all = app.service.measuring.profiles(&id).await?;
     let first = usize::try_from(query.cursor.unwrap_or(0)).unwrap_or(usize::MAX);
-    // A hundred thousand lines take a while, so they are written beside the threads that answer.
+    // A hundred thousand lines take a while, so they are written outside the async threads.
     let rendered = spawn_blocking(move || render(form, &all, stations, &result, first, limit, &uri)).await;
     rendered.map_err(|error| Problem::internal(error.to_string()))
 }
@@ -182,7 +182,7 @@ impl ProfilesQuery {
         self.format.map_or_else(|| extract::choose(headers, &offered), Ok)
     }
 
-    /// Where the profiles of the part lie that is asked for; `None` for all of the scan.
+    /// The range of profiles of the requested part; `None` for the complete scan.
     fn stations(&self, result: &MeasurementResult) -> Result<Option<Range<usize>>, Problem> {
         let Some(asked) = self.part.as_deref() else { return Ok(None) };
         Ok(match result.choose(Some(asked))? {
@@ -211,7 +211,7 @@ pub fn profiles_csv(profiles: &[Profile], result: &MeasurementResult) -> String 
     csv(documents(profiles, 0, result))
 }
 
-/// Profiles of a scan from the one with the index `first` on.
+/// The documents of profiles of a scan, starting with index `first`.
 fn documents(profiles: &[Profile], first: usize, result: &MeasurementResult) -> impl Iterator<Item = ProfileDocument> {
     let part = |index: usize| result.part_of_profile(index).map(str::to_owned);
     let document = move |(index, profile)| ProfileDocument::new(first + index, profile, part(first + index));
@@ -244,7 +244,7 @@ impl ProfileDocument {
     }
 }
 
-/// No cell holds a comma, a quotation mark or a line break, so none needs quoting.
+/// No field contains a comma, a quotation mark or a line break, so none needs quoting.
 fn csv(profiles: impl Iterator<Item = ProfileDocument>) -> String {
     let mut text =
         "index,x_mm,points_count,verdict,reason,inlier_ratio,centre_y_mm,centre_z_mm,offset_mm,rms_mm,sigma_mm,\
@@ -284,7 +284,7 @@ fn csv(profiles: impl Iterator<Item = ProfileDocument>) -> String {
 fn ndjson(profiles: impl Iterator<Item = ProfileDocument>) -> String {
     let mut text = String::new();
     for profile in profiles {
-        // Numbers, words and nulls always become JSON.
+        // Numbers, words and nulls can always be serialised.
         text += &serde_json::to_string(&profile).unwrap_or_default();
         text.push('\n');
     }

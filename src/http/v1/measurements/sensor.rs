@@ -1,4 +1,4 @@
-//! Measurements by the sensor: how one is requested, and how it looks until it has run, or where it failed.
+//! Measurements by the sensor: the request, and the document until the measurement is completed or has failed.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -126,7 +126,7 @@ pub(in crate::http) struct PlcSensorDocument {
 }
 
 impl SensorMeasurementDocument {
-    /// With its progress at this moment.
+    /// The document with the present progress.
     pub(in crate::http) fn of(scan: SensorScan, service: &Service) -> Self {
         let order = scan.order;
         Self {
@@ -146,14 +146,14 @@ impl SensorMeasurementDocument {
         }
     }
 
-    /// The same before anything moves.
+    /// The document before anything moves.
     pub(in crate::http) fn not_begun(self) -> Self {
         Self { progress: 0.0, ..self }
     }
 }
 
 impl AnyMeasurementDocument {
-    /// As it is at this moment.
+    /// The present document.
     pub(in crate::http) fn of(any: AnyMeasurement, service: &Service) -> Self {
         match any {
             AnyMeasurement::Ran(measurement) => Self::Ran(Box::new(MeasurementDocument::from(&*measurement))),
@@ -176,13 +176,13 @@ impl PlcSensorDocument {
         Self { id: scan.id.clone(), verdict_code, progress_permille }
     }
 
-    /// The same before anything moves.
+    /// The document before anything moves.
     pub(in crate::http) fn not_begun(self) -> Self {
         Self { progress_permille: 0, ..self }
     }
 }
 
-/// Where the cell knows nothing of it, the profiles are all here, and the pose is estimated.
+/// Progress of the scan; if the cell has no such job, all profiles have arrived and the pose is being estimated.
 fn progress(standing: JobStatus, id: &str, service: &Service) -> f64 {
     match standing {
         JobStatus::Running => rounded(service.operating.progress(id).unwrap_or(1.0)),
@@ -205,7 +205,7 @@ pub(in crate::http) enum Shown {
 }
 
 impl Shown {
-    /// A measurement as it is at this moment; of several parts a PLC gets the named one, else the first.
+    /// The present document of a measurement; of several parts, the PLC view shows the named one, or the first.
     pub(super) fn of(any: AnyMeasurement, view: View, part: Option<&str>, service: &Service) -> Result<Self, Problem> {
         Ok(match (any, view) {
             (AnyMeasurement::Ran(measurement), View::Full) => Self::Full(Box::new((&*measurement).into())),

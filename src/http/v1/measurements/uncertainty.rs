@@ -1,11 +1,11 @@
-//! How well a pose is known, in the units of the document: expanded and standard uncertainties, the covariance they come from,
-//! the budget.
+//! The uncertainty of a pose in the units of the document: expanded and standard uncertainties, the covariance matrix they are
+//! computed from, and the budget.
 
 use crate::estimation::{COVERAGE_FACTOR, Component, Pose, Uncertainty};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-/// Rows and columns of the covariance.
+/// Rows and columns of the covariance matrix.
 const ORDER: [&str; 5] = ["deflection_rad", "pitch_rad", "y_ref_mm", "z_ref_mm", "radius_mm"];
 
 /// What the uncertainties include.
@@ -162,7 +162,7 @@ impl From<&Pose> for UncertaintyDocument {
 }
 
 impl UncertaintiesDocument {
-    /// `along_x` is the same pose by slopes and by where the axis meets planes x = const.
+    /// `along_x` is the same pose, expressed by slopes and by the intersections with planes x = const.
     fn standard(pose: &Pose, along_x: Option<&Pose>) -> Self {
         let [axis_direction, axis_position_mm] = pose.axis_standard();
         let [.., [_, _, _, _, radius]] = pose.uncertainty.covariance;
@@ -220,7 +220,7 @@ impl From<&Uncertainty> for DegreesOfFreedomDocument {
 }
 
 impl ComponentDocument {
-    /// A line of the budget, and the same line along X where the axis lies near it.
+    /// A line of the budget, and the same line along X if the axis is nearly parallel to X.
     fn of(pose: &Pose, own: &Component, along_x: Option<&Component>) -> Self {
         let [.., radius_mm] = own.standard;
         let axis = own.covariance.as_ref().map(|covariance| pose.axis_standard_of(covariance));
@@ -256,8 +256,8 @@ mod tests {
         }
     }
 
-    /// A line through two points at x = 100 and x = 300, each known to 0.1 mm independently: at x_ref = 200 the
-    /// position has 0.1/√2 mm, the slope 0.1·√2/200, and at x = 0 error propagation by hand gives
+    /// A line through two points at x = 100 and x = 300 with independent standard uncertainties of 0.1 mm: at x_ref = 200 the
+    /// position has 0.1/√2 mm, the slope 0.1·√2/200, and at x = 0 the propagation of uncertainty by hand gives
     /// y_0 = 1.5·y_100 − 0.5·y_300, so 0.1·√2.5 mm.
     #[test]
     fn the_lever_arm_is_propagated() {
@@ -277,8 +277,8 @@ mod tests {
         assert_eq!((&freedom["deflection"], &freedom["pitch"]), (&serde_json::json!(8.0), &serde_json::Value::Null));
     }
 
-    /// The same two points with x_ref put at 100, where slope and position share the error of the first point:
-    /// cov = −0.1²/200. The uncertainty at x = 0 must not depend on where the reference lies.
+    /// The same two points with x_ref at 100, where slope and position share the error of the first point:
+    /// cov = −0.1²/200. The uncertainty at x = 0 must not depend on the position of the reference.
     #[test]
     fn cross_terms_make_the_choice_of_the_reference_irrelevant() {
         let mut covariance = [[0.0; 5]; 5];

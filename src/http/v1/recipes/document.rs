@@ -1,5 +1,5 @@
-//! A recipe as clients write and read it: every field may be left out. With the rule for the parts of a scan and the statement of the
-//! calibration.
+//! The document of a recipe as clients write and read it; every field is optional. It includes the rule for the parts of a scan and
+//! the data of the calibration.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

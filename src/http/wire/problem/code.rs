@@ -1,18 +1,18 @@
-//! The table of problem codes: what each is called, which status it has, whether trying again may help. The one source
+//! The table of problem codes: the name, the HTTP status and whether a retry may help. It is the only source
 //! of the enum, of the OpenAPI document and of the table in the documentation.
 
 /// Whether the same request may succeed later.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Retry {
-    /// Nothing changes by trying again.
+    /// A retry gets the same answer.
     No,
-    /// Trying again may help.
+    /// A retry may help.
     Yes,
 }
 
 macro_rules! codes {
     ($($variant:ident $name:literal $status:literal $retry:ident $title:literal)+) => {
-        /// What a problem is called, for programs: stable, lower_snake, at most 32 characters.
+        /// The code of a problem, for programs: stable, lower_snake, at most 32 characters.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
         #[expect(missing_docs, reason = "the title beside each says it")]
         pub enum Code { $($variant),+ }
@@ -27,7 +27,7 @@ macro_rules! codes {
                 match self { $(Self::$variant => $name),+ }
             }
 
-            /// The HTTP status it comes with.
+            /// Its HTTP status.
             #[must_use]
             pub const fn status(self) -> u16 {
                 match self { $(Self::$variant => $status),+ }
@@ -39,7 +39,7 @@ macro_rules! codes {
                 match self { $(Self::$variant => Retry::$retry),+ }
             }
 
-            /// What it means, the same for every occurrence.
+            /// Its meaning, the same for every occurrence.
             #[must_use]
             pub const fn title(self) -> &'static str {
                 match self { $(Self::$variant => $title),+ }
@@ -49,17 +49,17 @@ macro_rules! codes {
 }
 
 codes! {
-    // The caller's program.
+    // Errors of the client's program.
     QueryInvalid          "query_invalid"           400 No  "The query has a parameter that is unknown or cannot be read"
     HeaderInvalid         "request_header_invalid"  400 No  "A header of the request cannot be read"
     HostInvalid           "host_invalid"            400 No  "The header Host is missing, repeated or cannot be read"
     JsonMalformed         "json_malformed"          400 No  "The body is not JSON"
     BodyInterrupted       "body_interrupted"        400 Yes "The body ended before its announced length"
     CursorMalformed       "cursor_malformed"        400 No  "The cursor did not come from a list of this service"
-    // Where the request comes from, and where it goes.
+    // Origin and host of the request.
     OriginForeign         "origin_foreign"          403 No  "The request comes from a web page of another site"
     HostUnknown           "host_unknown"            421 No  "The service does not answer for the host that the request names"
-    // The id.
+    // Unknown resources.
     RouteUnknown          "route_unknown"           404 No  "There is nothing at this address"
     MeasurementUnknown    "measurement_unknown"     404 No  "There is no measurement of this id"
     ScanUnknown           "scan_unknown"            404 No  "There is no scan of this id"
@@ -69,11 +69,11 @@ codes! {
     MoveUnknown           "move_unknown"            404 No  "There is no move of this id"
     PlanUnknown           "plan_unknown"            404 No  "There is no plan of this id"
     ManipulatorUnknown    "manipulator_unknown"     404 No  "There is no manipulator of this id"
-    // The method, the answer's form, the time.
+    // Method, media type, time.
     MethodNotAllowed      "method_not_allowed"      405 No  "The address does not support this method"
     NotAcceptable         "not_acceptable"          406 No  "The answer is not available in a media type that is accepted"
     BodyTimeout           "body_timeout"            408 Yes "The body came too slowly"
-    // The moment.
+    // Conflicts with the present state.
     CellAbsent            "cell_absent"             409 No  "This service has no cell"
     DeviceAbsent          "device_absent"           409 No  "The cell has no such device"
     CellBusy              "cell_busy"               409 Yes "The cell is busy with another command"
@@ -92,10 +92,10 @@ codes! {
     MeasurementRunning    "measurement_running"     409 Yes "The measurement is still running"
     MeasurementFailed     "measurement_failed"      409 No  "The measurement by the sensor failed"
     PoseMissing           "pose_missing"            409 No  "The measurement has no pose to plan from, or several"
-    // The entity tag.
+    // Entity tags.
     RecipeChanged         "recipe_changed"          412 No  "The recipe is not at the revision that the request names"
     PreconditionRequired  "precondition_required"   428 No  "Replacing a recipe needs the revision that is replaced"
-    // The upload as such.
+    // Size and encoding of the upload.
     BodyTooLarge          "body_too_large"          413 No  "The body is larger than allowed"
     TooManyPoints         "too_many_points"         413 No  "The scan has more points than allowed"
     TooManyProfiles       "too_many_profiles"       413 No  "The scan has more profiles than allowed"
@@ -110,12 +110,12 @@ codes! {
     FormatMismatch        "format_mismatch"         415 No  "The scan does not begin as its format does"
     FormatUnsupported     "format_unsupported"      415 No  "The scan uses a part of its format that is not read"
     HeadersTooLarge       "headers_too_large"       431 No  "The header lines are longer than allowed"
-    // A value that cannot be.
+    // Invalid values.
     JsonInvalid           "json_invalid"            422 No  "The body is JSON of another shape"
     OptionInvalid         "option_invalid"          422 No  "A request value is out of range"
     RecipeInvalid         "recipe_invalid"          422 No  "A recipe value is out of range"
     RequestIdReused       "request_id_reused"       422 No  "The request id was used for another request"
-    // The motion.
+    // Motion.
     OutOfLimits           "out_of_limits"           422 No  "An axis would leave its limits"
     StepTooLarge          "step_too_large"          422 No  "An axis would go further than one request may ask for"
     TooFast               "too_fast"                422 No  "An axis would be faster than it may"
@@ -125,7 +125,7 @@ codes! {
     NothingToMove         "nothing_to_move"         422 No  "Every axis is at its target already"
     PathTooLong           "path_too_long"           422 No  "The way has more set-points than are kept"
     ScanOutOfRange        "scan_out_of_range"       422 No  "The scan is beyond the range or the speed of the stage"
-    // The scan.
+    // Content of the scan.
     CalculationTooLong    "calculation_too_long"    422 No  "The calculation took longer than it may"
     FileEmpty             "file_empty"              422 No  "The body holds no scan"
     FileTruncated         "file_truncated"          422 No  "The scan ends before it is whole"
@@ -162,13 +162,13 @@ codes! {
     NoRows                "no_rows"                 422 No  "The points are not organised in rows"
     PitchTooSmall         "pitch_too_small"         422 No  "The pitch makes more profiles than allowed"
     CompressionInvalid    "compression_invalid"     422 No  "The body cannot be decompressed"
-    // Us.
+    // Failures of the service.
     ScanFileMissing       "scan_file_missing"       500 No  "The file of the scan is missing in the data folder"
     ScanFileDamaged       "scan_file_damaged"       500 No  "The file of the scan does not hold the bytes that were recorded"
     RecordUnreadable      "record_unreadable"       500 No  "The stored record cannot be read"
     Internal              "internal"                500 No  "The service failed; the log says why, under the request id"
     TransferCodingUnsupported "transfer_coding_unsupported" 501 No "The transfer coding of the body is not decoded"
-    // Later.
+    // Temporary refusals.
     Busy                  "busy"                    503 Yes "The limit for requests of this kind is reached"
     NotReady              "not_ready"               503 Yes "The service is not ready"
     DeviceUnavailable     "device_unavailable"      503 Yes "A device does not answer, or its state is old"
@@ -198,7 +198,7 @@ mod tests {
     use std::collections::BTreeSet;
 
     #[test]
-    fn names_are_unique_short_and_plain() {
+    fn names_are_unique_short_and_lower_snake() {
         let names: BTreeSet<_> = Code::ALL.iter().map(|code| code.name()).collect();
         assert_eq!(names.len(), Code::ALL.len());
         for name in names {

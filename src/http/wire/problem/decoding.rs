@@ -1,4 +1,4 @@
-//! What is wrong with an upload, as problems: the variants of the reader's and the slicer's errors, one by one.
+//! Maps the errors of the decoders and of the division into profiles to problems, variant by variant.
 
 use super::Problem;
 use super::code::Code;
@@ -6,7 +6,7 @@ use crate::scan::decode::DecodeError;
 use crate::scan::slice::SliceError;
 use serde_json::Value;
 
-/// Large counts keep every digit.
+/// Converts without loss of digits.
 fn count(value: usize) -> Value {
     Value::from(u64::try_from(value).unwrap_or(u64::MAX))
 }
@@ -14,7 +14,7 @@ fn count(value: usize) -> Value {
 impl From<DecodeError> for Problem {
     fn from(error: DecodeError) -> Self {
         match error {
-            // The bytes are read from the store's own file, so this is no fault of the client.
+            // The bytes are read from the store's own file, so this is not an error of the client.
             DecodeError::Io(cause) => {
                 Self::new(Code::StoreUnavailable, "the scan cannot be read from the store now; try again")
                     .because(cause.to_string())
@@ -24,7 +24,7 @@ impl From<DecodeError> for Problem {
     }
 }
 
-/// What a reader's reason is called.
+/// The code of a decoder's error.
 const fn code_of(error: &DecodeError) -> Code {
     use DecodeError as E;
     match error {
@@ -70,7 +70,7 @@ const fn code_of(error: &DecodeError) -> Code {
     }
 }
 
-/// The numbers and words behind a reader's reason, as members.
+/// Adds the numbers and words of a decoder's error as members.
 fn with_numbers(problem: Problem, error: DecodeError) -> Problem {
     use DecodeError as E;
     match error {
@@ -173,7 +173,7 @@ impl From<SliceError> for Problem {
                 .with("x_mm", x)
                 .with("points_count", count(found))
                 .with("points_per_profile_max", count(limit)),
-            // The reader promised finite points in order.
+            // The decoder guarantees finite points in order.
             E::Scan(cause) => Self::internal(cause.to_string()),
         }
     }
@@ -186,7 +186,7 @@ mod tests {
     use crate::scan::decode::{Format, NumberHint, Pitches};
     use std::io;
 
-    /// The offline command prints the reader's own name of a reason, the service the problem's: they are the same.
+    /// The offline command prints the decoder's name of a reason, the service the problem's: they must be the same.
     #[test]
     fn a_reason_has_the_same_name_offline_and_over_http() {
         let format = Format::Ply;
@@ -220,9 +220,9 @@ mod tests {
         }
     }
 
-    /// How a file of the store fails is the store's matter; what decompressors say of the bytes in it is the client's.
+    /// An I/O error of a file of the store is an error of the service; a decompressor's error about the bytes is one of the client.
     #[test]
-    fn no_error_of_the_bytes_is_worth_trying_again() {
+    fn no_error_of_the_bytes_is_retryable() {
         use io::ErrorKind as K;
         for kind in [K::InvalidData, K::InvalidInput, K::UnexpectedEof, K::Unsupported] {
             let code = code_of(&DecodeError::from(io::Error::new(kind, "of the bytes")));

@@ -1,6 +1,6 @@
-//! Every refusal in one form: RFC 9457, `application/problem+json`. The room's errors come in (`reasons`, `decoding`), a
-//! status, a code, words for people and numbers for programs go out. There is no catch-all: a new reason stops the build
-//! until somebody chooses.
+//! Every refusal in one form: RFC 9457, `application/problem+json`. `reasons` and `decoding` map errors to a status, a code,
+//! text for people and numbers for programs. There is no catch-all: a new error variant does not compile until it is
+//! mapped.
 
 pub(in crate::http) mod code;
 pub(in crate::http) mod decoding;
@@ -19,14 +19,14 @@ use utoipa::ToSchema;
 /// The media type of a problem.
 pub(in crate::http) const MEDIA_TYPE: &str = "application/problem+json";
 
-/// A refusal on its way out. It becomes a body at the edge, where the request's id is known.
+/// A refusal. It is rendered as a body at the edge, where the request's id is known.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::http) struct Problem {
     code: Code,
     detail: String,
     members: Map<String, Value>,
     headers: Vec<(HeaderName, HeaderValue)>,
-    /// What the log is told and the client is not.
+    /// Written to the log, but not sent to the client.
     log: Option<String>,
 }
 
@@ -69,47 +69,47 @@ impl Problem {
         Self { code, detail: detail.into(), members: Map::new(), headers: Vec::new(), log: None }
     }
 
-    /// A failure of ours: the client learns nothing but the request's id, the log gets `cause`.
+    /// An internal failure: the client receives only the request's id, the log gets `cause`.
     #[must_use]
     pub(in crate::http) fn internal(cause: impl Into<String>) -> Self {
         let detail = "the service failed; nothing is lost that was acknowledged. Report the request id";
         Self { log: Some(cause.into()), ..Self::new(Code::Internal, detail) }
     }
 
-    /// The same with a number or word beside the detail.
+    /// Adds a number or word besides the detail.
     #[must_use]
     pub(in crate::http) fn with(mut self, member: &'static str, value: impl Into<Value>) -> Self {
         self.members.insert(member.to_owned(), value.into());
         self
     }
 
-    /// The same with a header.
+    /// Adds a header.
     #[must_use]
     pub(in crate::http) fn with_header(mut self, name: HeaderName, value: HeaderValue) -> Self {
         self.headers.push((name, value));
         self
     }
 
-    /// The same, with what only the log is told.
+    /// Adds a cause that is written only to the log.
     #[must_use]
     pub(in crate::http) fn because(mut self, cause: impl Into<String>) -> Self {
         self.log = Some(cause.into());
         self
     }
 
-    /// Which problem it is.
+    /// Its code.
     #[must_use]
     pub(in crate::http) const fn code(&self) -> Code {
         self.code
     }
 
-    /// What only the log is told.
+    /// The cause that is written only to the log.
     #[must_use]
     pub(in crate::http) fn log(&self) -> Option<&str> {
         self.log.as_deref()
     }
 
-    /// The status it comes with.
+    /// Its HTTP status.
     #[must_use]
     pub(in crate::http) fn status(&self) -> StatusCode {
         StatusCode::from_u16(self.code.status()).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR)
@@ -129,7 +129,7 @@ impl Problem {
             retryable: self.code.retry() == Retry::Yes,
             members: self.members,
         };
-        // Text and JSON values always become JSON.
+        // Text and JSON values can always be serialised.
         let body = serde_json::to_vec(&document).unwrap_or_default();
         let mut response = (status, [(header::CONTENT_TYPE, MEDIA_TYPE)], body).into_response();
         response.headers_mut().extend(self.headers.into_iter().map(|(name, value)| (Some(name), value)));

@@ -1,5 +1,5 @@
-//! The reasons of the service, the store, the cell and the motion as problems, one by one: what happened, what to do, and the numbers
-//! as members.
+//! Maps the errors of the service, the store, the cell and the motion to problems, one by one: what happened, what to do, and the
+//! numbers as members.
 
 use crate::service::plain;
 use std::error::Error;
@@ -19,10 +19,10 @@ use crate::store::{Loss, StoreError};
 use super::Problem;
 use super::code::Code;
 
-/// After this a busy service is worth another try, seconds.
+/// Seconds after which a busy service may be tried again.
 const RETRY_AFTER_S: HeaderValue = HeaderValue::from_static("1");
 
-/// How the file of a scan is repaired.
+/// How to repair the file of a scan.
 const REPAIR: &str =
     "send the original file again with POST /v1/scans, which repairs it; `coaxis doctor --scrub` checks all files";
 
@@ -78,12 +78,12 @@ impl From<ServiceError> for Problem {
                 Self::new(Code::RecipeUnknown, format!("{text}; list them with GET /v1/recipes")).with("recipe", name)
             }
             E::RecipeChanged { name, current_etag } => {
-                Self::new(Code::RecipeChanged, format!("{text}; get it again and decide anew"))
+                Self::new(Code::RecipeChanged, format!("{text}; read the current revision and send the change again"))
                     .with("recipe", name)
                     .with("current_etag", current_etag)
             }
             E::RecipeAbsent { name } => {
-                Self::new(Code::RecipeChanged, format!("{text}; put it without If-Match to make it"))
+                Self::new(Code::RecipeChanged, format!("{text}; send it without If-Match to create it"))
                     .with("recipe", name)
                     .with("current_etag", Value::Null)
             }
@@ -115,7 +115,7 @@ impl From<ServiceError> for Problem {
                     .with_header(header::RETRY_AFTER, RETRY_AFTER_S)
             }
             E::LeaseOfAnother { holder, remaining } => {
-                Self::new(Code::LeaseHeld, format!("{text}; wait for it, or ask there"))
+                Self::new(Code::LeaseHeld, format!("{text}; wait for its end, or ask its holder"))
                     .with("holder", holder)
                     .with("remaining_ms", u64::try_from(remaining.as_millis()).unwrap_or(u64::MAX))
                     .with_header(header::RETRY_AFTER, RETRY_AFTER_S)
@@ -169,9 +169,10 @@ impl From<StoreError> for Problem {
         use StoreError as E;
         let cause = chain(&error);
         match error {
-            E::Full => {
-                Self::new(Code::StoreFull, "the store is full; nothing was recorded. Make room in the data folder")
-            }
+            E::Full => Self::new(
+                Code::StoreFull,
+                "the store is full; nothing was recorded. Free space on the disk of the data folder",
+            ),
             E::Unavailable(_) | E::FileUnavailable { .. } | E::FolderInUse { .. } | E::Closed => Self::new(
                 Code::StoreUnavailable,
                 "the store cannot be used now; try again after the time in Retry-After",
@@ -195,7 +196,7 @@ impl From<StoreError> for Problem {
             E::ScanUnknown { scan_id } => Self::new(Code::ScanUnknown, cause).with("scan_id", scan_id),
             E::CursorMalformed => Self::new(
                 Code::CursorMalformed,
-                "the cursor did not come from a list of this service; begin without one",
+                "the cursor did not come from a list of this service; start without a cursor",
             ),
         }
     }
@@ -219,7 +220,7 @@ impl From<MeasureError> for Problem {
     }
 }
 
-/// What cannot be, with the field that says so.
+/// A problem of an invalid recipe value, with the field concerned.
 fn recipe_problem(code: Code, error: &RecipeError) -> Problem {
     use RecipeError as E;
     let problem = Problem::new(code, error.to_string());
@@ -263,7 +264,7 @@ impl From<Refusal> for Problem {
             R::WrongState { state, verb, job } => wrong_state(&text, state, verb, job),
             R::LeaseRequired => Self::new(Code::LeaseRequired, format!("{text}: POST /v1/cell/lease")),
             R::LeaseHeld { holder, remaining } => {
-                Self::new(Code::LeaseHeld, format!("{text}; wait for it, or ask there"))
+                Self::new(Code::LeaseHeld, format!("{text}; wait for its end, or ask its holder"))
                     .with("holder", holder)
                     .with("remaining_ms", ms(remaining))
                     .with_header(header::RETRY_AFTER, RETRY_AFTER_S)
@@ -276,7 +277,7 @@ impl From<Refusal> for Problem {
             .with("faults_count", u64::try_from(count).unwrap_or(u64::MAX)),
             R::DeviceStale { device, age } => Self::new(
                 Code::DeviceUnavailable,
-                format!("{text}; look after its link, `coaxis devices check` says more"),
+                format!("{text}; check its connection, e.g. with `coaxis devices check`"),
             )
             .with("device", device)
             .with("age_ms", age.map(ms))
@@ -296,11 +297,11 @@ impl From<Refusal> for Problem {
             }
             R::Motion(cause) => cause.into(),
             R::NotThere { what } => Self::new(Code::DeviceAbsent, text).with("device", what),
-            // Ids of jobs are our own.
-            R::Repeated { job } => Self::internal(format!("the id of job {job} came twice")),
+            // The service creates the ids of jobs itself.
+            R::Repeated { job } => Self::internal(format!("the id of job {job} was used twice")),
             R::ScanOutOfRange { what, given, least, most } => scan_out_of_range(what, given, least, most),
             R::Moves { device } => {
-                Self::new(Code::DeviceMoves, format!("{text}, and nobody here has told it to")).with("device", device)
+                Self::new(Code::DeviceMoves, format!("{text}, without a command from coaxis")).with("device", device)
             }
             R::DeviceFault { device, code } => {
                 Self::new(Code::DeviceFault, text).with("device", device).with("device_code", code)
@@ -312,7 +313,7 @@ impl From<Refusal> for Problem {
     }
 }
 
-/// By the field of the request that it is about.
+/// The problem of a scan order, with the field of the request concerned.
 fn scan_out_of_range(what: ScanNumber, given: f64, least: f64, most: f64) -> Problem {
     let field = match what {
         ScanNumber::Start => "x_from_mm",
@@ -333,7 +334,9 @@ fn wrong_state(text: &str, state: State, verb: &str, job: Option<String>) -> Pro
     let problem = match state {
         State::Offline => Problem::new(Code::DeviceUnavailable, format!("{text}; a device was not reached yet"))
             .with_header(header::RETRY_AFTER, RETRY_AFTER_S),
-        State::Faulted => Problem::new(Code::Faulted, format!("{text}; see to the faults, then POST /v1/cell/reset")),
+        State::Faulted => {
+            Problem::new(Code::Faulted, format!("{text}; remove the causes of the faults, then POST /v1/cell/reset"))
+        }
         State::Stopping => Problem::new(Code::CellBusy, format!("{text}; wait until it is idle")),
         State::Idle | State::Scanning | State::Moving => {
             Problem::new(Code::CellBusy, format!("{text}; wait for its end, or stop it"))
@@ -382,14 +385,14 @@ impl From<MotionRefusal> for Problem {
                 .with("twist_deg", rounded(twist_deg))
                 .with("max_deg", rounded(max_deg)),
             R::NothingToMove => Self::new(Code::NothingToMove, text),
-            // What a request says is within bounds; a pose or a position that is not is the device's or the scan's.
+            // Values of a request were checked; a pose or a position that is not finite comes from the device or the scan.
             R::NotFinite { what } => Self::new(Code::OptionInvalid, text).with("what", what),
             R::PathTooLong { max_count } => Self::new(Code::PathTooLong, text)
                 .with("waypoints_max_count", u64::try_from(max_count).unwrap_or(u64::MAX)),
             R::Stale { carrier, axis, actual, planned } => on(Code::PlanStale, text, carrier, axis)
                 .with("actual", rounded(actual))
                 .with("planned", rounded(planned)),
-            // Paths are cut here, and the arrangement was checked at the start.
+            // The service divides the paths itself, and it checked the arrangement at the start.
             R::PathTooCoarse { .. } | R::PathMalformed { .. } | R::Arrangement(_) => Self::internal(text),
         }
     }
