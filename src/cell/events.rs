@@ -1,4 +1,4 @@
-//! The events of the cell, numbered without gaps. The newest 1024 are kept; they can be read from any number on, and a watch
+//! The events of the cell, numbered without gaps. The newest 1024 are kept; a client can read them from any number on, and a watch
 //! channel reports each new one.
 
 use super::failure::{Fault, JobEnd, StopCause};
@@ -8,13 +8,13 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
 use tokio::time::Instant;
 
-/// How many events are kept.
+/// Number of events that are kept.
 pub const EVENTS_KEPT: usize = 1024;
 
 /// An event.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Event {
-    /// 1 for the first since the start of the cell; without gaps.
+    /// Sequence number without gaps; 1 is the first event since the start of the cell.
     pub number: u64,
     /// When it happened.
     pub at: Instant,
@@ -57,7 +57,7 @@ pub enum EventKind {
         holder: String,
         /// Its fencing token.
         fence: u64,
-        /// It expired; otherwise it was released.
+        /// True if it expired, false if it was released.
         ran_out: bool,
     },
     /// A move or a scan has begun.
@@ -74,21 +74,21 @@ pub enum EventKind {
     },
     /// A halt was sent to every device.
     Stopping {
-        /// What caused it; none if the activity could not go on, or a device was found moving.
+        /// Its cause; `None` if the activity failed, or a device was found moving.
         cause: Option<StopCause>,
     },
     /// A fault is latched.
     Faulted(Fault),
-    /// After a reconnect, the device reports whether it had taken the command whose answer was lost.
+    /// After a reconnect, the device has reported whether it had accepted the command whose answer was lost.
     Resolved {
         /// The device's name in the configuration.
         device: String,
         /// Sequence number of the command.
         sequence: u16,
-        /// The device had taken it; otherwise it never will.
+        /// True if the device had accepted it; otherwise the command is lost for good.
         taken: bool,
     },
-    /// A manual command was done: enabled, disabled, homed.
+    /// A manual command (enable, disable, home) was executed.
     ManualDone {
         /// The device's name in the configuration.
         device: String,
@@ -113,13 +113,13 @@ pub enum EventKind {
 /// The events after a number.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Events {
-    /// In the order of their numbers.
+    /// The events in ascending order of their numbers.
     pub events: Vec<Event>,
-    /// How many of the requested events are not kept any more.
+    /// Number of the requested events that are no longer kept.
     pub missed: u64,
 }
 
-/// Keeps the newest events.
+/// The log that keeps the newest events.
 #[derive(Debug)]
 pub(super) struct EventLog {
     kept: Mutex<VecDeque<Event>>,
@@ -127,7 +127,7 @@ pub(super) struct EventLog {
 }
 
 impl EventLog {
-    /// Without events.
+    /// An empty log.
     pub(super) fn new() -> Self {
         Self { kept: Mutex::new(VecDeque::with_capacity(EVENTS_KEPT)), newest: watch::Sender::new(0) }
     }
@@ -140,7 +140,7 @@ impl EventLog {
             kept.pop_front();
         }
         kept.push_back(Event { number, at, kind });
-        // Published under the same lock: a reader that saw a later number first would take this event for new repeatedly.
+        // Published under the same lock, because a reader that saw a later number first would repeatedly treat this event as new.
         self.newest.send_replace(number);
     }
 

@@ -1,5 +1,5 @@
-//! How a job ended, why it ended early, why a device is not trusted any more, and which faults are latched until a reset. An
-//! operator reads the messages.
+//! How a job ended, why it ended early, why a device is no longer trusted, and which faults are latched until a reset. Operators
+//! read these messages.
 
 use super::refusal::{Refusal, fault_code, number_text};
 use crate::device::DeviceError;
@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-/// Why a job was stopped that had no fault.
+/// Why a job without a fault was stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StopCause {
     /// A stop was requested.
@@ -35,14 +35,14 @@ impl StopCause {
     }
 }
 
-/// Why a job could not go on, or why the result of a command is not known.
+/// Why a job failed, or why the result of a command is not known.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Failure {
     /// The link failed, or the answer of the device could not be used.
     #[error(transparent)]
     Device(#[from] DeviceError),
-    /// A command was sent, and the device has not acknowledged it.
-    #[error("{}: command {sequence} was not acknowledged within {} ms; whether it was done is not known", carrier.name(), within.as_millis())]
+    /// A command was sent, and the device did not acknowledge it in time.
+    #[error("{}: command {sequence} was not acknowledged within {} ms; whether it was executed is not known", carrier.name(), within.as_millis())]
     NotAcknowledged {
         /// The manipulator.
         carrier: Carrier,
@@ -51,7 +51,7 @@ pub enum Failure {
         /// How long the cell waited.
         within: Duration,
     },
-    /// The device took a command and aborted it.
+    /// The device accepted a command and then aborted it.
     #[error("{}: the device has aborted command {sequence}", carrier.name())]
     Aborted {
         /// The manipulator.
@@ -59,26 +59,26 @@ pub enum Failure {
         /// Sequence number of the command.
         sequence: u16,
     },
-    /// The device has received a command of another client.
+    /// The device has received a command from another client.
     #[error("{}: has received command {found}, but {sequence} was the last one of coaxis; another client commands it", carrier.name())]
     Overridden {
         /// The manipulator.
         carrier: Carrier,
-        /// Sequence number of our last command.
+        /// Sequence number of the last command of coaxis.
         sequence: u16,
-        /// Sequence number that the device has seen.
+        /// Sequence number of the last command that the device received.
         found: u16,
     },
-    /// An axis has not reached its target in time.
+    /// An axis did not reach its target in time.
     #[error("axis {} of {} is at {} {unit} and not at {} {unit} after {} ms", axis.name(), carrier.name(), number_text(*actual), number_text(*target), within.as_millis(), unit = axis.unit())]
     NotArrived {
         /// The manipulator.
         carrier: Carrier,
         /// The axis.
         axis: Axis,
-        /// Where it is; mm or degrees.
+        /// Actual position; mm or degrees.
         actual: f64,
-        /// Where it should be; mm or degrees.
+        /// Target position; mm or degrees.
         target: f64,
         /// How long the cell waited.
         within: Duration,
@@ -90,12 +90,12 @@ pub enum Failure {
         carrier: Carrier,
         /// The axis.
         axis: Axis,
-        /// Where it is; mm or degrees.
+        /// Actual position; mm or degrees.
         actual: f64,
-        /// Where it should be; mm or degrees.
+        /// Expected position; mm or degrees.
         expected: f64,
     },
-    /// A manipulator has not found its references in time.
+    /// A manipulator did not find its references in time.
     #[error("{}: has not found its references within {} ms", carrier.name(), within.as_millis())]
     NotHomed {
         /// The manipulator.
@@ -126,30 +126,30 @@ pub enum Failure {
         within: Duration,
     },
     /// The device refuses the halt.
-    #[error("it refuses to halt: {0}; look whether it moves, and stop it at its panel")]
+    #[error("the device refuses to halt: {0}; check whether it moves, and stop it at its panel")]
     HaltRefused(DeviceError),
     /// The device reports a fault of its own.
     #[error("{device}: reports {}; see to it, then reset", fault_code(*code))]
     DeviceFault {
         /// Its name in the configuration.
         device: String,
-        /// As the device gives it; 0 where it gives none.
+        /// Fault code as reported by the device; 0 if it reports none.
         code: u32,
     },
-    /// The stage has not reached its target.
+    /// The stage did not reach its target.
     #[error("{device}: is at {} mm and not at {} mm after {} ms", number_text(*actual_mm), number_text(*target_mm), within.as_millis())]
     StageNotArrived {
         /// Its name in the configuration.
         device: String,
-        /// Where it is, mm.
+        /// Actual position, mm.
         actual_mm: f64,
-        /// Where it should be, mm.
+        /// Target position, mm.
         target_mm: f64,
         /// How long the cell waited.
         within: Duration,
     },
-    /// No profile came for too long.
-    #[error("{device}: no profile for {} ms, {received_count} of {expected_count} came", within.as_millis())]
+    /// No profile was received for too long.
+    #[error("{device}: no profile for {} ms, {received_count} of {expected_count} were received", within.as_millis())]
     ScanStalled {
         /// Name of the sensor in the configuration.
         device: String,
@@ -160,11 +160,11 @@ pub enum Failure {
         /// How long the cell waited.
         within: Duration,
     },
-    /// The receiver of the profiles does not read them, or not fast enough.
+    /// The receiver did not read the profiles, or did not read them fast enough.
     #[error("the receiver did not read the profiles in time; the scan was stopped")]
     ProfilesNotTaken,
     /// The task of the cell has ended without reporting how the job ended.
-    #[error("the cell has ended; nothing is known about the devices")]
+    #[error("the cell has ended; the state of the devices is not known")]
     CellGone,
 }
 
@@ -198,8 +198,8 @@ impl Failure {
         }
     }
 
-    /// Whether it is latched: nothing moves until a reset. A failure that was found before anything was sent, and an incomplete
-    /// scan, are not latched, because the positions of the devices are known.
+    /// Whether the failure is latched, so that nothing moves until a reset. A failure found before anything was sent and an
+    /// incomplete scan are not latched, because the positions of the devices are known.
     #[must_use]
     pub const fn latches(&self) -> bool {
         !matches!(
@@ -211,7 +211,7 @@ impl Failure {
         )
     }
 
-    /// Whether it is unknown afterwards what a device did, or where it is.
+    /// Whether the failure leaves the position or the last command of a device unknown.
     #[must_use]
     pub const fn leaves_unknown(&self) -> bool {
         match self {
@@ -250,13 +250,13 @@ pub struct Fault {
 /// How a job ended.
 #[derive(Debug, Clone, PartialEq)]
 pub enum JobEnd {
-    /// Every target was reached, by readings.
+    /// Every target was reached, as the readings confirm.
     Done,
     /// It was stopped, and every device was read at rest.
     Stopped(StopCause),
-    /// It could not go on; the devices were stopped.
+    /// It failed, and the devices were stopped.
     Failed(Failure),
-    /// It could not go on; where the devices are, or whether they executed the last command, is not known.
+    /// It failed, and it is not known where the devices are or whether they executed the last command.
     Unknown(Failure),
 }
 

@@ -1,15 +1,15 @@
-//! Supervises the axes between two set-points. In: readings of both manipulators. Out: the first axis that has stopped, or lags,
-//! while another axis goes on. Pure.
+//! Supervises the axes between two set-points. Input: readings of both manipulators. Output: the first axis that has stopped or
+//! lags while another axis moves on. Pure.
 //!
-//! Two tests, both against the other axes and not against a clock, so that no model of the device's ramps is needed:
+//! Two tests compare each axis with the other axes and not with a clock, so that no model of the device's ramps is needed:
 //!
-//! | test | an axis away from its target fails it when |
+//! | test | an axis that is not yet at its target fails if |
 //! |---|---|
-//! | standstill | it has not progressed since its last reading, or not started within 60 ms, while another axis has progressed since |
-//! | following error | it is behind the farthest axis, in proportion to their distances, by more than the strain or twist limit, what a ramp adds and what it travels in 60 ms |
+//! | standstill | it has not progressed since its last reading, or has not started within 60 ms, while another axis has progressed since |
+//! | following error | it is behind the farthest axis, in proportion to their distances, by more than the strain or twist limit plus the contribution of a ramp plus its travel in 60 ms |
 //!
-//! The time of a reading is that of its request: the answer of the device is no older. If neither an axis nor the heartbeat has
-//! changed since the reading before, the device has not renewed its status; such a reading counts only after 100 ms.
+//! The time of a reading is the time of its request, because the answer cannot be older. If neither an axis nor the heartbeat has
+//! changed since the previous reading, the device has not updated its status; such a reading counts only after 100 ms.
 
 use crate::device::Reading;
 use crate::motion::{Arrangement, Axes, Axis, AxisLimits, Carrier, Pair, Position, Waypoint};
@@ -18,11 +18,11 @@ use tokio::time::Instant;
 
 /// How much later than another axis an axis may start.
 const START_WITHIN: Duration = Duration::from_millis(60);
-/// Longest time for which an unchanged status counts as not renewed.
+/// Longest time for which an unchanged status counts as not updated.
 const UNCHANGED_WITHIN: Duration = Duration::from_millis(100);
-/// Readings that are nearer to each other do not show a standstill.
+/// Readings closer together than this do not show a standstill.
 const APART: Duration = Duration::from_millis(15);
-/// The least progress that counts, as a share of the settling tolerance: above the resolution of any encoder that suits such a
+/// The least progress that counts, as a fraction of the settling tolerance: above the resolution of any encoder that suits the
 /// tolerance.
 const PROGRESS_SHARE: f64 = 0.02;
 
@@ -30,13 +30,13 @@ const PROGRESS_SHARE: f64 = 0.02;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Lag {
     pub(super) axis: Axis,
-    /// Where it is; mm or rad.
+    /// Actual position; mm or rad.
     pub(super) actual: f64,
-    /// Where it should be by the progress of the others; mm or rad.
+    /// Expected position by the progress of the other axes; mm or rad.
     pub(super) expected: f64,
 }
 
-/// One axis on the way to its target.
+/// The progress of one axis towards its target.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Track {
     start: f64,
@@ -44,31 +44,31 @@ struct Track {
     way: f64,
     speed: f64,
     limits: AxisLimits,
-    /// At this distance from its target it has arrived.
+    /// An axis closer to its target than this has arrived.
     reach: f64,
-    /// Following error beyond which it lags.
+    /// An axis with a greater following error than this lags.
     allowed: f64,
     actual: f64,
-    /// Greatest distance from the start that was read.
+    /// Greatest distance from the start in any reading.
     travel: f64,
-    /// When the newest reading with progress was requested.
+    /// Request time of the newest reading with progress.
     went_at: Option<Instant>,
-    /// When the newest reading was requested.
+    /// Request time of the newest reading.
     seen_at: Option<Instant>,
 }
 
-/// Both manipulators between two set-points.
+/// The supervision of both manipulators between two set-points.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Following {
     tracks: Pair<Axes<Option<Track>>>,
-    /// When the first axis had started, by a reading.
+    /// Request time of the first reading that showed an axis in motion.
     started_at: Option<Instant>,
-    /// Heartbeat of the newest reading, and when the status was last renewed.
+    /// Heartbeat of the newest reading, and when the status was last updated.
     renewed: Pair<Option<(u16, Instant)>>,
 }
 
 impl Following {
-    /// Begins at the positions of the axes, with a new set-point.
+    /// Begins with a new set-point at the actual positions of the axes.
     pub(super) fn new(arrangement: &Arrangement, from: &Pair<Position>, to: &Waypoint, moves: &Pair<bool>) -> Self {
         let tracks = Pair::from_fn(|carrier| {
             Axes::from_fn(|axis| {
@@ -81,7 +81,7 @@ impl Following {
         Self { tracks, started_at: None, renewed: Pair::default() }
     }
 
-    /// Takes a reading of a manipulator and returns the axis that does not follow.
+    /// Takes a reading of a manipulator, and returns the axis that does not follow, if there is one.
     pub(super) fn read(&mut self, carrier: Carrier, asked_at: Instant, reading: &Reading) -> Option<Lag> {
         if !self.is_renewed(carrier, asked_at, reading) {
             return None;
@@ -112,7 +112,7 @@ impl Following {
         }
     }
 
-    /// Tests an axis that was just read.
+    /// Tests an axis after its reading.
     fn lag(&self, carrier: Carrier, axis: Axis, asked_at: Instant) -> Option<Lag> {
         let track = self.tracks.get(carrier).get(axis).as_ref().filter(|track| !track.is_there())?;
         let others = || self.others(carrier, axis);
@@ -129,7 +129,7 @@ impl Following {
         all.filter(move |(one, other, _)| (*one, *other) != (carrier, axis)).filter_map(|(.., track)| track.as_ref())
     }
 
-    /// Whether an axis stands still while another one has moved on.
+    /// Whether an axis is at a standstill while another one has moved on.
     fn stands<'a>(&self, track: &Track, others: impl Iterator<Item = &'a Track>, asked_at: Instant) -> bool {
         let Some(others_went_at) = others.filter_map(|other| other.went_at).max() else { return false };
         let (since, within) = match (track.went_at, self.started_at) {
@@ -187,21 +187,21 @@ impl Track {
         self.travel >= self.way.abs() - self.reach
     }
 
-    /// The certain share of its distance that it has moved.
+    /// The fraction of its distance that it has certainly covered.
     fn share(&self) -> f64 {
         let sure = (self.travel - self.reach) / self.way.abs();
         if sure.is_finite() { sure.clamp(0.0, 1.0) } else { 0.0 }
     }
 
-    /// The least distance that it moves in a time, from rest: by its jerk, its acceleration and its speed.
+    /// The least distance that it moves from rest within a time, by its jerk, acceleration and speed limits.
     fn expected(&self, time: Duration) -> f64 {
         let t = time.as_secs_f64();
         let AxisLimits { acceleration, jerk, .. } = self.limits;
         (self.speed * t).min(0.5 * acceleration * t * t).min(jerk * t * t * t / 6.0)
     }
 
-    /// Whether it is too far behind the farthest of the others. Axes that were read later are left out: they would be ahead by the
-    /// distance that they have moved in between.
+    /// Whether it is too far behind the farthest of the others. Axes that were read later are ignored, because they would be ahead
+    /// by the distance that they have moved in between.
     fn lags<'a>(&self, others: impl Iterator<Item = &'a Self>, asked_at: Instant) -> bool {
         let comparable = others.filter(|other| other.seen_at.is_some_and(|seen_at| seen_at <= asked_at));
         let share = comparable.map(Self::share).fold(0.0, f64::max);

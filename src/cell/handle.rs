@@ -23,7 +23,7 @@ use std::time::Duration;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::task::JoinHandle;
 
-/// The handle of the cell. Cheap to clone. When the last one is dropped, the cell stops its devices and ends.
+/// The handle of the cell. It is cheap to clone. When the last one is dropped, the cell stops its devices and ends.
 #[derive(Debug, Clone)]
 pub struct Cell {
     requests: mpsc::Sender<Request>,
@@ -33,14 +33,14 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// Starts the cell: connects to the devices, and moves nothing. Every new fencing token is above `fence_floor`: pass the
-    /// greatest that was ever used. Must be called within a tokio runtime.
+    /// Starts the cell: connects to the devices, and moves nothing. Every new fencing token is greater than `fence_floor`, which
+    /// must be the greatest token that was ever used. Must be called within a tokio runtime.
     #[must_use]
     pub fn start(devices: Devices, settings: Settings, fence_floor: u64) -> Self {
         start(devices, settings, fence_floor).0
     }
 
-    /// Whether the task of the cell still takes requests. If it does not and the cell was not closed, the task has failed: every
+    /// Whether the task of the cell still accepts requests. If it does not and the cell was not closed, the task has failed: every
     /// device was halted, and the snapshot is out of date.
     #[must_use]
     pub fn is_alive(&self) -> bool {
@@ -53,13 +53,13 @@ impl Cell {
         self.snapshots.borrow().clone()
     }
 
-    /// Changes with every snapshot.
+    /// A channel that changes with every snapshot.
     #[must_use]
     pub fn watch(&self) -> watch::Receiver<Arc<Snapshot>> {
         self.snapshots.clone()
     }
 
-    /// Takes the lease, or renews it if it has the same id.
+    /// Acquires the lease, or renews it if the client already has it under the same id.
     ///
     /// # Errors
     /// [`Refusal::LeaseHeld`] if another client holds it.
@@ -70,7 +70,7 @@ impl Cell {
     /// Renews the lease.
     ///
     /// # Errors
-    /// If it has ended, or another client holds it.
+    /// The refusal if the lease has ended, or another client holds it.
     pub async fn renew_lease(&self, id: &str) -> Result<Lease, Refusal> {
         self.ask(|reply| Request::RenewLease(id.to_owned(), reply)).await
     }
@@ -78,12 +78,12 @@ impl Cell {
     /// Releases the lease. A motion that was started under it stops.
     ///
     /// # Errors
-    /// If it has ended, or another client holds it.
+    /// The refusal if the lease has ended, or another client holds it.
     pub async fn release_lease(&self, id: &str) -> Result<(), Refusal> {
         self.ask(|reply| Request::ReleaseLease(id.to_owned(), reply)).await
     }
 
-    /// Enables, disables or homes a manipulator. Returns when the command was accepted.
+    /// Enables, disables or homes a manipulator. Returns when the command has been accepted.
     ///
     /// # Errors
     /// The reason for the refusal; nothing was sent to the devices.
@@ -92,7 +92,7 @@ impl Cell {
     }
 
     /// Starts a move along a path, which is checked again against the limits and the positions of the devices. Returns at once. A
-    /// repeated request for the same job, while it is under way, gets the same answer.
+    /// request repeated for the same job while it is under way gets the same answer.
     ///
     /// # Errors
     /// The reason for the refusal; nothing was sent to the devices.
@@ -101,8 +101,8 @@ impl Cell {
         self.ask(|reply| Request::Move { lease, job, path, reply }).await
     }
 
-    /// Starts a scan. Returns at once; the profiles come over the channel as the sensor sends them. If the receiver is dropped, or
-    /// not read for a second, the scan fails.
+    /// Starts a scan. Returns at once; the profiles arrive over the channel as the sensor sends them. The scan fails if the
+    /// receiver is dropped, or is not read for one second.
     ///
     /// # Errors
     /// The reason for the refusal; nothing was sent to the devices.
@@ -116,14 +116,15 @@ impl Cell {
         self.ask(|reply| Request::Scan { lease, job, order, reply }).await
     }
 
-    /// Stops every device: an operational stop, category 2. Needs no lease, works in every state, and may be repeated. The halt flag
-    /// is raised before this function first waits. It waits at most 30 ms for the devices, and reports what is known then.
+    /// Stops every device: an operational stop, category 2. It needs no lease, works in every state, and may be repeated. The halt
+    /// flag is raised before this function first waits. It waits at most 30 ms for the devices, and reports what they have
+    /// confirmed by then.
     pub async fn stop(&self) -> StopReport {
         self.stops.stop().await
     }
 
-    /// Acknowledges the latched faults and reads every device; when all stand still without a fault, the cell becomes idle. Returns
-    /// when this has begun; watch the state.
+    /// Acknowledges the latched faults and reads every device; when all are at rest without a fault, the cell becomes idle. Returns
+    /// when this has begun; the state shows the result.
     ///
     /// # Errors
     /// The reason for the refusal.
@@ -137,17 +138,17 @@ impl Cell {
         self.log.after(after)
     }
 
-    /// The number of the newest event; changes with every event.
+    /// A channel with the number of the newest event; it changes with every event.
     #[must_use]
     pub fn newest_event(&self) -> watch::Receiver<u64> {
         self.log.newest()
     }
 
-    /// Stops every device, waits until all are at rest or the time for that is over, and ends the cell.
+    /// Stops every device, waits until all are at rest or the time limit is over, and ends the cell.
     pub async fn close(&self) {
         let (reply, closed) = oneshot::channel();
         if self.requests.send(Request::Close(reply)).await.is_ok() {
-            // An error means that the task has ended, as requested.
+            // An error means that the task has ended, as intended.
             let _ended = closed.await;
         }
     }
@@ -155,16 +156,16 @@ impl Cell {
     async fn ask<T>(&self, make: impl FnOnce(Reply<T>) -> Request) -> Result<T, Refusal> {
         let (reply, answer) = oneshot::channel();
         self.requests.send(make(reply)).await.map_err(|_| Refusal::Closing)?;
-        // A cell that is closed refuses every waiting request.
+        // A closed cell drops the reply channels of all waiting requests.
         answer.await.map_err(|_| Refusal::Unanswered)?
     }
 }
 
-/// Requests that may wait; a client that sends faster has to wait.
+/// Number of requests that may wait; a client that sends faster has to wait.
 const REQUESTS_WAITING: usize = 64;
-/// Reports that may wait for the task.
+/// Number of reports that may wait for the task.
 const REPORTS_WAITING: usize = 256;
-/// Commands that may wait for a driver; the task sends the next one after the outcome of the last.
+/// Number of commands that may wait for a driver. The task sends the next one only after the outcome of the last.
 const ORDERS_WAITING: usize = 8;
 
 /// Starts the drivers and the task of the cell; also returns the handle of that task.
@@ -208,7 +209,7 @@ struct Spawner<'a> {
 }
 
 impl Spawner<'_> {
-    /// The context of a driver. A stop reports on its device, too.
+    /// Creates the context of a driver, and adds its device to those whose halts a stop reports.
     fn context(&mut self, member: Member, name: &str, timing: Timing) -> DriverContext {
         let (context, halted) = DriverContext::new(member, name.to_owned(), self.reports.clone(), self.flag, timing);
         self.watched.push((member, name.to_owned(), halted));

@@ -50,19 +50,19 @@ pub(super) enum Member {
     Sensor,
 }
 
-/// What the cell is doing.
+/// The activity of the cell.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Activity {
-    /// Executes a path; by the id of the job.
+    /// Executes a path, under the id of its job.
     Move(String),
-    /// Takes a scan; by the id of the job.
+    /// Takes a scan, under the id of its job.
     Scan(String),
     /// Homes a manipulator.
     Home(Carrier),
 }
 
 impl Activity {
-    /// The id of the job, if it is one.
+    /// The id of the job, if the activity is one.
     pub(super) fn job(&self) -> Option<&str> {
         match self {
             Self::Move(job) | Self::Scan(job) => Some(job),
@@ -101,29 +101,29 @@ pub(super) enum Input {
     Start { lease: String, activity: Activity, fit: Result<(), Refusal> },
     /// Stop; needs no lease.
     Stop,
-    /// Acknowledge the faults; `fit` says whether every device answers and stands still.
+    /// Acknowledge the faults; `fit` is the result of the check that every device answers and is at rest.
     Reset { lease: String, fit: Result<(), Refusal> },
-    /// The service ends.
+    /// The service is being shut down.
     Close,
-    /// A device answers, for the first time or again; `moves`: it or another device moves, by its last reading.
+    /// A device answers, for the first time or again. `moves` is true if any device moves by its last reading.
     Up { member: Member, moves: bool },
-    /// A device does not answer any more.
+    /// A device no longer answers.
     Lost(Member, Fault),
     /// A device has a fault, or a command to it failed.
     Fault(Fault),
     /// The activity is finished, and every device is at rest.
     Finished,
-    /// The activity could not go on; the states of all devices are known.
+    /// The activity failed; the states of all devices are known.
     GivenUp(Failure),
     /// After a halt, every device was read at rest.
     AtRest,
     /// After a reset, every device was read at rest and without a fault.
     Reread,
-    /// Tests whether the lease has expired.
+    /// Check whether the lease has expired.
     Time,
 }
 
-/// What the task does after an input.
+/// An effect, which the task executes after an input.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Effect {
     /// Halt every device.
@@ -140,12 +140,12 @@ pub(super) enum Effect {
     Note(EventKind),
 }
 
-/// The decision of the machine on an input.
+/// The decision of the machine about an input.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Verdict {
     /// It is accepted; the effects are executed in this order.
     Accepted(Vec<Effect>),
-    /// The requested state was already reached; nothing is to be done.
+    /// The requested state was already reached; there is nothing to do.
     AlreadySo,
     /// It is refused, and nothing has changed.
     Refused(Refusal),

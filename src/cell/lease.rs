@@ -1,5 +1,5 @@
-//! The lease, without which no client may command the cell: one at a time, with a time to live, renewed by use, and with a fencing
-//! token that grows with every lease and goes to the devices with every command. Pure: the time is an argument.
+//! The lease, without which no client may command the cell. There is one at a time, with a time to live that every use renews, and
+//! with a fencing token that increases with every lease and goes to the devices with every command. Pure: the time is an argument.
 
 use super::refusal::Refusal;
 use std::time::Duration;
@@ -12,7 +12,7 @@ pub struct LeaseRequest {
     pub id: String,
     /// The name of the client, for others to read.
     pub holder: String,
-    /// How long it lasts unless it is used or renewed; limited by the settings.
+    /// How long it lasts unless it is used or renewed; the settings limit it.
     pub time_to_live: Duration,
 }
 
@@ -23,7 +23,7 @@ pub struct Lease {
     pub id: String,
     /// The name of its holder.
     pub holder: String,
-    /// Its fencing token, greater than that of every lease before.
+    /// Its fencing token, greater than that of every previous lease.
     pub fence: u64,
     /// How long it lasts after each use.
     pub time_to_live: Duration,
@@ -49,23 +49,23 @@ pub(super) struct TimeToLiveBounds {
     pub(super) most: Duration,
 }
 
-/// The one lease of the cell, and the newest fencing token.
+/// The only lease of the cell, and the newest fencing token.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct LeaseKeeper {
     bounds: TimeToLiveBounds,
     fence: u64,
     lease: Option<Lease>,
-    /// Id of the lease before, so that its holder gets an error of its own.
+    /// Id of the previous lease. Its holder gets an error of its own.
     last_id: Option<String>,
 }
 
 impl LeaseKeeper {
-    /// Without a lease; every new fencing token is above `floor`.
+    /// Without a lease. Every new fencing token is greater than `floor`.
     pub(super) const fn new(bounds: TimeToLiveBounds, floor: u64) -> Self {
         Self { bounds, fence: floor, lease: None, last_id: None }
     }
 
-    /// The newest fencing token; halts carry it.
+    /// The newest fencing token, which halts carry.
     pub(super) const fn fence(&self) -> u64 {
         self.fence
     }

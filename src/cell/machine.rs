@@ -1,6 +1,6 @@
-//! The state machine of the cell: an input goes in with its time, and a verdict comes out: accepted with what is to be done,
-//! already so, or refused with the reason. Requests can be refused; events (a device comes, goes or fails, work ends, everything
-//! is at rest) cannot. Pure: no locks, no waiting, no clock. The states and their diagram stand in `state`.
+//! The state machine of the cell. It takes an input with its time, and returns a verdict: accepted with the effects to execute,
+//! already in the requested state, or refused with the reason. Requests can be refused; events (a device is reached, lost or
+//! faulty, work ends, everything is at rest) cannot. Pure: no locks, no waiting, no clock. `state` has the diagram.
 
 use super::events::EventKind;
 use super::failure::{Failure, Fault, JobEnd, StopCause};
@@ -35,7 +35,7 @@ pub(super) struct Machine {
 }
 
 impl Machine {
-    /// Offline, without a lease; every new fencing token is above `fence_floor`.
+    /// Offline, without a lease. Every new fencing token is greater than `fence_floor`.
     pub(super) fn new(now: Instant, bounds: TimeToLiveBounds, fence_floor: u64) -> Self {
         Self {
             state: State::Offline,
@@ -59,7 +59,7 @@ impl Machine {
         self.since
     }
 
-    /// Grows with everything that may have moved the part.
+    /// A counter that increases with everything that may have moved the part.
     pub(super) const fn motions_count(&self) -> u64 {
         self.motions_count
     }
@@ -110,7 +110,7 @@ impl Machine {
         }
     }
 
-    /// Goes to `stopping`. In that state it halts again and keeps the first reason.
+    /// Enters `stopping`. If the cell is already in that state, it halts again and keeps the first reason.
     fn stopping(&mut self, now: Instant, end: JobEnd, cause: Option<StopCause>) -> Vec<Effect> {
         let mut effects = vec![Effect::Halt, Effect::Note(EventKind::Stopping { cause })];
         if self.state != State::Stopping {
@@ -139,7 +139,7 @@ const fn done() -> Verdict {
     Verdict::Accepted(Vec::new())
 }
 
-/// How many faults are kept; an operator needs no more.
+/// Number of faults that are kept; an operator needs no more.
 const FAULTS_KEPT: usize = 32;
 
 impl Machine {
@@ -158,7 +158,7 @@ impl Machine {
         }
     }
 
-    /// The state of a device that can move is unknown from here on; a lost sensor is a fault only while it scans.
+    /// The state of a movable device is unknown from here on; a lost sensor is a fault only during a scan.
     fn lost(&mut self, now: Instant, member: Member, fault: Fault) -> Verdict {
         if let Member::Manipulator(carrier) = member {
             *self.present.get_mut(carrier) = false;
@@ -173,7 +173,7 @@ impl Machine {
     fn fault(&mut self, now: Instant, fault: Fault) -> Verdict {
         self.resetting = false;
         let known = self.faults.iter().any(|one| one.device == fault.device && one.failure == fault.failure);
-        // A fault that is not kept would count as new, and halt, each time that it is reported.
+        // A fault that is not kept would count as new, and halt the devices, each time that it is reported.
         if (known || self.faults.len() >= FAULTS_KEPT) && self.state == State::Faulted {
             return Verdict::AlreadySo;
         }
@@ -210,7 +210,7 @@ impl Machine {
         Verdict::Accepted(self.come_to_rest(now))
     }
 
-    /// Ends the activity, and goes to `idle`.
+    /// Ends the activity, and enters `idle`.
     fn come_to_rest(&mut self, now: Instant) -> Vec<Effect> {
         let mut effects = Vec::new();
         if let Some(CurrentActivity { activity: Some(activity), end }) = self.current.take() {
@@ -220,7 +220,7 @@ impl Machine {
         effects
     }
 
-    /// All devices were read after a reset.
+    /// Handles that all devices were read after a reset.
     fn reread(&mut self, now: Instant) -> Verdict {
         let there = self.present.m1 && self.present.m2;
         if self.state != State::Faulted || !self.resetting || !there {
@@ -234,7 +234,7 @@ impl Machine {
     }
 }
 
-/// How a fault ends the current job.
+/// How a failure ends the current job.
 fn end_by(failure: Failure) -> JobEnd {
     if failure.leaves_unknown() { JobEnd::Unknown(failure) } else { JobEnd::Failed(failure) }
 }
@@ -254,7 +254,7 @@ impl Machine {
         if self.closing {
             return Verdict::Refused(Refusal::Closing);
         }
-        // A motion of the lease before stops, however soon the next lease is taken.
+        // A motion of the previous lease stops, however soon the next lease is taken.
         let mut effects = self.time(now);
         let before = self.leases.fence();
         match self.leases.take(now, request) {
@@ -287,7 +287,7 @@ impl Machine {
         effects
     }
 
-    /// Checks what every command needs: a cell that is not closing, the lease, no fault, and no activity.
+    /// Checks the preconditions of every command: a cell that is not closing, the lease, no fault, and no activity.
     fn admit(&mut self, now: Instant, lease: &str, verb: &'static str) -> Result<(), Refusal> {
         self.leased(now, lease)?;
         match self.state {
@@ -351,7 +351,7 @@ impl Machine {
         let _renewed = self.leases.renew(now, lease);
     }
 
-    /// Halts in every state; goes to `stopping` unless the cell is offline or faulted.
+    /// Halts in every state, and enters `stopping` unless the cell is offline or faulted.
     fn halt(&mut self, now: Instant, cause: StopCause) -> Verdict {
         Verdict::Accepted(match self.state {
             State::Offline | State::Faulted => {

@@ -1,14 +1,14 @@
-//! The cell: one task owns the devices and does one thing at a time; all others send requests to it and watch it.
+//! The cell: one task owns the devices and executes one activity at a time; all clients send requests to it and watch its state.
 //!
 //! ```text
-//!  handlers --requests--> task (state machine, lease, job) --commands--> drivers --> devices
-//!      |                    |   ^------------ reports ----------------------'
-//!      |                    '--> snapshot (watch), events (ring)
-//!      '------- stop: raises the halt flag that every driver looks at first ---^
+//! handlers --requests--> task (state machine, lease, job) --commands--> drivers --> devices
+//!    |                    |   ^------------ reports ----------------------'
+//!    |                    '--> snapshot (watch), events (ring)
+//!    '------- stop: raises the halt flag that every driver checks first -----^
 //! ```
 //!
-//! Read them in this order: state (the diagram), machine, handle, task, run, driver. The stop of the cell is an operational
-//! stop, category 2: not an emergency stop, and no safety function.
+//! Reading order: state (the diagram), machine, handle, task, run, driver. The stop of the cell is an operational stop, category 2:
+//! not an emergency stop, and no safety function.
 
 mod driver;
 mod events;

@@ -1,4 +1,4 @@
-//! Why a manipulator or the stage must not be moved, found in the last readings. Pure.
+//! The reasons why a manipulator or the stage must not be moved, derived from the last readings. Pure.
 
 use super::input::{Manual, Taken};
 use super::refusal::{Refusal, ScanNumber};
@@ -8,9 +8,9 @@ use crate::device::{AxisReading, AxisState, CommandResult, Mode, Reading, Sensor
 use crate::motion::{Axes, Axis, Carrier, MotionRefusal, Pair, Path, Position};
 use tokio::time::Instant;
 
-/// The most profiles of one scan.
+/// Greatest number of profiles in one scan.
 const PROFILES_MAX: u64 = 1_000_000;
-/// The least speed and length of a scan, mm/s and mm; a smaller number is an error of the client.
+/// Least speed and length of a scan, mm/s and mm. A smaller number is an error of the client.
 const SCAN_LEAST: f64 = 0.001;
 /// Relative tolerance of the limits of a device: the rounding of single precision in its protocol.
 const ROUNDING: f64 = 1e-6;
@@ -24,7 +24,7 @@ pub(super) fn of_move(live: &Pair<Live<Reading>>, now: Instant) -> Vec<Refusal> 
     found.flatten().collect()
 }
 
-/// The same for the reading of one manipulator.
+/// Every reason why one manipulator must not be moved, the most urgent first.
 pub(super) fn of_reading(device: &str, carrier: Carrier, reading: &Reading) -> Vec<Refusal> {
     let mut found = of_homing(device, carrier, reading);
     let unknown = reading.axes.iter().filter(|(_, one)| !one.homed);
@@ -35,7 +35,7 @@ pub(super) fn of_reading(device: &str, carrier: Carrier, reading: &Reading) -> V
 /// The reasons why a manipulator must not be homed.
 fn of_homing(device: &str, carrier: Carrier, reading: &Reading) -> Vec<Refusal> {
     let mut found = of_enabling(device, carrier, reading);
-    // A manipulator in error stop has its fault reported above, and needs a reset.
+    // The fault of a manipulator in error stop is reported above, and needs a reset.
     if !enabled(reading) && !reading.moves() && fault_of(reading).is_none() {
         found.push(Refusal::NotEnabled { carrier, state: reading.state });
     }
@@ -72,7 +72,7 @@ pub(super) fn of_motion(carrier: Carrier, reading: &Reading) -> Option<Refusal> 
     }
 }
 
-/// Checks a manipulator that has to stay where it is.
+/// Checks a manipulator that has to stay at its position.
 pub(super) fn of_staying(
     device: &str,
     carrier: Carrier,
@@ -127,7 +127,7 @@ fn within_own(carrier: Carrier, axis: Axis, own: &AxisReading, (value, speed): (
     Ok(())
 }
 
-/// Checks a manual command. A manipulator is homed only if the other one stands still, and is as it has to be during the whole
+/// Checks a manual command. A manipulator is homed only if the other one is at rest, and in the state that it must keep during the
 /// homing.
 pub(super) fn of_manual(
     both: &Pair<Live<Reading>>,
@@ -151,7 +151,7 @@ pub(super) fn of_manual(
     }
 }
 
-/// Checks the other manipulator before anything is sent, because both carry the same part.
+/// Checks the other manipulator before anything is sent, because both clamp the same part.
 fn of_others(both: &Pair<Live<Reading>>, carrier: Carrier, now: Instant) -> Result<(), Refusal> {
     for (one, live) in both.iter().filter(|(one, _)| *one != carrier) {
         let reading = good(live, now)?;
@@ -197,16 +197,16 @@ pub(super) fn of_scan(
     in_range(ScanNumber::Speed, order.speed_mm_s, SCAN_LEAST, reading.speed_mm_s)?;
     let way = (order.x_to_mm - order.x_from_mm).abs();
     in_range(ScanNumber::Way, way, SCAN_LEAST, upper - lower)?;
-    // Counts this small are exact as doubles.
+    // Counts of this size are exact as `f64`.
     in_range(ScanNumber::Profiles, order.profiles_count as f64, 1.0, PROFILES_MAX as f64)
 }
 
-/// Also refuses NaN.
+/// Written so that NaN is refused as well.
 fn in_range(what: ScanNumber, given: f64, least: f64, most: f64) -> Result<(), Refusal> {
     if (least..=most).contains(&given) { Ok(()) } else { Err(Refusal::ScanOutOfRange { what, given, least, most }) }
 }
 
-/// Checks what a reset needs: every device that can move answers and stands still.
+/// Checks what a reset needs: every device that can move answers and is at rest.
 pub(super) fn of_reset(
     live: &Pair<Live<Reading>>,
     stage: Option<&Live<StageReading>>,
@@ -228,7 +228,7 @@ pub(super) fn positions(live: &Pair<Live<Reading>>, now: Instant) -> Result<Pair
     Ok(Pair { m1: good(&live.m1, now)?.position(), m2: good(&live.m2, now)?.position() })
 }
 
-/// The fault that a manipulator reports. A code with a rejected command is the reason for the rejection, and no fault.
+/// The fault that a manipulator reports. A code beside a rejected command is the reason for the rejection, not a fault.
 pub(super) fn fault_of(reading: &Reading) -> Option<u32> {
     let axis = reading.axes.iter().any(|(_, one)| one.fault || one.state == AxisState::ErrorStop);
     let refused = reading.acknowledged.result == CommandResult::Rejected;

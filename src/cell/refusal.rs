@@ -1,5 +1,5 @@
-//! The reasons for which the cell refuses a request, with their messages. Nothing was sent to any device then. Numbers are
-//! written with six decimals at most, and never with hundreds of digits, whatever a client or a device has sent.
+//! The reasons for which the cell refuses a request, with their messages. A refused request has sent nothing to any device. Numbers
+//! are written with at most six decimals, and very large or small ones with an exponent, so that no message becomes long.
 
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use super::state::State;
 /// Why a request was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Refusal {
-    /// The state of the cell does not allow it.
+    /// The current state of the cell does not allow the request.
     #[error("cannot {verb}: {}", occupation(*state, job.as_deref()))]
     WrongState {
         /// The state.
@@ -27,18 +27,18 @@ pub enum Refusal {
     /// Another client holds the lease.
     #[error("{holder} holds the lease for another {} ms", remaining.as_millis())]
     LeaseHeld {
-        /// Its holder.
+        /// Name of the holder.
         holder: String,
-        /// The rest of its time to live.
+        /// Remaining time to live.
         remaining: Duration,
     },
     /// The lease with this id has ended.
-    #[error("the lease is over; take it again")]
+    #[error("the lease has ended; take it again")]
     LeaseOver,
     /// Faults are latched.
     #[error("{}; see to the cause, then reset", latched(*count))]
     Faulted {
-        /// How many.
+        /// Number of latched faults.
         count: usize,
     },
     /// A device cannot be reached, or its last reading is old.
@@ -46,7 +46,7 @@ pub enum Refusal {
     DeviceStale {
         /// Its name in the configuration.
         device: String,
-        /// Since its last good answer, if there was one.
+        /// Time since its last valid answer, if there was one.
         age: Option<Duration>,
     },
     /// The manipulator is not in automatic mode.
@@ -58,7 +58,7 @@ pub enum Refusal {
         mode: Mode,
     },
     /// A safety function does not allow the manipulator to move.
-    #[error("the safety functions of {} do not let it move", carrier.name())]
+    #[error("the safety functions of {} do not allow motion", carrier.name())]
     SafetyOpen {
         /// The manipulator.
         carrier: Carrier,
@@ -94,10 +94,10 @@ pub enum Refusal {
         /// Its id.
         job: String,
     },
-    /// The scan is beyond the range or the speed of the stage.
+    /// A value of the scan order is outside the range or the speed of the stage.
     #[error("{} is {}; it must be from {} to {}", what.text(), number_text(*given), number_text(*least), number_text(*most))]
     ScanOutOfRange {
-        /// The number of the order.
+        /// The value of the order.
         what: ScanNumber,
         /// Its value.
         given: f64,
@@ -128,7 +128,7 @@ pub enum Refusal {
     Unanswered,
 }
 
-/// What the cell is doing.
+/// The activity of the cell, as part of a message.
 const fn occupation(state: State, job: Option<&str>) -> &'static str {
     match (state, job) {
         (State::Offline, _) => "the cell is offline",
@@ -167,16 +167,16 @@ const fn unfit(state: AxisState) -> &'static str {
     }
 }
 
-/// A number of the order to scan.
+/// A value of the scan order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ScanNumber {
     /// The start, mm.
     Start,
     /// The end, mm.
     End,
-    /// The distance between them, mm.
+    /// The distance between start and end, mm.
     Way,
-    /// mm/s.
+    /// The speed, mm/s.
     Speed,
     /// The number of profiles.
     Profiles,
@@ -202,9 +202,9 @@ pub(super) fn fault_code(code: u32) -> String {
     }
 }
 
-/// From this number on an exponent is written.
+/// Numbers from this magnitude on are written with an exponent.
 const LARGE: f64 = 1e7;
-/// Below this number, too.
+/// Numbers below this magnitude are also written with an exponent.
 const SMALL: f64 = 1e-5;
 
 /// The number as part of a message.
@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn what_keeps_a_manipulator_from_moving_is_said_in_an_operators_words() {
+    fn a_manipulator_that_is_not_ready_is_reported_with_what_to_do() {
         let unfit = |state| Refusal::NotEnabled { carrier: Carrier::M1, state }.to_string();
         assert_eq!(unfit(AxisState::Disabled), "m1 is switched off; enable it first");
         assert_eq!(unfit(AxisState::ErrorStop), "m1 is in error stop; see to the cause, then reset");
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn a_devices_code_is_said_to_be_the_devices() {
+    fn a_message_attributes_a_fault_code_to_the_device() {
         let fault = |code| Refusal::DeviceFault { device: "stage".to_owned(), code }.to_string();
         assert_eq!(fault(17), "stage reports fault code 17 of the device (see its manual); see to it, then reset");
         assert_eq!(fault(0), "stage reports a fault without a code; see to it, then reset");
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn no_text_grows_with_its_numbers() {
+    fn messages_stay_short_for_any_number() {
         let refusal = Refusal::ScanOutOfRange {
             what: ScanNumber::Speed,
             given: f64::MAX,
@@ -275,7 +275,7 @@ mod number_tests {
     use super::number_text;
 
     #[test]
-    fn a_number_is_said_in_a_few_digits_whatever_it_is() {
+    fn any_number_is_written_with_a_few_digits() {
         for (number, text) in [
             (0.0, "0"),
             (40.0, "40"),

@@ -1,5 +1,5 @@
-//! The requests to the task of the cell, and the [`Job`] with which a client follows a move or a scan. A request is executed even if
-//! its client has gone, and a job goes on when its handle is dropped.
+//! The requests to the task of the cell, and the [`Job`] with which a client follows a move or a scan. A request is executed even
+//! if its client has disconnected, and a job continues when its handle is dropped.
 
 use tokio::sync::{mpsc, oneshot, watch};
 
@@ -47,7 +47,7 @@ impl Request {
     }
 }
 
-/// Sends an answer. If nobody waits for it any more, it is dropped.
+/// Sends an answer. It is dropped if the client no longer waits for it.
 pub(super) fn answer<T>(reply: Reply<T>, result: Result<T, Refusal>) {
     let _nobody_waits = reply.send(result);
 }
@@ -65,15 +65,15 @@ pub struct Job {
 pub enum JobState {
     /// The job is under way, or comes to rest.
     Running {
-        /// The share of the waypoints or of the profiles, 0 to 1.
+        /// The fraction of the waypoints or of the profiles, 0 to 1.
         progress: f64,
     },
-    /// The job has ended; final.
+    /// The job has ended; this state is final.
     Ended(JobEnd),
 }
 
 impl Job {
-    /// A job, and the channel by which the cell reports its state.
+    /// Creates a job, and the channel by which the cell reports its state.
     pub(super) fn new(id: String) -> (Self, watch::Sender<JobState>) {
         let (reporter, state) = watch::channel(JobState::Running { progress: 0.0 });
         (Self { id, state }, reporter)
@@ -85,7 +85,7 @@ impl Job {
         self.state.borrow().clone()
     }
 
-    /// Changes with the state.
+    /// A channel that changes with the state.
     #[must_use]
     pub fn watch(&self) -> watch::Receiver<JobState> {
         self.state.clone()

@@ -1,14 +1,14 @@
 //! The motions of the manipulators: a path, waypoint by waypoint, and the homing of one manipulator. Pure: readings, outcomes and
-//! the time go in, commands come out.
+//! the time are the inputs, commands are the output.
 //!
 //! ```text
-//!  look at both --fit, and where the last waypoint left them--> send each its set-point --both acknowledged-->
-//!  wait until both are there by their actual positions and stand --> look at both ... --> finished
+//! read both --ready, and at the previous waypoint--> send each its set-point --both acknowledged-->
+//!    wait until both are there by their actual positions and at rest --> read both ... --> finished
 //!       |-- an axis does not follow the others (see `following`) --> fail
 //! ```
 //!
 //! Nothing is sent for a waypoint before both manipulators were read for it. A homing is sent once; it is finished when the device
-//! says that it is done, every reference is known and the device stands still.
+//! reports the end of the command, every axis has its reference and the device is at rest.
 
 use std::time::Duration;
 
@@ -27,11 +27,11 @@ use super::settings::Settings;
 /// The next step of a motion.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Step {
-    /// Nothing is to be done yet.
+    /// There is nothing to do yet.
     Wait,
     /// Send these commands, all at once.
     Send(Vec<(Carrier, ManipulatorCommand)>),
-    /// The motion is finished, and every device stands where it should.
+    /// The motion is finished, and every device is at rest at its target.
     Finished,
     /// The motion cannot go on.
     Fail(Failure),
@@ -52,27 +52,27 @@ pub(super) struct Run {
 
 #[derive(Debug, Clone, PartialEq)]
 enum Phase {
-    /// Waits for readings that were requested since.
+    /// Waits for readings that were requested after this time.
     Look { since: Instant, readings: Box<Pair<Option<Reading>>> },
     /// Set-points were sent.
     Go { sent_at: Instant, legs: Pair<Leg>, following: Box<Following> },
 }
 
-/// What one manipulator does between two waypoints.
+/// The progress of one manipulator between two waypoints.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Leg {
-    /// It stays where it is.
+    /// It stays at its position.
     Stays,
-    /// The device has not acknowledged yet.
+    /// The device has not acknowledged the set-point yet.
     Sent,
     /// It moves.
     Goes { sequence: u16, since: Instant },
-    /// It has reached the waypoint, and stands still.
+    /// It has reached the waypoint, and is at rest.
     There,
 }
 
 impl Run {
-    /// Begins a path that was checked.
+    /// Creates the run of a path that was checked before.
     pub(super) fn new(path: Path, names: Pair<String>, settings: &Settings, now: Instant) -> Self {
         Self {
             path,
@@ -85,17 +85,17 @@ impl Run {
         }
     }
 
-    /// The first commands.
+    /// The first step.
     pub(super) fn begin(&self) -> Step {
         Step::Send(Carrier::ALL.map(|carrier| (carrier, ManipulatorCommand::Read)).to_vec())
     }
 
-    /// The share of the waypoints that were reached, 0 to 1.
+    /// The fraction of the waypoints that were reached, 0 to 1.
     pub(super) fn progress(&self) -> f64 {
         (self.next - 1) as f64 / (self.path.waypoints.len().max(2) - 1) as f64
     }
 
-    /// When [`Self::time`] must be called at the latest.
+    /// The latest time at which [`Self::time`] must be called.
     pub(super) fn deadline(&self) -> Instant {
         match &self.phase {
             Phase::Look { since, .. } => *since + self.look,
@@ -137,7 +137,7 @@ impl Run {
         }
     }
 
-    /// Tests the deadline.
+    /// Checks the deadline.
     pub(super) fn time(&self, now: Instant, last: &Pair<Option<Position>>) -> Step {
         if now < self.deadline() {
             return Step::Wait;
@@ -154,7 +154,7 @@ impl Run {
         }
     }
 
-    /// Both were read: sends the set-points if both are ready and stand at the waypoint before.
+    /// Sends the set-points if both manipulators are ready and at the previous waypoint.
     fn send(&mut self, now: Instant, readings: &Pair<Reading>) -> Step {
         let (Some(from), Some(to)) = (self.waypoint(self.next - 1), self.waypoint(self.next)) else {
             return Step::Finished;
@@ -185,7 +185,7 @@ impl Run {
         }
     }
 
-    /// The command that moves a manipulator to a waypoint; none if it stays.
+    /// The command that moves a manipulator to a waypoint; `None` if it stays.
     fn order(&self, carrier: Carrier, to: &Waypoint) -> Option<(Carrier, ManipulatorCommand)> {
         let (targets, speeds) = (*to.targets.get(carrier), *to.speeds.get(carrier));
         let axes = speeds.map(|_, speed| *speed > 0.0);
@@ -229,7 +229,7 @@ impl Run {
         if all_there { self.go_on(now) } else { Step::Wait }
     }
 
-    /// A waypoint is reached.
+    /// Continues after a waypoint was reached.
     fn go_on(&mut self, now: Instant) -> Step {
         self.next += 1;
         if self.waypoint(self.next).is_none() {
@@ -243,7 +243,7 @@ impl Run {
         self.path.waypoints.get(index).copied()
     }
 
-    /// The longest time to the next waypoint.
+    /// The longest time allowed until the next waypoint.
     fn patience(&self) -> Duration {
         let way_s = match (self.waypoint(self.next - 1), self.waypoint(self.next)) {
             (Some(from), Some(to)) => to.at_s - from.at_s,
@@ -264,7 +264,7 @@ fn looking(since: Instant) -> Phase {
     Phase::Look { since, readings: Box::new(Pair { m1: None, m2: None }) }
 }
 
-/// The failure of a device that does not execute our command any more.
+/// The failure of a device that no longer executes the command of coaxis.
 fn given_up(carrier: Carrier, sequence: u16, reading: &Reading) -> Option<Failure> {
     let found = reading.acknowledged.sequence;
     if found != sequence {
@@ -289,7 +289,7 @@ pub(super) struct Homing {
     sequence: Option<u16>,
     names: Pair<String>,
     tolerance: Axes<f64>,
-    /// Where the other manipulator stands.
+    /// Position of the other manipulator, which must not move.
     place: Option<Position>,
 }
 
@@ -299,13 +299,13 @@ impl Homing {
         Self { carrier, begun_at: now, within: settings.homing, sequence: None, names, tolerance, place: None }
     }
 
-    /// The only command.
+    /// The first step, which sends the only command.
     pub(super) fn begin(&self) -> Step {
         let axes = Axes::from_fn(|_| true);
         Step::Send(vec![(self.carrier, ManipulatorCommand::Send(Action::Home { axes }))])
     }
 
-    /// When [`Self::time`] must be called at the latest.
+    /// The latest time at which [`Self::time`] must be called.
     pub(super) fn deadline(&self) -> Instant {
         self.begun_at + self.within
     }
@@ -325,7 +325,7 @@ impl Homing {
         }
     }
 
-    /// Takes a reading of a manipulator. The other manipulator has to stay where it is.
+    /// Takes a reading of a manipulator. The other manipulator has to stay at its position.
     pub(super) fn read(&mut self, carrier: Carrier, reading: &Reading) -> Step {
         let mut refusal = obstacles::of_motion(carrier, reading);
         if carrier != self.carrier {
@@ -339,7 +339,7 @@ impl Homing {
         self.own(carrier, reading)
     }
 
-    /// Judges the reading of the manipulator that is homed.
+    /// Evaluates the reading of the manipulator that is being homed.
     fn own(&self, carrier: Carrier, reading: &Reading) -> Step {
         let Some(sequence) = self.sequence.filter(|_| carrier == self.carrier) else { return Step::Wait };
         let acknowledged = reading.acknowledged;
@@ -360,7 +360,7 @@ impl Homing {
         Step::Wait
     }
 
-    /// Tests the deadline.
+    /// Checks the deadline.
     pub(super) fn time(&self, now: Instant) -> Step {
         if now < self.deadline() {
             return Step::Wait;

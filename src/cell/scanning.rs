@@ -1,10 +1,10 @@
-//! Takes a scan: the stage to the start, the sensor armed, the stage to the end at its speed, profiles counted as they come.
-//! Pure: readings, outcomes, counts and the time go in, commands come out. The profiles themselves go from the driver of the sensor
-//! directly to the client of the scan.
+//! Controls a scan: the stage moves to the start, the sensor is armed, the stage moves to the end at its speed, and the received
+//! profiles are counted. Pure: readings, outcomes, counts and the time are the inputs, commands are the output. The profiles
+//! themselves go from the driver of the sensor directly to the client of the scan.
 //!
 //! ```text
-//!  stage to start --there--> arm sensor --ready--> stage to end, profiles come --all came, stage there--> finished
-//!                                                     \-- a gap, a drop, none for too long --> fail
+//! stage to start --arrived--> arm sensor --ready--> stage to end, profiles arrive --all received, stage at end--> finished
+//!                                             \-- a gap, a lost profile, no profile for too long --> fail
 //! ```
 
 use super::driver::messages::{Outcome, StageCommand};
@@ -17,13 +17,13 @@ use tokio::time::Instant;
 /// The next step of a scan.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum ScanStep {
-    /// Nothing is to be done yet.
+    /// There is nothing to do yet.
     Wait,
     /// Move the stage.
     Carry(StageCommand),
     /// Start the sensor.
     Arm,
-    /// All profiles were received, and the stage stands still.
+    /// All profiles were received, and the stage is at rest.
     Finished,
     /// The scan cannot go on.
     Fail(Failure),
@@ -79,7 +79,7 @@ impl Scanning {
             sensor: names.1,
             tolerance_mm: settings.stage_tolerance_mm,
             arm: settings.arrival + settings.scan_stall.max(own.start),
-            // The adaptor detects a silent sensor first: it can ask the sensor for the reason.
+            // The adaptor must detect a silent sensor first, because it can ask the sensor for the reason.
             first: (settings.scan_stall + 2 * seconds(gap_s)).max(own.first_profile + own.reply),
             stall: settings.scan_stall + 2 * seconds(gap_s),
             arrival: settings.arrival,
@@ -96,16 +96,16 @@ impl Scanning {
         ScanStep::Carry(StageCommand::MoveTo { target_mm: self.order.x_from_mm, speed_mm_s: self.from.speed_mm_s })
     }
 
-    /// The share of the profiles that were received, 0 to 1.
+    /// The fraction of the profiles that were received, 0 to 1.
     pub(super) fn progress(&self) -> f64 {
         self.received_count as f64 / self.order.profiles_count.max(1) as f64
     }
 
-    /// When [`Self::time`] must be called at the latest.
+    /// The latest time at which [`Self::time`] must be called.
     pub(super) fn deadline(&self) -> Instant {
         match self.phase {
             Phase::Approach { until, .. } => until,
-            // The driver of the sensor has its own deadline; this one is later.
+            // The driver of the sensor has its own deadline, which is earlier.
             Phase::Arm => self.heard_at + self.arm,
             Phase::Travel { until, .. } if self.whole => until,
             // A sensor may send all of its profiles only after the stage has arrived.
@@ -185,7 +185,7 @@ impl Scanning {
         }
     }
 
-    /// Tests the deadline.
+    /// Checks the deadline.
     pub(super) fn time(&self, now: Instant, last: Option<&StageReading>) -> ScanStep {
         if now < self.deadline() {
             return ScanStep::Wait;
@@ -229,7 +229,7 @@ fn off(reading: &StageReading, target_mm: f64) -> f64 {
     if reading.moves { f64::INFINITY } else { (reading.actual_mm - target_mm).abs() }
 }
 
-/// A calculated time, limited to a year.
+/// A calculated time, limited to one year.
 fn seconds(seconds: f64) -> Duration {
     Duration::try_from_secs_f64(seconds).unwrap_or(Duration::from_secs(31_536_000)).min(Duration::from_secs(31_536_000))
 }

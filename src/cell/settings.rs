@@ -1,5 +1,5 @@
-//! What the cell is started with: its devices, the arrangement of the manipulators, and its deadlines with their defaults; and the
-//! order for a scan.
+//! The parameters with which the cell is started: its devices, the arrangement of the manipulators, and its deadlines with their
+//! defaults. Also the order for a scan.
 
 use crate::device::{Manipulator, ProfileSensor, Stage};
 use crate::motion::{Arrangement, Pair};
@@ -15,14 +15,14 @@ pub struct Devices {
     pub stage: Option<Box<dyn Stage>>,
 }
 
-/// How the cell works.
+/// The settings of the cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
-    /// Where the manipulators stand and what they may do.
+    /// Positions and limits of the manipulators.
     pub arrangement: Arrangement,
-    /// Between two readings of a device at rest.
+    /// Polling period of a device at rest.
     pub poll: Duration,
-    /// Between two readings of a device that moves, or from which an acknowledgement is expected.
+    /// Polling period of a device that moves, or that has not yet acknowledged a command.
     pub poll_moving: Duration,
     /// Longest wait for one answer; at most 300 ms.
     pub reply: Duration,
@@ -30,27 +30,27 @@ pub struct Settings {
     pub connect: Duration,
     /// Longest wait until a device has acknowledged a command; at most 300 ms.
     pub acknowledge: Duration,
-    /// How long a call may still take when a halt is due; then it is dropped, and the connection closed.
+    /// Grace time of a call when a halt is due; then the call is dropped, and the connection closed.
     pub halt_grace: Duration,
-    /// How long a device goes on moving without a heartbeat from coaxis; at most 400 ms, so that it stops within 500 ms.
+    /// How long a device continues to move without a heartbeat from coaxis; at most 400 ms, so that it stops within 500 ms.
     pub watchdog: Duration,
-    /// Longest wait until every device was read at rest after a halt.
+    /// Longest time after a halt until every device has been read at rest.
     pub rest: Duration,
     /// Added to the planned time to each waypoint before an axis counts as not arrived.
     pub arrival: Duration,
-    /// First wait before a connection is tried again; doubles.
+    /// First wait before reconnecting; it doubles with every attempt.
     pub backoff_first: Duration,
-    /// Longest wait before a connection is tried again.
+    /// Longest wait before reconnecting.
     pub backoff_last: Duration,
     /// Shortest time to live of a lease.
     pub lease_least: Duration,
     /// Longest time to live of a lease.
     pub lease_most: Duration,
-    /// Between two readings of the sensor outside scans.
+    /// Polling period of the sensor outside scans.
     pub sensor_poll: Duration,
-    /// Longest wait for an answer of the sensor, which moves nothing.
+    /// Longest wait for an answer of the sensor. It may be longer, because the sensor moves nothing.
     pub sensor_reply: Duration,
-    /// Longest time without a profile while the stage carries the sensor along.
+    /// Longest time without a profile while the stage moves the sensor.
     pub scan_stall: Duration,
     /// Longest time for a manipulator to find its references.
     pub homing: Duration,
@@ -59,7 +59,7 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// The defaults, for an arrangement.
+    /// The default settings for an arrangement.
     #[must_use]
     pub const fn new(arrangement: Arrangement) -> Self {
         Self {
@@ -135,20 +135,20 @@ pub enum SettingsError {
         what: &'static str,
         /// Its value.
         given: Duration,
-        /// Least.
+        /// Least allowed value.
         least: Duration,
-        /// Most.
+        /// Greatest allowed value.
         most: Duration,
     },
     /// The shortest lease is longer than the longest.
     #[error("lease_least is {} ms and lease_most {} ms", least.as_millis(), most.as_millis())]
     LeaseBounds {
-        /// Its value.
+        /// Value of `lease_least`.
         least: Duration,
-        /// Its value.
+        /// Value of `lease_most`.
         most: Duration,
     },
-    /// The tolerance of the stage is not a length.
+    /// The tolerance of the stage is not a positive length.
     #[error("stage_tolerance_mm is {given_mm}; it must be above zero")]
     StageTolerance {
         /// Its value.
@@ -159,11 +159,11 @@ pub enum SettingsError {
 /// An order for a scan.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScanOrder {
-    /// Where the stage starts, mm along the rail.
+    /// Start position of the stage, mm along the rail.
     pub x_from_mm: f64,
-    /// Where it ends, mm along the rail.
+    /// End position of the stage, mm along the rail.
     pub x_to_mm: f64,
-    /// How many profiles; the trigger of the sensor decides where.
+    /// Number of profiles; the trigger of the sensor decides where they are taken.
     pub profiles_count: u64,
     /// Speed of the stage while profiles are taken, mm/s.
     pub speed_mm_s: f64,

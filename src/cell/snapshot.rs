@@ -1,4 +1,4 @@
-//! A snapshot of the cell at one moment, for all clients: published as a whole, never changed.
+//! A snapshot of the cell at one moment, for all clients. It is published in one step and never changed.
 
 use super::failure::Fault;
 use super::lease::LeaseView;
@@ -9,27 +9,27 @@ use crate::motion::Pair;
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// The whole cell at one moment.
+/// The state of the cell and of all its devices at one moment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Snapshot {
-    /// Grows with every snapshot.
+    /// Sequence number; it increases with every snapshot.
     pub sequence: u64,
-    /// When it was made.
+    /// When the snapshot was taken.
     pub at: Instant,
     /// The state of the cell.
     pub state: State,
-    /// Since when it has this state.
+    /// When the cell entered this state.
     pub since: Instant,
-    /// Grows with everything that may have moved the part: when a move or a homing begins, and with each change of state from then
-    /// until the cell is idle again.
+    /// A counter that increases with everything that may have moved the part: at the start of a move or a homing, and with each
+    /// change of state from then until the cell is idle again.
     pub motions_count: u64,
-    /// The current move or scan; in `stopping`, the one that comes to rest.
+    /// The current move or scan; in `stopping`, the one that is coming to rest.
     pub job: Option<JobView>,
     /// The lease, if a client holds it.
     pub lease: Option<LeaseView>,
-    /// Latched until a reset, oldest first.
+    /// Faults that are latched until a reset, oldest first.
     pub faults: Vec<Fault>,
-    /// A reset was accepted, and the devices are being read.
+    /// True while the devices are read after an accepted reset.
     pub resetting: bool,
     /// Both manipulators.
     pub manipulators: Pair<Live<Reading>>,
@@ -37,9 +37,9 @@ pub struct Snapshot {
     pub stage: Option<Live<StageReading>>,
     /// The sensor, if there is one.
     pub sensor: Option<Live<SensorReading>>,
-    /// Whether a move of the holder of the lease would be started.
+    /// Whether a move requested with the lease would be started.
     pub commands_allowed: bool,
-    /// The reasons why not, the most urgent first.
+    /// The reasons why a move would be refused, the most urgent first.
     pub reasons: Vec<Refusal>,
 }
 
@@ -48,11 +48,11 @@ pub struct Snapshot {
 pub struct JobView {
     /// The id that the client gave it.
     pub id: String,
-    /// 0 to 1.
+    /// Progress, 0 to 1.
     pub progress: f64,
 }
 
-/// The last reading of a device, and how far it may be trusted.
+/// The last reading of a device, with its age and the state of the link.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Live<R> {
     /// Its name in the configuration.
@@ -63,18 +63,18 @@ pub struct Live<R> {
     pub reading: Option<R>,
     /// When it was requested.
     pub read_at: Option<Instant>,
-    /// A reading older than this is stale: three polls.
+    /// A reading older than this, which is three polling periods, is stale.
     pub stale_after: Duration,
 }
 
 /// The state of the link to a device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Link {
-    /// The device was not reached yet.
+    /// The device has not been reached yet.
     Connecting,
     /// The device answers.
     Up,
-    /// The device does not answer any more; coaxis tries to connect again.
+    /// The device no longer answers; coaxis tries to reconnect.
     Lost,
 }
 
@@ -83,7 +83,7 @@ pub enum Link {
 pub enum Quality {
     /// The device answers.
     Good,
-    /// No answer for more than three polls.
+    /// No answer for more than three polling periods.
     Stale,
     /// The link is lost, or was never up.
     Lost,
@@ -114,7 +114,7 @@ impl Quality {
 }
 
 impl<R> Live<R> {
-    /// A device that was not reached yet.
+    /// A device that has not been reached yet.
     pub(super) const fn unknown(name: String, stale_after: Duration) -> Self {
         Self { name, link: Link::Connecting, reading: None, read_at: None, stale_after }
     }

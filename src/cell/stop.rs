@@ -1,8 +1,8 @@
-//! The stop: the halt flag, and the entry that raises it without waiting behind the task of the cell and its queue, and reports what
+//! The stop: the halt flag, and the handle that raises it without waiting for the task of the cell or its queue, and reports what
 //! the drivers have done.
 //!
-//! The halt flag is a number that grows with every halt. Every driver looks at it before anything else. Raising it takes no lock
-//! that is held for long, and waits for nothing.
+//! The halt flag is a number that increases with every halt. Every driver checks it before anything else. Raising it waits for
+//! nothing and takes only a lock that is never held for long.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -15,17 +15,17 @@ use crate::motion::{Axis, Carrier};
 use super::input::Member;
 use crate::device::clock::now;
 
-/// How long the answer waits for the devices.
+/// Longest time that the answer waits for the devices.
 const ANSWER_WITHIN: Duration = Duration::from_millis(30);
 
-/// What a stop has achieved when it is answered. The stop goes on afterwards.
+/// The result of a stop at the time of the answer. The stop continues afterwards.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StopReport {
-    /// Time until the halt was sent to the last device; until the answer if it could not be sent to every device.
+    /// Time until the halt was sent to the last device, or until the answer if it could not be sent to every device.
     pub sent_within: Duration,
-    /// Every device; a halt of the sensor switches its laser off.
+    /// The state of every device; a halt of the sensor switches its laser off.
     pub devices: Vec<DeviceStop>,
-    /// All axes of each manipulator that was not yet read at rest after the halt; an operator must assume that they move.
+    /// All axes of each manipulator that was not yet read at rest after the halt. An operator must assume that they move.
     pub unconfirmed: Vec<(Carrier, Axis)>,
 }
 
@@ -40,7 +40,7 @@ pub struct DeviceStop {
     pub confirmed: bool,
 }
 
-/// The entry for stops.
+/// The handle for stops.
 #[derive(Debug)]
 pub(super) struct StopEntry {
     flag: Arc<HaltFlag>,
@@ -64,7 +64,7 @@ impl StopEntry {
         self.report(number, sent_within)
     }
 
-    /// Waits until the condition holds for all devices, or the time is over.
+    /// Waits until the condition holds for all devices, or the deadline has passed.
     async fn all(&self, until: Instant, so: impl Fn(&Halted) -> bool) -> bool {
         for (_, _, halted) in &self.watched {
             let mut halted = halted.clone();
@@ -94,15 +94,15 @@ impl StopEntry {
 /// The value of the halt flag.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Halts {
-    /// Grows with every halt.
+    /// Increases with every halt.
     pub(super) number: u64,
-    /// Grows with every stop that a client requests.
+    /// Increases with every stop that a client requests.
     pub(super) requested: u64,
-    /// The newest fencing token; halts carry it.
+    /// The newest fencing token, which halts carry.
     pub(super) fence: u64,
 }
 
-/// How far a driver has executed the halts.
+/// The newest halts that a driver has executed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Halted {
     /// The newest halt that was sent to the device.
@@ -111,7 +111,7 @@ pub(super) struct Halted {
     pub(super) rested: u64,
 }
 
-/// Raises the halt flag when it is dropped before it was disarmed, so that no device moves on when the task of the cell fails.
+/// Raises the halt flag if it is dropped before it was disarmed, so that no device moves on when the task of the cell fails.
 #[derive(Debug)]
 pub(super) struct HaltAtEnd {
     flag: Arc<HaltFlag>,
@@ -123,7 +123,7 @@ impl HaltAtEnd {
         Self { flag, armed: true }
     }
 
-    /// The task ends as intended.
+    /// Disarms it, because the task ends as intended.
     pub(super) fn disarm(mut self) {
         self.armed = false;
     }
@@ -163,7 +163,7 @@ impl HaltFlag {
         self.shown.borrow().number
     }
 
-    /// Sets the fencing token of the halts from now on.
+    /// Sets the fencing token of all following halts.
     pub(super) fn set_fence(&self, fence: u64) {
         self.shown.send_if_modified(|halts| {
             halts.fence = fence;

@@ -1,4 +1,4 @@
-//! Tests of the whole cell on the simulated devices, on paused time, with fixed seeds. The pure machine has its own, in `machine`.
+//! Tests of the complete cell on simulated devices, on paused time, with fixed seeds. `machine` has its own tests.
 
 mod faults;
 mod links;
@@ -19,19 +19,19 @@ use std::time::Duration;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep, timeout};
 
-/// The id of the lease that the tests take.
+/// The id of the lease in the tests.
 pub(super) const LEASE: &str = "lease-1";
 
-/// What went over one manipulator's line.
+/// The traffic on the line of one manipulator.
 #[derive(Debug, Default)]
 pub(super) struct Line {
-    /// When the last good answer came.
+    /// Time of the last valid answer.
     pub(super) good_at: Option<Instant>,
-    /// Sends that were tried.
+    /// Commands passed to the device, with their times.
     pub(super) sent: Vec<(Instant, Command)>,
 }
 
-/// A manipulator that is watched.
+/// A manipulator whose traffic is recorded.
 struct Watched<M> {
     inside: M,
     line: Arc<Mutex<Line>>,
@@ -39,7 +39,7 @@ struct Watched<M> {
 
 impl<M> Watched<M> {
     fn line(&self) -> MutexGuard<'_, Line> {
-        self.line.lock().expect("unpoisoned")
+        self.line.lock().expect("an unpoisoned lock")
     }
 
     fn mark<T>(&self, answer: Result<T, DeviceError>) -> Result<T, DeviceError> {
@@ -103,17 +103,17 @@ impl ProfileSensor for Unplugged {
     }
 }
 
-/// All of it.
+/// A cell on simulated devices, with their recorded traffic.
 pub(super) struct Bench {
     pub(super) world: World,
     pub(super) cell: Cell,
-    /// The cell's own task.
+    /// The task of the cell.
     pub(super) task: JoinHandle<()>,
     pub(super) lines: Pair<Arc<Mutex<Line>>>,
     pub(super) arrangement: Arrangement,
 }
 
-/// What both manipulators can do: linear axes 10 mm/s at 100 mm/s², so that a halt from full speed takes 0.1 s.
+/// The limits of both manipulators: linear axes have 10 mm/s and 100 mm/s², so that a halt from full speed takes 0.1 s.
 fn limits() -> Axes<AxisLimits> {
     let linear = AxisLimits { lower: -40.0, upper: 40.0, speed: 10.0, acceleration: 100.0, jerk: 2000.0, step: 30.0 };
     let turn = AxisLimits { lower: -0.5, upper: 0.5, speed: 0.2, acceleration: 2.0, jerk: 40.0, step: 0.5 };
@@ -132,7 +132,7 @@ pub(super) fn arrangement() -> Arrangement {
     }
 }
 
-/// Simulated devices without backlash or noise, so that every motion of a clamp shows in where the part really is.
+/// Simulated devices without backlash or noise, so that every motion of a clamp appears in the true place of the part.
 pub(super) fn simulation() -> SimulationSettings {
     let mut simulation = SimulationSettings::default();
     (simulation.manipulators.backlash_mm, simulation.manipulators.backlash_deg) = (0.0, 0.0);
@@ -146,7 +146,7 @@ pub(super) fn settings() -> Settings {
 }
 
 impl Bench {
-    /// A cell that was just started.
+    /// Starts a cell on new devices.
     pub(super) fn start(simulation: &SimulationSettings) -> Self {
         Self::start_with(simulation, settings())
     }
@@ -155,7 +155,7 @@ impl Bench {
         Self::start_within(simulation, settings, |limits| limits)
     }
 
-    /// A cell whose manipulators have their own limits.
+    /// Starts a cell whose manipulators have these limits of their own.
     pub(super) fn start_within(
         simulation: &SimulationSettings,
         settings: Settings,
@@ -163,12 +163,12 @@ impl Bench {
     ) -> Self {
         let mounting = |support: &Support| Mounting { mount_mm: support.mount_mm, limits: own(support.limits) };
         let mountings = settings.arrangement.supports.map(|_, support| mounting(support));
-        Self::on(World::new(simulation, &mountings).expect("settings that are allowed"), settings)
+        Self::on(World::new(simulation, &mountings).expect("valid settings"), settings)
     }
 
-    /// A cell on devices that may have been in use before it.
+    /// Starts a cell on devices that may have been used before.
     pub(super) fn on(world: World, settings: Settings) -> Self {
-        settings.check().expect("settings that are allowed");
+        settings.check().expect("valid settings");
         let arrangement = settings.arrangement;
         let lines = Pair::from_fn(|_| Arc::new(Mutex::new(Line::default())));
         let watched = |carrier: Carrier| -> Box<dyn Manipulator> {
@@ -182,12 +182,12 @@ impl Bench {
         Self { world, cell, task, lines, arrangement }
     }
 
-    /// A cell that is idle, with the lease taken for a minute and both manipulators enabled.
+    /// An idle cell, with a lease for one minute and both manipulators enabled.
     pub(super) async fn ready(simulation: &SimulationSettings) -> Self {
         Self::start(simulation).prepared().await
     }
 
-    /// Waits for idle, takes the lease for a minute, and enables both.
+    /// Waits until the cell is idle, takes the lease for one minute, and enables both manipulators.
     pub(super) async fn prepared(self) -> Self {
         self.until(|now| now.state == State::Idle).await;
         self.take_lease(Duration::from_secs(60)).await;
@@ -197,7 +197,7 @@ impl Bench {
 
     pub(super) async fn take_lease(&self, time_to_live: Duration) {
         let request = LeaseRequest { id: LEASE.to_owned(), holder: "test".to_owned(), time_to_live };
-        self.cell.take_lease(request).await.expect("nobody else asks");
+        self.cell.take_lease(request).await.expect("the lease is free");
     }
 
     pub(super) async fn enable(&self) {
@@ -215,50 +215,50 @@ impl Bench {
         line.send(&Command { sequence, fence: 99, watchdog, action }).await.expect("a link");
     }
 
-    /// Waits for the next reading of m1; for 50 ms after it nothing is sent but commands.
+    /// Waits for the next reading of m1; for 50 ms after it only commands are sent.
     pub(super) async fn m1_was_read(&self) {
         let before = self.cell.snapshot().manipulators.m1.read_at;
         self.until(|now| now.manipulators.m1.read_at != before).await;
     }
 
-    /// Waits until the cell is so; a minute at most.
+    /// Waits until the condition holds, at most one minute.
     pub(super) async fn until(&self, so: impl Fn(&Snapshot) -> bool) -> Arc<Snapshot> {
         let mut watch = self.cell.watch();
         let found = timeout(Duration::from_secs(60), watch.wait_for(|now| so(now))).await;
         match found {
-            Ok(found) => found.expect("the cell lives").clone(),
-            Err(_) => panic!("never so; the cell is {:#?}", self.cell.snapshot()),
+            Ok(found) => found.expect("the cell is running").clone(),
+            Err(_) => panic!("the condition was never met; the cell is {:#?}", self.cell.snapshot()),
         }
     }
 
-    /// Where both are by what was read last.
+    /// The positions of both manipulators in the last readings.
     pub(super) fn positions(&self) -> Pair<Position> {
         let seen = self.cell.snapshot();
         seen.manipulators.map(|_, live| live.reading.as_ref().expect("was read").position())
     }
 
-    /// A path that takes both manipulators to this y, together.
+    /// A path that moves both manipulators to this y together.
     pub(super) fn path_to_y(&self, y: f64) -> Path {
         let targets = Axes { x: None, y: Some(y), z: None, c: None };
         self.path(&Pair { m1: Some(targets), m2: Some(targets) })
     }
 
     pub(super) fn path(&self, targets: &MoveTargets) -> Path {
-        plan_move(&self.arrangement, &self.positions(), targets, 1.0).expect("a way that is allowed").path
+        plan_move(&self.arrangement, &self.positions(), targets, 1.0).expect("an allowed path").path
     }
 
-    /// Begins the move of both to this y.
+    /// Begins the move of both manipulators to this y.
     pub(super) async fn begin(&self, job: &str, y: f64) -> Job {
         self.cell.start_move(LEASE, job, self.path_to_y(y)).await.expect("allowed")
     }
 
-    /// Where the part really is, and how far it is turned.
+    /// The true place of the part, and its rotation.
     pub(super) fn truth(&self) -> [f64; 5] {
         let axis = self.world.truth();
         [axis.p, axis.q, axis.y0, axis.z0, self.world.true_roll()]
     }
 
-    /// Checks every 5 ms for this time, and returns when the part really moved last.
+    /// Checks every 5 ms for this time, and returns the time at which the part last moved.
     pub(super) async fn last_motion(&self, within: Duration) -> Option<Instant> {
         let until = now() + within;
         let (mut before, mut moved_at) = (self.truth(), None);
@@ -272,9 +272,9 @@ impl Bench {
         moved_at
     }
 
-    /// Commands of a kind that went out on a manipulator's line.
+    /// The times at which commands of a kind were sent to a manipulator.
     pub(super) fn sent(&self, carrier: Carrier, of: impl Fn(&Command) -> bool) -> Vec<Instant> {
-        let line = self.lines.get(carrier).lock().expect("unpoisoned");
+        let line = self.lines.get(carrier).lock().expect("an unpoisoned lock");
         line.sent.iter().filter(|(_, command)| of(command)).map(|(at, _)| *at).collect()
     }
 }

@@ -1,5 +1,5 @@
-//! The active work of the cell (a path, a homing or a scan) with its job, and the purposes of the commands whose outcome is not known
-//! yet. Pure.
+//! The active work of the cell (a path, a homing or a scan) with its job, and the purposes of the commands whose outcome is not yet
+//! known. Pure.
 
 use super::driver::messages::{Acquisition, Outcome};
 use super::failure::JobEnd;
@@ -52,7 +52,7 @@ pub(super) enum Purpose {
 }
 
 impl Purpose {
-    /// Whether its outcome has no meaning when the work has ended.
+    /// Whether its outcome is irrelevant after the work has ended.
     pub(super) const fn is_work(self) -> bool {
         matches!(self, Self::Work(_) | Self::Carry | Self::Arm)
     }
@@ -158,7 +158,7 @@ impl ActiveWork {
         }
     }
 
-    /// The acquisition for the sensor; it can be taken once.
+    /// The acquisition for the sensor; it can be taken only once.
     pub(super) const fn taking(&mut self) -> Option<Acquisition> {
         match &mut self.work {
             Work::Scan(_, taking) => taking.take(),

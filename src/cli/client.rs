@@ -1,5 +1,5 @@
 //! `coaxis health`, the health check of the container, which has no shell and no curl; and the HTTP/1.1 client with which it and
-//! `coaxis demo` ask a service, one request for each connection.
+//! `coaxis demo` send requests to a service, one for each connection.
 
 use std::error::Error;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
@@ -14,7 +14,7 @@ use super::client;
 use super::config::Sources;
 use super::output::Outcome;
 
-/// More of an answer is not read.
+/// Greatest number of bytes of an answer that are read.
 const ANSWER_BYTES_MAX: u64 = 16 << 20;
 
 /// Media type of a body that is not JSON.
@@ -23,28 +23,28 @@ const BYTES: &str = "application/octet-stream";
 /// An answer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Answer {
-    /// E.g. 200; 0 where there was none.
+    /// HTTP status, e.g. 200; 0 if there was none.
     pub(super) status: u16,
-    /// What came with it.
+    /// Body of the answer.
     pub(super) body: String,
 }
 
-/// GET, answered within `wait`.
+/// Sends a GET request and returns the answer within `wait`.
 pub(super) async fn get(url: &str, wait: Duration) -> Result<Answer, Box<dyn Error>> {
     ask("GET", url, (BYTES, &[]), wait).await
 }
 
-/// DELETE, answered within `wait`.
+/// Sends a DELETE request and returns the answer within `wait`.
 pub(super) async fn delete(url: &str, wait: Duration) -> Result<Answer, Box<dyn Error>> {
     ask("DELETE", url, (BYTES, &[]), wait).await
 }
 
-/// POST of a JSON document, answered within `wait`.
+/// Sends a POST request with a JSON document and returns the answer within `wait`.
 pub(super) async fn post_json(url: &str, body: &str, wait: Duration) -> Result<Answer, Box<dyn Error>> {
     ask("POST", url, ("application/json", body.as_bytes()), wait).await
 }
 
-/// POST of `body`, answered within `wait`.
+/// Sends a POST request with `body` and returns the answer within `wait`.
 pub(super) async fn post(url: &str, body: &[u8], wait: Duration) -> Result<Answer, Box<dyn Error>> {
     ask("POST", url, (BYTES, body), wait).await
 }
@@ -99,10 +99,10 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     Err(format!("{url} answered {}: {}", answer.status, answer.body).into())
 }
 
-/// Where a service that listens there is asked from the same machine.
+/// The address under which a service that listens on `listen` is reached from the same machine.
 fn configured(listen: SocketAddr) -> Result<String, Box<dyn Error>> {
     if listen.port() == 0 {
-        return Err(format!("listen = \"{listen}\" takes any free port; say which address to ask").into());
+        return Err(format!("listen = \"{listen}\" selects any free port; give the address of the service").into());
     }
     let ip = match listen.ip() {
         IpAddr::V4(ip) if ip.is_unspecified() => Ipv4Addr::LOCALHOST.into(),
@@ -117,7 +117,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_address_of_every_interface_is_asked_on_this_machine() {
+    fn an_unspecified_listen_address_is_reached_on_this_machine() {
         let asked = |listen: &str| configured(listen.parse().expect("an address")).ok();
         assert_eq!(asked("0.0.0.0:9000").as_deref(), Some("http://127.0.0.1:9000/health/ready"));
         assert_eq!(asked("[::]:9000").as_deref(), Some("http://[::1]:9000/health/ready"));

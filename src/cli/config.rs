@@ -1,4 +1,4 @@
-//! `coaxis config`: the configuration that the service would run with; and the flags by which every command finds it.
+//! `coaxis config`: prints the configuration of the service. Also the flags by which every command finds its configuration.
 
 use super::output::{Outcome, print_text};
 use crate::config::Layers;
@@ -53,12 +53,12 @@ impl Sources {
         Self { config, listen: None, data: None, insecure_lan: false, set: Vec::new() }
     }
 
-    /// The configuration that results, checked.
+    /// The resulting configuration, checked.
     pub(super) fn config(&self) -> Result<Config, ConfigError> {
         Ok(self.config_and_ignored()?.0)
     }
 
-    /// The same, and the environment variables that look like settings and name none.
+    /// The resulting configuration, and the environment variables that have the prefix but name no setting.
     pub(super) fn config_and_ignored(&self) -> Result<(Config, Vec<String>), ConfigError> {
         let mut layers = Layers::default();
         if let Some(file) = &self.config {

@@ -1,6 +1,6 @@
-//! `coaxis demo`: the product in one command. Starts the service, sends it a synthetic scan with interference, has the simulated cell
-//! scan its part and move it to a target, and shows the poses beside the truth, where the pictures are and what to type next.
-//! All requests go over HTTP, as those of a client do; only the truth is read from the simulation.
+//! `coaxis demo`: the product in one command. It starts the service, sends it a synthetic scan with interference, lets the
+//! simulated cell scan its part and move it to a target, and prints the poses beside the true values, the addresses of the plots
+//! and further commands. All requests go over HTTP, as those of a client do; only the true values are read from the simulation.
 
 use std::error::Error;
 use std::fs;
@@ -36,19 +36,19 @@ pub(super) struct Arguments {
     once: bool,
 }
 
-/// Simulated seconds in a second.
+/// Simulated seconds per second.
 const TIME_FACTOR: f64 = 10.0;
 
-/// Longest that a measurement of the demonstration may take.
+/// Longest time for a measurement of the demonstration.
 const WAIT: Duration = Duration::from_secs(60);
 
 pub(super) fn run(arguments: &Arguments) -> Outcome {
     let mut config = arguments.sources.config()?;
-    // What is shown is to be read, not to be lost between lines of the log; --set log.filter=info brings them back.
+    // Log lines would separate the lines of the demonstration; --set log.filter=info shows them.
     if config.log.filter == crate::config::Log::default().filter {
         config.log.filter = "warn".to_owned();
     }
-    // A simulated cell has no reason to be slow.
+    // A simulated cell need not run in real time.
     if config.cell.simulated.time_factor == crate::device::simulated::Settings::default().time_factor {
         config.cell.simulated.time_factor = TIME_FACTOR;
     }
@@ -60,7 +60,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
 async fn demonstrate(config: &Config, once: bool) -> Result<(), Box<dyn Error>> {
     let (service, world) = open_service(config).await?;
     let stopped = Arc::clone(&service);
-    // A demonstration does not move real devices.
+    // The demonstration does not move real devices.
     let world = world.filter(|_| is_simulated(&config.cell));
     let server = Server::bind(config, service).map_err(|error| {
         format!("cannot listen on {}: {error}; choose another port with --listen 127.0.0.1:0", config.listen)
@@ -76,7 +76,7 @@ async fn demonstrate(config: &Config, once: bool) -> Result<(), Box<dyn Error>> 
     shown
 }
 
-/// Makes a scan, has it measured by every method and prints what came out.
+/// Generates a scan, measures it by every method and prints the results.
 async fn show(base: &str, folder: &Path, world: Option<&World>, once: bool) -> Result<(), Box<dyn Error>> {
     let file = folder.join("scan.ply");
     fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
@@ -139,22 +139,22 @@ fn report(base: &str, file: &Path, truth: &Truth, measurements: &[(Method, Value
     )
 }
 
-/// Longest that anything may take.
+/// Longest time for any step of the cell.
 const CELL_WAIT: Duration = Duration::from_secs(90);
-/// Between two looks at the cell's state.
+/// Interval between two readings of the cell's state.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Where the part is wanted: along the rail, a little above.
+/// The target of the part: along the rail, slightly raised.
 const TARGET: [(&str, f64); 4] = [("deflection_deg", 0.0), ("pitch_deg", 0.0), ("y_c0_mm", 0.0), ("z_c0_mm", 10.0)];
 
-/// Whether every device is made, so that nothing real moves.
+/// Whether every device is simulated, so that nothing real moves.
 fn is_simulated(cell: &Cell) -> bool {
     cell.manipulators.iter().all(|(_, one)| one.adaptor == ManipulatorAdaptor::Simulated)
         && cell.stage.adaptor == StageAdaptor::Simulated
         && cell.sensor.adaptor == SensorAdaptor::Simulated
 }
 
-/// Measures, moves, measures again: what is to be shown.
+/// Measures the part, moves it, measures it again, and returns the text to show.
 async fn align(base: &str, world: &World) -> Result<String, Box<dyn Error>> {
     until_idle(base).await?;
     let lease = post(base, "/v1/cell/lease", &json!({"holder": "demo", "ttl_s": 60}), 201).await?;
@@ -176,7 +176,7 @@ async fn align(base: &str, world: &World) -> Result<String, Box<dyn Error>> {
     }
     let after = measure(base, &lease).await?;
     let true_after = truth(world);
-    // The lease is free for the next client.
+    // A stop frees the lease for the next client.
     post(base, "/v1/cell/stop", &Value::Null, 200).await?;
     release(base, &lease).await?;
     Ok(report_alignment(&plan, [(&before, true_before), (&after, true_after)]))
@@ -187,7 +187,7 @@ async fn measure(base: &str, lease: &Value) -> Result<Value, Box<dyn Error>> {
     let began = post(base, "/v1/measurements", &order, 201).await?;
     let measured = get(base, &format!("/v1/measurements/{}?wait_s=60", text(&began, "id"))).await?;
     if text(&measured, "verdict") != "accepted" {
-        return Err(format!("the measurement by the sensor came to {measured}").into());
+        return Err(format!("the measurement by the sensor ended as {measured}").into());
     }
     Ok(measured)
 }
@@ -210,7 +210,7 @@ async fn until(base: &str, so: impl Fn(&Value) -> bool) -> Result<(), Box<dyn Er
         }
         sleep(LOOK).await;
     }
-    Err("the simulated cell does not become ready; GET /v1/cell says why".into())
+    Err("the simulated cell does not become ready; GET /v1/cell shows the reasons".into())
 }
 
 async fn release(base: &str, lease: &Value) -> Result<(), Box<dyn Error>> {

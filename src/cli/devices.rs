@@ -1,6 +1,6 @@
-//! `coaxis devices`: whether the devices that the configuration names are there, and keep what their adaptors promise. Reads
-//! alone; moves nothing, starts no scan. Beside a service that uses the devices it does so only when asked to, and a device that
-//! moves without a commander is given the time to stop by its watchdog.
+//! `coaxis devices`: checks that the configured devices are reachable and fulfil the contract of their adaptors. It only reads: it
+//! moves nothing and starts no scan. If a service uses the devices, it checks them only on request; and a device that moves without
+//! a commander is first given the time to be stopped by its watchdog.
 
 use super::config::Sources;
 use super::output::{FAILED, Outcome, print};
@@ -63,8 +63,8 @@ fn keep_services_out(data: &Path) -> Result<Option<FolderLock>, Box<dyn Error>> 
     })
 }
 
-/// Says nothing to the devices at first: what a process that died has left moving stops by its watchdog, which our first word
-/// would start anew.
+/// Sends nothing to the devices at first, so that a motion left by an ended process is stopped by its watchdog, which any request
+/// would restart.
 async fn check(devices: Devices) -> Vec<Report> {
     sleep(SILENCE).await;
     let Devices { manipulators: Pair { mut m1, mut m2 }, sensor, stage } = devices;
@@ -98,17 +98,17 @@ mod tests {
     use std::time::Duration;
     use tokio::time::{Instant, sleep_until};
 
-    /// As long as a device may have it here.
+    /// The longest watchdog time that a device may have here.
     const WATCHDOG: Duration = Duration::from_millis(400);
 
-    /// A world in which m1 has just been sent on a long way by a commander that is gone.
+    /// A world in which m1 has just received a command for a long move from a client that has disappeared.
     async fn abandoned() -> (World, Instant) {
         let linear =
             AxisLimits { lower: -40.0, upper: 40.0, speed: 10.0, acceleration: 100.0, jerk: 2000.0, step: 30.0 };
         let turn = AxisLimits { lower: -0.5, upper: 0.5, speed: 0.2, acceleration: 2.0, jerk: 40.0, step: 0.5 };
         let limits = Axes { x: linear, y: linear, z: linear, c: turn };
         let mountings = Pair { m1: 150.0, m2: 650.0 }.map(|_, x: &f64| Mounting { mount_mm: [*x, 0.0, 0.0], limits });
-        let world = World::new(&Settings::default(), &mountings).expect("settings that are allowed");
+        let world = World::new(&Settings::default(), &mountings).expect("valid settings");
         let mut commander = world.manipulator(Carrier::M1);
         commander.connect().await.expect("a link");
         let axes = Axes { y: true, ..Axes::default() };
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_check_does_not_prolong_a_motion_that_lost_its_commander() {
+    async fn a_check_does_not_prolong_a_motion_without_a_commander() {
         let (world, abandoned_at) = abandoned().await;
         let devices = Devices {
             manipulators: Pair { m1: Carrier::M1, m2: Carrier::M2 }
@@ -130,10 +130,10 @@ mod tests {
             stage: Some(Box::new(world.stage())),
         };
         let checking = tokio::spawn(check(devices));
-        // 400 ms of watchdog and 100 ms from 10 mm/s at 100 mm/s², and some for the way of the command.
+        // 400 ms of watchdog, 100 ms of braking from 10 mm/s at 100 mm/s², and some ms for the transmission of the command.
         sleep_until(abandoned_at + Duration::from_millis(510)).await;
         let stood_at = world.clamp(Carrier::M1);
-        let reports = checking.await.expect("it ends");
+        let reports = checking.await.expect("the task ends");
         assert_eq!(world.clamp(Carrier::M1), stood_at);
         let failed =
             |report: &Report| report.checks.iter().filter(|check| !check.passed).map(|check| check.name).collect();
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_device_that_moves_is_not_read_on() {
+    async fn a_moving_device_is_not_read_any_further() {
         let (world, abandoned_at) = abandoned().await;
         let steps = world.faults().steps(Device::Manipulator(Carrier::M1));
         let report = check_manipulator(&mut world.manipulator(Carrier::M1)).await;
@@ -159,11 +159,11 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("coaxis-check-{}", std::process::id()));
         assert!(keep_services_out(&folder).expect("no folder, no service").is_none());
         std::fs::create_dir_all(&folder).expect("a folder");
-        let service = keep_services_out(&folder).expect("nobody has it");
-        let refused = keep_services_out(&folder).map(|_| ()).expect_err("it is taken");
+        let service = keep_services_out(&folder).expect("the folder is free");
+        let refused = keep_services_out(&folder).map(|_| ()).expect_err("the folder is in use");
         assert!(refused.to_string().contains("--beside-service"), "{refused}");
         drop(service);
         assert!(keep_services_out(&folder).is_ok());
-        std::fs::remove_dir_all(&folder).expect("ours");
+        std::fs::remove_dir_all(&folder).expect("the folder of this test");
     }
 }

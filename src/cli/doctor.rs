@@ -1,4 +1,4 @@
-//! `coaxis doctor`: examines what is kept in the data folder, beside a running service or without one.
+//! `coaxis doctor`: examines the data folder, whether a service is running on it or not.
 
 use super::config::Sources;
 use super::output::{FAILED, Outcome, print};

@@ -1,5 +1,5 @@
-//! The documents that coaxis prints about itself: `coaxis man` (the manual page of the command or of a subcommand), `coaxis
-//! completions` (for a shell) and `coaxis openapi` (the API, or the table of its problem codes).
+//! The documents about coaxis itself: `coaxis man` (the manual page of the command or of a subcommand), `coaxis completions` (for a
+//! shell) and `coaxis openapi` (the API, or the table of its problem codes).
 
 use clap::Command;
 use clap_complete::{Shell, generate};

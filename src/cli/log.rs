@@ -1,5 +1,6 @@
-//! The log: a thread of its own writes the lines to standard error. Their reader may stall (a full pipe, a stopped terminal), and
-//! the service must go on, most of all its stops; so lines that do not fit into the queue are dropped, and counted in a later line.
+//! The log: a separate thread writes the lines to standard error. Their reader may stall (a full pipe, a stopped terminal), but the
+//! service must continue, above all its stops; so lines that do not fit into the queue are dropped, and a later line reports their
+//! number.
 
 use crate::config::{Log, LogFormat};
 use std::error::Error;
@@ -12,15 +13,15 @@ use std::time::Duration;
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::MakeWriter;
 
-/// Lines that may wait for the reader of the log.
+/// Number of lines that may wait for the reader of the log.
 const LINES_MAX: usize = 4096;
-/// How long the last lines may take at the end.
+/// Longest time for writing the last lines at the end.
 const LAST_LINES: Duration = Duration::from_millis(500);
-/// How often room is looked for meanwhile.
+/// Number of attempts to queue the last message within this time.
 const ROOM_TRIES: u32 = 50;
 
-/// What the OPC UA library says of keys that nobody wants where messages are open, and of a configuration of its own that is
-/// not used. Whatever is wrong with a device its adaptor says itself.
+/// Messages of the OPC UA library about unused keys where messages are not encrypted, and about a configuration of its own that is
+/// not used. Faults of a device are reported by its adaptor.
 const NOISE: [&str; 4] = [
     "opcua_client::config=off",
     "opcua_client::session::client=off",
@@ -28,7 +29,7 @@ const NOISE: [&str; 4] = [
     "opcua_crypto::certificate_store=off",
 ];
 
-/// Starts the log; when what comes back is dropped, the lines so far are written out.
+/// Starts the log. Dropping the returned value writes the lines so far.
 pub(super) fn start(log: &Log) -> Result<LastLines, Box<dyn Error>> {
     let filter =
         EnvFilter::try_new(filter(&log.filter)).map_err(|error| format!("log.filter = {:?}: {error}", log.filter))?;
@@ -42,27 +43,27 @@ pub(super) fn start(log: &Log) -> Result<LastLines, Box<dyn Error>> {
     Ok(last_lines)
 }
 
-/// The lines that are written: without the noise, unless it was asked for by name.
+/// The filter with the noise excluded, unless the configured filter names it.
 fn filter(asked: &str) -> String {
     if asked.contains("opcua_") { asked.to_owned() } else { format!("{asked},{}", NOISE.join(",")) }
 }
 
 enum Entry {
     Line(Vec<u8>),
-    /// Answers when every line before it is written.
+    /// Answered when every earlier line has been written.
     Written(SyncSender<()>),
 }
 
-/// Where lines go in; never waits.
+/// The sender of log lines, which never waits.
 struct Lines {
     entries: SyncSender<Entry>,
     dropped_count: Arc<AtomicU64>,
 }
 
-/// Writes the remaining lines when it is dropped, as far as they are read.
+/// Dropping it writes the remaining lines, if they are read.
 pub(super) struct LastLines(SyncSender<Entry>);
 
-/// One line in the making.
+/// A line that is being formatted.
 struct Line<'a> {
     lines: &'a Lines,
     text: Vec<u8>,
@@ -78,7 +79,7 @@ impl Lines {
     }
 }
 
-/// If standard error is closed, the lines are dropped.
+/// Writes the waiting lines. If standard error is closed, they are dropped.
 fn write(waiting: &Receiver<Entry>, mut out: impl Write, dropped_count: &AtomicU64) {
     while let Ok(entry) = waiting.recv() {
         match entry {
@@ -87,7 +88,7 @@ fn write(waiting: &Receiver<Entry>, mut out: impl Write, dropped_count: &AtomicU
         }
         let lines_count = dropped_count.swap(0, Ordering::Relaxed);
         if lines_count > 0 {
-            tracing::warn!(lines_count, "lines of the log were dropped; nobody read it for a while");
+            tracing::warn!(lines_count, "log lines were dropped because they were not read in time");
         }
     }
 }
@@ -122,7 +123,7 @@ impl Drop for Line<'_> {
 impl Drop for LastLines {
     fn drop(&mut self) {
         let (said, written) = sync_channel(1);
-        // If the log is not read, the queue stays full: the lines are lost, and the process ends.
+        // If the log is not read, the queue remains full; then the lines are lost, and the process ends.
         for _ in 0..ROOM_TRIES {
             if self.0.try_send(Entry::Written(said.clone())).is_ok() {
                 let _ = written.recv_timeout(LAST_LINES);
@@ -140,7 +141,7 @@ mod tests {
     use std::sync::mpsc::Sender;
 
     #[test]
-    fn noise_is_left_out_of_the_log_unless_it_is_asked_for() {
+    fn noise_is_excluded_from_the_log_unless_the_filter_names_it() {
         for asked in ["info", "warn,coaxis::http=debug"] {
             let filter = filter(asked);
             assert!(filter.starts_with(asked) && filter.contains(",opcua_core::comms::secure_channel=off"), "{filter}");
@@ -149,7 +150,7 @@ mod tests {
         assert_eq!(filter("info,opcua_core=debug"), "info,opcua_core=debug");
     }
 
-    /// Takes nothing before it is let.
+    /// A writer that blocks until it is released.
     struct Stalled {
         let_go: Receiver<()>,
         taken: Arc<Mutex<Vec<u8>>>,
@@ -158,7 +159,7 @@ mod tests {
     impl Write for Stalled {
         fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
             let _ = self.let_go.recv();
-            self.taken.lock().expect("no panic").extend_from_slice(bytes);
+            self.taken.lock().expect("an unpoisoned lock").extend_from_slice(bytes);
             Ok(bytes.len())
         }
 
@@ -175,24 +176,24 @@ mod tests {
     }
 
     #[test]
-    fn a_reader_that_stalls_keeps_nobody_waiting_and_costs_the_lines_that_find_no_room() {
+    fn a_stalled_reader_blocks_no_thread_and_lines_beyond_the_queue_are_dropped() {
         let (lines, last, go, taken) = stalled(2);
         for number in 0..100 {
-            writeln!(lines.make_writer(), "line {number}").expect("taken");
+            writeln!(lines.make_writer(), "line {number}").expect("written");
         }
-        // One may be in the writer's hands, two have room.
+        // One line may be in the writer and two in the queue.
         assert!(lines.dropped_count.load(Ordering::Relaxed) >= 97);
         drop(go);
         drop(last);
-        assert!(taken.lock().expect("no panic").starts_with(b"line 0\n"));
+        assert!(taken.lock().expect("an unpoisoned lock").starts_with(b"line 0\n"));
     }
 
     #[test]
     fn the_last_lines_are_written_before_the_end() {
         let (lines, last, go, taken) = stalled(10);
         drop(go);
-        writeln!(lines.make_writer(), "stopped").expect("taken");
+        writeln!(lines.make_writer(), "stopped").expect("written");
         drop(last);
-        assert_eq!(taken.lock().expect("no panic").as_slice(), b"stopped\n");
+        assert_eq!(taken.lock().expect("an unpoisoned lock").as_slice(), b"stopped\n");
     }
 }

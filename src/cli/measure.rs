@@ -1,4 +1,4 @@
-//! `coaxis measure`: scan files to poses, without a service. The same document as over HTTP, or a table for people.
+//! `coaxis measure`: measures scan files without a service. The output is the same document as over HTTP, or a table.
 
 use super::config::Sources;
 use super::output::{FAILED, Outcome, OutputClosed, REFUSED, complain, print, table, with_bar};
@@ -98,7 +98,7 @@ impl Arguments {
         let Some(path) = &self.recipe else { return Ok(flags) };
         let text = fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
         let text = without_mark(&text);
-        // A list would be taken for the fields in their order.
+        // A list would be parsed as the fields in their order.
         if text.trim_ascii_start().first() != Some(&b'{') {
             return Err(format!("{}: a recipe is a JSON object", path.display()).into());
         }
@@ -107,7 +107,7 @@ impl Arguments {
         Ok(flags.over(&recipe))
     }
 
-    /// Refuses scans whose output would be written over each other's.
+    /// Refuses scans whose output files would overwrite each other.
     fn check_names(&self) -> Result<(), String> {
         let mut seen = HashSet::new();
         let writes = self.plots.is_some() || self.profiles.is_some();
@@ -152,7 +152,7 @@ impl Arguments {
         Ok(measurement.verdict())
     }
 
-    /// Every picture of a part, in a folder of its own where there are parts.
+    /// Draws every plot of a part, in a folder of its own if there are several parts.
     fn draw_all(
         &self,
         folder: &Path,
@@ -172,10 +172,10 @@ impl Arguments {
     }
 }
 
-/// The name that stands for standard input among the files.
+/// The file name that stands for standard input.
 const STANDARD_INPUT: &str = "-";
 
-/// The bytes of a scan and the name of its file; standard input has none.
+/// The bytes of a scan and the name of its file; standard input has no name.
 pub(super) fn open(path: &Path) -> Result<(Box<dyn Read>, Option<String>), String> {
     if path == Path::new(STANDARD_INPUT) {
         return Ok((Box::new(std::io::stdin()), None));
@@ -185,7 +185,7 @@ pub(super) fn open(path: &Path) -> Result<(Box<dyn Read>, Option<String>), Strin
     Ok((Box::new(file), Some(name)))
 }
 
-/// What a scan's output is named after: the whole file name, so that `s.ply` and `s.pcd` do not meet.
+/// The name of a scan's output: the complete file name, so that `s.ply` and `s.pcd` have different outputs.
 fn own_name(path: &Path) -> &OsStr {
     match path.file_name() {
         Some(name) if name != STANDARD_INPUT => name,
@@ -199,7 +199,7 @@ fn with_csv(name: &OsStr) -> PathBuf {
     name.into()
 }
 
-/// Writes a file, and the folder that it is to lie in.
+/// Writes a file, and creates its folder.
 fn write(path: &Path, text: &str) -> Result<(), Box<dyn Error>> {
     if let Some(folder) = path.parent() {
         fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;

@@ -1,4 +1,4 @@
-//! The `coaxis` command: the service and its functions offline, a file for each command.
+//! The `coaxis` command: the service and its offline functions, with one file for each command.
 
 mod client;
 mod config;
@@ -52,7 +52,7 @@ pub fn run() -> ExitCode {
     let arguments = match Arguments::try_parse() {
         Ok(arguments) => arguments,
         Err(answer) => {
-            // Help and version are printed here, too; if the terminal is closed, they are dropped.
+            // Help and version are also printed here; if the terminal is closed, they are dropped.
             let _ = answer.print();
             return if answer.use_stderr() { ExitCode::from(FAILED) } else { ExitCode::SUCCESS };
         }

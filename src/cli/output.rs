@@ -1,5 +1,5 @@
-//! What commands write: text on standard output, errors with their causes, a measurement as a table, and on a terminal a progress
-//! bar for work that takes long.
+//! The output of the commands: text on standard output, errors with their causes, a measurement as a table, and on a terminal a
+//! progress bar for long work.
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -25,13 +25,13 @@ pub(super) const REFUSED: u8 = 2;
 /// The result of a command.
 pub(super) type Outcome = Result<ExitCode, Box<dyn Error>>;
 
-/// An error with its causes, for the person at the terminal.
+/// Prints an error with its causes on standard error.
 #[expect(clippy::print_stderr, reason = "errors of a command are printed here")]
 pub(super) fn complain(error: &dyn Error) {
     eprintln!("coaxis: {}", with_causes(error));
 }
 
-/// The text of an error and of its causes, each only once: the text of some errors contains their cause already.
+/// The text of an error and of its causes, each only once, because the text of some errors already contains their cause.
 fn with_causes(error: &dyn Error) -> String {
     let mut text = error.to_string();
     let mut cause = error.source();
@@ -73,12 +73,12 @@ pub(super) fn print_text(text: &str) -> Outcome {
     }
 }
 
-/// Work that is done before this needs no bar.
+/// Work that ends within this time shows no progress bar.
 const PATIENCE: Duration = Duration::from_millis(400);
-/// Between two looks at the work.
+/// Interval between two updates of the progress bar.
 const INTERVAL: Duration = Duration::from_millis(100);
 
-/// Does `work`, and shows how many profiles are done if it takes a while.
+/// Executes `work`, and shows the number of finished profiles if it takes longer.
 pub(super) fn with_bar<T>(name: &str, work: impl FnOnce(&Progress) -> T) -> T {
     let progress = Progress::default();
     if !std::io::stderr().is_terminal() {
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cause_is_said_once_whether_the_error_shows_it_or_not() {
+    fn a_cause_is_printed_once_whether_the_error_contains_it_or_not() {
         let cause = || "x".parse::<i32>().expect_err("no number");
         let said = format!("the file is damaged: {}", cause());
         assert_eq!(with_causes(&Refusal::Shown(cause())), said);

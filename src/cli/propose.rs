@@ -1,4 +1,4 @@
-//! `coaxis propose`: the cylinders of a scan file, and a recipe for each of them that `coaxis measure --recipe` takes.
+//! `coaxis propose`: finds the cylinders in a scan file, and prints a recipe for each of them for `coaxis measure --recipe`.
 
 use super::config::Sources;
 use super::measure::open;
@@ -39,7 +39,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     let name = file_name.clone().unwrap_or_else(|| "standard input".to_owned());
     let origin = Origin { parameter: arguments.reading.format, media_type: None, file_name };
     let cloud = read_cloud(source, &origin, &resolved, &config.scan).map_err(|error| format!("{name}: {error}"))?;
-    // A default of the configuration applies to the measurement, too.
+    // A default of the configuration also applies to the measurement.
     let nominal_radius_mm = resolved.settings.nominal_radius_mm;
     let proposals = propose(&cloud, &asked, nominal_radius_mm);
     if proposals.is_empty() {

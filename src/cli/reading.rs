@@ -1,4 +1,4 @@
-//! Flags for how a scan file is read; the same for every command that takes one.
+//! Flags for reading a scan file, shared by all commands that read one.
 
 use crate::scan::decode::{Decimal, Format, Unit};
 use crate::service::Recipe;
@@ -29,7 +29,7 @@ pub(super) struct ReadingArguments {
 }
 
 impl ReadingArguments {
-    /// The flags, as part of a recipe.
+    /// The flags as part of a recipe.
     pub(super) fn recipe(&self) -> Recipe {
         Recipe {
             unit: self.unit,
@@ -42,7 +42,7 @@ impl ReadingArguments {
     }
 }
 
-/// The value of a name, or the names that there are.
+/// The value with this name, or an error that lists the names.
 pub(super) fn named<T, const N: usize>(
     found: Option<T>,
     all: [T; N],

@@ -1,4 +1,4 @@
-//! `coaxis serve`: the service, until it is stopped by a signal.
+//! `coaxis serve`: runs the service until a signal stops it.
 
 use super::config::Sources;
 use super::log;
@@ -16,7 +16,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::signal::unix::{SignalKind, signal};
 
-/// How long threads that wait for a client may keep the process from ending.
+/// Longest time that threads waiting for a client may delay the end of the process.
 const THREADS_END: Duration = Duration::from_millis(500);
 
 /// Serve measurements over HTTP until interrupted
@@ -31,7 +31,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     let _last_lines = log::start(&config.log)?;
     if !ignored.is_empty() {
         let variables = ignored.join(", ");
-        tracing::warn!(variables, "environment variables that name no setting are left out: {variables}");
+        tracing::warn!(variables, "environment variables that name no setting are ignored: {variables}");
     }
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let outcome = runtime.block_on(serve(&config));
@@ -43,7 +43,7 @@ async fn serve(config: &Config) -> Result<(), Box<dyn Error>> {
     let (service, _) = open_service(config).await?;
     if service.now() < Timestamp::UNIX_EPOCH {
         return Err(format!(
-            "the clock of this machine says {}, which no HTTP answer can carry; set it, e.g. with timedatectl set-ntp true",
+            "the clock of this machine shows {}, which no HTTP date can represent; set it, e.g. with timedatectl set-ntp true",
             service.now()
         )
         .into());
@@ -59,7 +59,7 @@ async fn serve(config: &Config) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The service on the folder and with the devices that the configuration names; and what is simulated, where anything is.
+/// Opens the service on the configured folder with the configured devices; also returns the simulation, if any device is simulated.
 pub(super) async fn open_service(config: &Config) -> Result<(Arc<Service>, Option<World>), Box<dyn Error>> {
     let equipment = Equipment::of(&config.cell)?;
     let world = equipment.as_ref().and_then(|equipment| equipment.world.clone());
@@ -77,17 +77,17 @@ pub(super) async fn open_service(config: &Config) -> Result<(Arc<Service>, Optio
     Ok((service, world))
 }
 
-/// SIGTERM and SIGINT end the service; what moves is stopped before anything else. A second signal changes nothing, the time
-/// for it is bounded anyway.
+/// SIGTERM and SIGINT end the service; motions are stopped before anything else. A second signal changes nothing, because the time
+/// for the shutdown is limited anyway.
 pub(super) async fn stop_on_signal(stopper: Stopper, service: Arc<Service>) {
     let (terminate, interrupt) = (signal(SignalKind::terminate()), signal(SignalKind::interrupt()));
     let (Ok(mut terminate), Ok(mut interrupt)) = (terminate, interrupt) else {
-        tracing::error!("signals cannot be received; the service has to be killed to end");
+        tracing::error!("signals cannot be received; the service can only be ended by SIGKILL");
         return;
     };
     tokio::select! {
-        _ = terminate.recv() => tracing::info!("SIGTERM: what moves is stopped, requests under way are finished"),
-        _ = interrupt.recv() => tracing::info!("SIGINT: what moves is stopped, requests under way are finished"),
+        _ = terminate.recv() => tracing::info!("SIGTERM: motion is stopped, requests under way are finished"),
+        _ = interrupt.recv() => tracing::info!("SIGINT: motion is stopped, requests under way are finished"),
     }
     service.stop_motion().await;
     stopper.stop();

@@ -1,4 +1,4 @@
-//! `coaxis simulate`: synthetic scans with their truth beside them, to try a client or a method against; and simulated devices.
+//! `coaxis simulate`: generates synthetic scans with their true values for testing a client or a method; also simulated devices.
 
 use super::output::{Outcome, print};
 use super::reading::format;
@@ -141,23 +141,26 @@ fn write_scan(arguments: &ScanArguments) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Makes a scan, writes it to `file` and its truth beside it (a list where there are several parts); where that is.
+/// Generates a scan, and writes it to `file` and its true values beside it (a list if there are several parts); returns the path of
+/// the true values.
 pub(super) fn write_made(parts: &[Part], format: Format, file: &Path) -> Result<PathBuf, Box<dyn Error>> {
-    let (scan, truths) = make_several(parts).map_err(|error| format!("these numbers make no scan: {error}"))?;
+    let (scan, truths) =
+        make_several(parts).map_err(|error| format!("no scan can be generated with these values: {error}"))?;
     write(&scan, &truths, format, file)
 }
 
-/// The same of a scan that is moved as a whole, before it is rounded and its sentinels are written.
+/// The same for a scan that is moved as a whole before it is rounded and its sentinels are written.
 fn write_moved(parts: &[Part], frame: &Frame, arguments: &ScanArguments) -> Result<PathBuf, Box<dyn Error>> {
     let parts: Vec<Part> = parts.iter().map(|part| Part { export: Export::default(), ..part.clone() }).collect();
-    let (scan, truths) = make_several(&parts).map_err(|error| format!("these numbers make no scan: {error}"))?;
+    let (scan, truths) =
+        make_several(&parts).map_err(|error| format!("no scan can be generated with these values: {error}"))?;
     let cloud = placed(&scan, frame, arguments.export.shuffle_seed(arguments.seed))?;
     let cloud = arguments.export.export().apply(cloud, arguments.seed)?;
     let truths: Vec<PlacedTruth> = truths.iter().map(|truth| truth.placed(frame)).collect::<Result<_, _>>()?;
     write(&cloud, &truths, arguments.format()?, &arguments.file)
 }
 
-/// Writes a scan to `file` and the truth beside it; where that is.
+/// Writes a scan to `file` and the true values beside it; returns the path of the true values.
 fn write(scan: &Scan, truths: &[impl Serialize], format: Format, file: &Path) -> Result<PathBuf, Box<dyn Error>> {
     let open = |path: &Path| File::create(path).map_err(|error| format!("{}: {error}", path.display()));
     let mut out = BufWriter::new(open(file)?);
@@ -180,11 +183,11 @@ fn text(truth: &impl Serialize) -> Result<String, serde_json::Error> {
 impl ScanArguments {
     fn format(&self) -> Result<Format, String> {
         let ending = self.file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
-        let unknown = || format!("{}: no format has this ending; say --format", self.file.display());
+        let unknown = || format!("{}: no format has this extension; give --format", self.file.display());
         self.format.or_else(|| Format::from_name(&ending.to_ascii_lowercase())).ok_or_else(unknown)
     }
 
-    /// The parts; an error if their numbers cannot be used.
+    /// The parts, or an error if their values are not valid.
     fn parts(&self) -> Result<Vec<Part>, String> {
         self.check()?;
         let first = self.part();
@@ -249,7 +252,7 @@ impl ScanArguments {
             ("drop-outs", self.drop_outs),
             ("spikes", self.spikes),
         ];
-        // A little more than 1, so that shares that should add up to it may.
+        // Slightly more than 1, because the sum of fractions may be rounded up.
         if let Some((name, value)) = shares.into_iter().find(|(_, share)| !(0.0..=1.0 + 1e-9).contains(share)) {
             return Err(format!("{name} must be between 0 and 1, got {value}"));
         }

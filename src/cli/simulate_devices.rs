@@ -1,5 +1,5 @@
-//! Simulated devices on the network, to try coaxis or another client against: `coaxis simulate gocator` is a sensor that on every
-//! start sends the profiles of a scan file or of a synthetic part; `coaxis simulate plc` is a PLC with two manipulators and a stage,
+//! Simulated devices on the network, for trying coaxis or another client: `coaxis simulate gocator` is a sensor that sends the
+//! profiles of a scan file or of a synthetic part at every start; `coaxis simulate plc` is a PLC with two manipulators and a stage,
 //! with a flag for each protocol.
 
 use std::collections::BTreeMap;
@@ -34,7 +34,7 @@ use crate::scan::synthetic::{Part, make};
 use super::output::{Outcome, print};
 
 const SERIAL: u32 = 40_959;
-/// Above what a scan file needs that one reads with.
+/// Size of a block read from a scan file, larger than the header that a reader needs.
 const READ_BLOCK_BYTES: usize = 256 * 1024;
 
 /// Be a Gocator sensor on the network until interrupted; it sends a scan at every start
@@ -74,7 +74,7 @@ fn form(text: &str) -> Result<Form, String> {
         "point_cloud" => Ok(Form::PointCloud),
         "uniform" => Ok(Form::Uniform),
         "surface" => Ok(Form::Surface),
-        _ => Err("say point_cloud, uniform or surface".to_owned()),
+        _ => Err("the value must be point_cloud, uniform or surface".to_owned()),
     }
 }
 
@@ -101,7 +101,7 @@ async fn serve_gocator(arguments: &GocatorArguments, scan: &Scan, taken: Vec<Tak
     }
 }
 
-/// The mounting that makes a scan in the rail frame from what the sensor sees: above the part, its X to rail Y.
+/// A mounting above the part with sensor X along rail Y, with which the profiles form a scan in the rail frame.
 fn above() -> Extrinsic {
     Extrinsic {
         sensor_x: [0.0, 1.0, 0.0],
@@ -144,7 +144,7 @@ impl GocatorArguments {
         }
     }
 
-    /// The deadlines that the rate needs: a surface comes after all of its profiles, and slow profiles come one by one.
+    /// The deadlines for this rate: a surface is sent after all of its profiles, and slow profiles arrive singly.
     fn deadlines(&self, profiles_count: usize) -> Deadlines {
         let usual = Deadlines::default();
         let periods_ms = |count: f64| (count * 1000.0 / self.rate_hz).ceil() as u32;
@@ -156,7 +156,7 @@ impl GocatorArguments {
         }
     }
 
-    /// Where it listens, and the settings that turn what it sends into the scan again.
+    /// The addresses of the server, and the settings of a service that receives its profiles.
     fn greeting(&self, server: &Server, scan: &Scan, profiles_count: usize) -> Result<String, Box<dyn Error>> {
         let ports = server.ports();
         let start_mm = scan.stations().first().map_or(0.0, |station| station.x);
@@ -172,7 +172,7 @@ impl GocatorArguments {
         };
         let sensor = BTreeMap::from([("gocator", toml::Value::try_from(settings)?), ("adaptor", "gocator".into())]);
         let end_mm = scan.stations().last().map_or(start_mm, |station| station.x);
-        // From first to last profile in the time that so many take, but no faster than the simulated stage goes.
+        // The time from the first to the last profile at this rate, but not faster than the simulated stage.
         let seconds = profiles_count.saturating_sub(1).max(1) as f64 / self.rate_hz;
         let speed_mm_s = ((end_mm - start_mm).abs() / seconds).min(StageSettings::default().speed_mm_s);
         let way = BTreeMap::from([
@@ -195,7 +195,7 @@ impl GocatorArguments {
     }
 }
 
-/// Middle of the steps between profiles, mm.
+/// Median distance between the profiles, mm.
 fn step_mm(scan: &Scan) -> f64 {
     let (first, last) = (scan.stations().first(), scan.stations().last());
     let length_mm = last.zip(first).map_or(0.0, |(last, first)| last.x - first.x);
@@ -240,7 +240,7 @@ pub(super) fn run_plc(arguments: &PlcArguments) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Each protocol has a PLC of its own.
+/// Serves a separate PLC for each protocol.
 async fn serve_all(arguments: &PlcArguments) -> Result<(), Box<dyn Error>> {
     let modbus = async {
         match arguments.modbus {
@@ -271,14 +271,14 @@ async fn serve_modbus(address: SocketAddr) -> Result<(), Box<dyn Error>> {
 async fn serve_opcua(address: SocketAddr) -> Result<(), Box<dyn Error>> {
     let controllers = Pair { m1: manipulator(), m2: manipulator() };
     let plc = Arc::new(opcua::Plc::new(controllers, States::default().codes()));
-    // The library wants a folder for keys, although there are none.
+    // The library requires a folder for keys, although there are none.
     let folder = std::env::temp_dir().join("coaxis-simulated-plc");
     let server = opcua::PlcServer::listen(address, &plc, &folder).await?;
     print(&format!("opcua opc.tcp://{}\n", server.address()))?;
     Ok(server.run().await?)
 }
 
-/// 50 mm to both sides at 10 mm/s, 12 degrees at 6 degrees/s; references known.
+/// A manipulator with ±50 mm at 10 mm/s and ±12 degrees at 6 degrees/s, with known references.
 fn manipulator() -> Controller {
     let linear = AxisLimits { lower: -50.0, upper: 50.0, speed: 10.0, acceleration: 50.0, jerk: 500.0, step: 50.0 };
     let turn = AxisLimits {
@@ -292,7 +292,7 @@ fn manipulator() -> Controller {
     Controller::new(ControllerSettings::exact(Axes { x: linear, y: linear, z: linear, c: turn }))
 }
 
-/// A rail of 1200 mm at 200 mm/s on axis x; the other axes are there and are never moved.
+/// A rail of 1200 mm at 200 mm/s on axis x; the other axes exist but are never moved.
 fn stage() -> Controller {
     let rail = AxisLimits { lower: 0.0, upper: 1200.0, speed: 200.0, acceleration: 1e3, jerk: 1e4, step: 1200.0 };
     Controller::new(ControllerSettings::exact(Axes { x: rail, y: rail, z: rail, c: rail }))

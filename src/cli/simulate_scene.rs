@@ -1,5 +1,5 @@
 //! Flags of `coaxis simulate scan`: for the scene (direction of the sensor, correlated noise, objects on and beside the part), for
-//! how the points are written and the scan is moved as a whole, and for errors of the sensor, of the stage and of its encoder.
+//! the written points and the position of the complete scan, and for errors of the sensor, of the stage and of its encoder.
 
 use crate::geometry::Frame;
 use crate::scan::synthetic::{
@@ -62,12 +62,12 @@ fn clamp_shape(text: &str) -> Result<ClampShape, String> {
         ("concentric", _) => Ok(ClampShape::Concentric),
         ("flat", _) => Ok(ClampShape::Flat),
         (_, Ok(radius_mm)) if (1e-3..=1e5).contains(&radius_mm) => Ok(ClampShape::Round { radius_mm }),
-        _ => Err("say concentric, flat, or a radius in mm between 0.001 and 100000".to_owned()),
+        _ => Err("the value must be concentric, flat, or a radius in mm between 0.001 and 100000".to_owned()),
     }
 }
 
 impl SceneArguments {
-    /// The part in this scene.
+    /// The part with the objects of this scene.
     pub(super) fn around(&self, part: &Part) -> Part {
         let sampling = if self.even_across { Sampling::EvenAcross } else { Sampling::EvenAngle };
         let bead = Bead { height_mm: self.bead_height_mm, arc: self.bead_arc, place: self.bead_place };
@@ -162,7 +162,7 @@ pub(super) struct ExportArguments {
     shuffle: bool,
 }
 
-/// Three numbers.
+/// A triple of numbers.
 #[derive(Debug, Clone, Copy)]
 struct Three([f64; 3]);
 
@@ -171,7 +171,7 @@ fn three(text: &str) -> Result<Three, String> {
     let numbers: Vec<f64> =
         text.split(',').map(|part| part.trim().parse().map_err(|_| wrong())).collect::<Result<_, _>>()?;
     let three: [f64; 3] = numbers.try_into().map_err(|_| wrong())?;
-    // Far beyond any coordinate that a reader accepts.
+    // Far beyond the coordinates that a reader accepts.
     if three.iter().all(|number| number.abs() <= 1e9) { Ok(Three(three)) } else { Err(wrong()) }
 }
 
@@ -203,7 +203,7 @@ impl ExportArguments {
         Export { steps: Steps { x_mm: self.x_step_mm, y_mm: self.y_step_mm, z_mm: self.z_step_mm }, sentinel }
     }
 
-    /// Where the rail frame lies in the written scan; `None` where the scan is not moved.
+    /// The rail frame in the coordinates of the written scan; `None` if the scan is not moved.
     pub(super) fn frame(&self) -> Option<Frame> {
         let given = self.frame_x_axis.zip(self.frame_z_axis);
         let given = given.map(|(Three(x_axis), Three(z_axis))| {
@@ -213,7 +213,7 @@ impl ExportArguments {
         given.or_else(|| self.moved_seed.map(|seed| random_frame(seed, self.moved_mm)))
     }
 
-    /// The seed of the order of the points; `None` where they keep it.
+    /// The seed of the order of the points; `None` if their order is kept.
     pub(super) fn shuffle_seed(&self, seed: u64) -> Option<u64> {
         self.shuffle.then_some(seed)
     }
@@ -300,7 +300,7 @@ fn repeated_x(text: &str) -> Result<RepeatedX, String> {
 }
 
 impl SensorArguments {
-    /// The part as this sensor scans it.
+    /// The part with the errors of this sensor and stage.
     pub(super) fn scanning(&self, part: &Part) -> Part {
         Part {
             laser_plane: LaserPlane { about_y_deg: self.laser_tilt_y_deg, about_z_deg: self.laser_tilt_z_deg },
@@ -326,10 +326,10 @@ impl SensorArguments {
     /// Names, values and bounds, in the order of the flags.
     pub(super) fn ranges(&self) -> [(&'static str, f64, f64, f64); 16] {
         [
-            // Beyond, an axis within 80° of X may not cross the laser plane at all.
+            // With a greater tilt, an axis within 80° of X might not intersect the laser plane at all.
             ("laser-tilt-y-deg", self.laser_tilt_y_deg, -45.0, 45.0),
             ("laser-tilt-z-deg", self.laser_tilt_z_deg, -45.0, 45.0),
-            // At 2 there is no standard deviation.
+            // With two or fewer degrees of freedom there is no standard deviation.
             ("noise-freedom", self.noise_freedom.unwrap_or(3.0), 2.1, 1e6),
             ("bend-mm", self.bend_mm, -1e3, 1e3),
             ("bend-middle-mm", self.bend_middle_mm, -1e5, 1e5),

@@ -1,4 +1,5 @@
-//! Puts a file, the environment and flags on top of each other. In: texts with their origin; out: a [`Config`].
+//! Combines a file, the environment and flags, each overriding the previous ones. Input: texts with their origin. Output: a
+//! [`Config`].
 
 use super::settings::{Config, ConfigError};
 use serde::Deserialize;
@@ -7,13 +8,13 @@ use std::ffi::OsString;
 use std::path::Path;
 use toml::{Table, Value};
 
-/// What a variable of the environment starts with: `COAXIS_LISTEN`, `COAXIS_LIMITS__BODY_BYTES_MAX`.
+/// Prefix of the environment variables: `COAXIS_LISTEN`, `COAXIS_LIMITS__BODY_BYTES_MAX`.
 pub const ENVIRONMENT_PREFIX: &str = "COAXIS_";
 
-/// Names the configuration file; the one variable that is not a key.
+/// The variable that names the configuration file; it is not a setting.
 const FILE_VARIABLE: &str = "COAXIS_CONFIG";
 
-/// Settings collected so far, later ones over earlier ones.
+/// The settings collected so far; later ones override earlier ones.
 #[derive(Debug, Default)]
 pub struct Layers {
     table: Table,
@@ -21,7 +22,7 @@ pub struct Layers {
 }
 
 impl Layers {
-    /// The content of a file.
+    /// Adds the content of a file.
     ///
     /// # Errors
     /// [`ConfigError`] if it cannot be read, is not TOML, or has an unknown key or value.
@@ -31,31 +32,31 @@ impl Layers {
         self.text(&path.display().to_string(), &text)
     }
 
-    /// TOML from anywhere, `origin` in words.
+    /// Adds a TOML text from `origin`, which error messages name.
     ///
     /// # Errors
-    /// [`ConfigError`] where it is not TOML, or has a key or value that is not known.
+    /// [`ConfigError`] if it is not TOML, or has an unknown key or value.
     pub fn text(mut self, origin: &str, text: &str) -> Result<Self, ConfigError> {
         let invalid = |error: toml::de::Error| invalid(origin, &error);
-        // Read as a whole configuration first: the message then points into the text.
+        // It is first parsed as a complete configuration, because the error message then points into the text.
         toml::from_str::<Config>(text).map_err(invalid)?;
         merge(&mut self.table, text.parse().map_err(invalid)?);
         Ok(self)
     }
 
-    /// The variables that start with [`ENVIRONMENT_PREFIX`] and go on with a key or a section of ours; two underscores go down
-    /// a level. Any other belongs to another program: Kubernetes sets `COAXIS_PORT=tcp://…` beside a service of the name coaxis. Those
-    /// that are left out are named by [`Layers::ignored`].
+    /// Adds the environment variables that start with [`ENVIRONMENT_PREFIX`] followed by a key or a section of the configuration;
+    /// two underscores separate the levels. Other variables belong to other programs: Kubernetes sets `COAXIS_PORT=tcp://…` for a
+    /// service of the name coaxis. [`Layers::ignored`] returns their names.
     ///
     /// # Errors
-    /// [`ConfigError`] for a variable that names a section of ours and no key in it, or whose value the key cannot take.
+    /// [`ConfigError`] for a variable with a known section but an unknown key, or with a value that the key does not accept.
     pub fn environment(
         mut self,
         variables: impl IntoIterator<Item = (OsString, OsString)>,
     ) -> Result<Self, ConfigError> {
         let known = Table::try_from(Config::default()).unwrap_or_default();
         for (name, value) in variables {
-            // A name that is not UTF-8 is no key.
+            // A name that is not UTF-8 cannot be a key.
             let Some(name) = name.to_str() else { continue };
             let Some(rest) = name.strip_prefix(ENVIRONMENT_PREFIX).filter(|_| name != FILE_VARIABLE) else { continue };
             let key = rest.to_ascii_lowercase().replace("__", ".");
@@ -73,18 +74,18 @@ impl Layers {
         Ok(self)
     }
 
-    /// Variables that start with [`ENVIRONMENT_PREFIX`] and name nothing of ours.
+    /// Variables that start with [`ENVIRONMENT_PREFIX`] but name no key.
     #[must_use]
     pub fn ignored(&self) -> &[String] {
         &self.ignored
     }
 
-    /// One value under its dotted key.
+    /// Adds one value under its dotted key.
     ///
     /// # Errors
-    /// [`ConfigError`] if the key does not exist, or cannot take the value.
+    /// [`ConfigError`] if the key does not exist, or does not accept the value.
     pub fn key(mut self, origin: &str, key: &str, value: &str) -> Result<Self, ConfigError> {
-        // The same text may be a number or a word; the key decides, so the likelier reading is tried first.
+        // The text may be a TOML value or a string, depending on the key; the TOML value is tried first.
         let readings = [format!("v = {value}").parse::<Table>().ok().and_then(|mut t| t.remove("v")), {
             Some(Value::String(value.to_owned()))
         }];
@@ -108,10 +109,10 @@ impl Layers {
         ))
     }
 
-    /// The configuration that results, checked.
+    /// Combines and checks the configuration.
     ///
     /// # Errors
-    /// [`ConfigError`] names the first key that cannot be used.
+    /// [`ConfigError`] names the first invalid key.
     pub fn build(self) -> Result<Config, ConfigError> {
         let mut config = Config::deserialize(self.table).map_err(|error| invalid("configuration", &error))?;
         config.check()?;
@@ -124,7 +125,7 @@ fn invalid(origin: &str, error: &toml::de::Error) -> ConfigError {
     ConfigError::Invalid { origin: origin.to_owned(), reason: error.to_string().trim_end().to_owned() }
 }
 
-/// `a.b` and a value make `{a = {b = value}}`.
+/// Converts `a.b` and a value into `{a = {b = value}}`.
 fn nested(key: &str, value: Value) -> Table {
     let (head, value) = match key.split_once('.') {
         Some((head, rest)) => (head, Value::Table(nested(rest, value))),
@@ -155,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn variables_that_kubernetes_sets_beside_a_service_of_the_name_coaxis_are_left_out() {
+    fn variables_that_kubernetes_sets_for_a_service_named_coaxis_are_ignored() {
         let set = variables(&[
             ("COAXIS_PORT", "tcp://10.0.0.1:8080"),
             ("COAXIS_SERVICE_HOST", "10.0.0.1"),
@@ -165,7 +166,7 @@ mod tests {
             ("COAXIS_DATA_SERVICE_HOST", "10.0.0.2"),
             ("COAXIS_LIMITS__QUEUE_MAX", "4"),
         ]);
-        let layers = Layers::default().environment(set).expect("they stop nothing");
+        let layers = Layers::default().environment(set).expect("other variables are ignored");
         assert_eq!(layers.ignored().len(), 6);
         let config = layers.build().expect("valid");
         let default = Layers::default().build().expect("valid");
@@ -173,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn variables_that_are_not_utf_8_stop_nothing_unless_they_are_ours() {
+    fn variables_that_are_not_utf_8_are_ignored_unless_they_name_a_setting() {
         let broken = OsString::from_vec(vec![0xff, 0xfe]);
         let name = OsString::from_vec(b"COAXIS_\xff".to_vec());
         let others =
@@ -201,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mistyped_key_is_refused_wherever_it_stands() {
+    fn a_mistyped_key_is_refused_in_every_source() {
         let file = Layers::default().text("coaxis.toml", "[limits]\nqueue_mx = 3").expect_err("unknown").to_string();
         assert!(file.contains("coaxis.toml") && file.contains("queue_mx"), "{file}");
         let variable = Layers::default().environment(variables(&[("COAXIS_LIMITS__QUEUE_MX", "3")]));

@@ -1,5 +1,5 @@
-//! Every limit and default in one place: a TOML file, then the environment, then flags, each over the one before. Values that cannot
-//! be used are refused with their key, the value and what is allowed.
+//! The configuration with all limits and defaults: a TOML file, the environment, and flags, each overriding the previous ones. An
+//! invalid value is refused with its key, the value and the allowed range.
 
 mod cell;
 mod layers;

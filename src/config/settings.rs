@@ -1,5 +1,5 @@
-//! The settings of the service with their defaults and ranges. The names of hosts may be a list, or one text with commas, as an
-//! environment variable has it.
+//! The settings of the service with their defaults and ranges. The host names may be a list, or a single text with commas, as in an
+//! environment variable.
 
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
@@ -12,23 +12,23 @@ use super::cell::settings::{Cell, over_default};
 use crate::estimation::{SettingError, Settings};
 use crate::scan::decode::Limits as ScanLimits;
 
-/// How the service is set up.
+/// The settings of the service.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Address and port to listen on, or localhost and a port; port 0 takes a free one.
+    /// Address and port to listen on, or localhost and a port; port 0 selects a free one.
     #[serde(deserialize_with = "address")]
     pub listen: SocketAddr,
-    /// Folder that holds records and scans; created if it is missing.
+    /// Folder for records and scans; created if it is missing.
     pub data: PathBuf,
-    /// Listen beyond this machine although there are neither tokens nor encryption: everybody on the network may
-    /// measure, read, and put recipes.
+    /// Listen on an address that other machines can reach, although there are neither tokens nor encryption: everybody on the
+    /// network may measure, read, and store recipes.
     pub insecure_lan: bool,
     /// Names under which the service is reached, besides its addresses and localhost. Requests for another host are refused,
-    /// since it may be the name of a stranger that resolves to this machine.
+    /// because its name may belong to an attacker and resolve to this machine.
     #[serde(deserialize_with = "host_names")]
     pub hosts: Vec<String>,
-    /// What is written to the log.
+    /// Format and filter of the log.
     pub log: Log,
     /// Limits of sizes and numbers.
     pub limits: Limits,
@@ -36,14 +36,14 @@ pub struct Config {
     pub scan: ScanLimits,
     /// Limits of times.
     pub timeouts: Timeouts,
-    /// The settings of a measurement, unless the request or its recipe gives others.
+    /// The default settings of a measurement; a request or its recipe may override them.
     pub estimation: Settings,
     /// The devices that scan and move the part.
     #[serde(deserialize_with = "over_default")]
     pub cell: Cell,
 }
 
-/// An address with a port. Names are not looked up, but localhost needs no looking up.
+/// Parses an address with a port. Names are not resolved, except localhost.
 fn address<'de, D: Deserializer<'de>>(text: D) -> Result<SocketAddr, D::Error> {
     let text = String::deserialize(text)?;
     let on_this_machine = || {
@@ -57,24 +57,24 @@ fn address<'de, D: Deserializer<'de>>(text: D) -> Result<SocketAddr, D::Error> {
     })
 }
 
-/// What is written to the log, on standard error.
+/// Settings of the log on standard error.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Log {
-    /// For people or for machines.
+    /// Format for people or for machines.
     pub format: LogFormat,
-    /// Which lines: error, warn, info, debug, trace, or a filter such as `info,coaxis::http=debug`.
+    /// Filter: error, warn, info, debug, trace, or e.g. `info,coaxis::http=debug`.
     pub filter: String,
 }
 
-/// How a log line looks.
+/// The format of log lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LogFormat {
-    /// Lines to read.
+    /// Plain text.
     #[default]
     Text,
-    /// One JSON document a line.
+    /// One JSON document per line.
     Json,
 }
 
@@ -82,39 +82,40 @@ pub enum LogFormat {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Limits {
-    /// Bytes of an upload as sent.
+    /// Greatest size of an upload as sent, bytes.
     pub body_bytes_max: u64,
-    /// Bytes of a JSON request; a scan in JSON counts as an upload.
+    /// Greatest size of a JSON request, bytes; a scan in JSON counts as an upload.
     pub json_bytes_max: u64,
-    /// Characters of the address after the host.
+    /// Greatest length of the URL after the host, bytes.
     pub url_bytes_max: u64,
-    /// Bytes of all header lines.
+    /// Greatest size of all header lines, bytes.
     pub header_bytes_max: u64,
-    /// Connections at a time; on further ones, as many as `connections_reserved`, only urgent requests are answered.
+    /// Greatest number of connections. On `connections_reserved` further ones only urgent requests are answered.
     pub connections_max: u64,
-    /// Further connections for stop, health checks and the holder of the lease.
+    /// Additional connections for stop, health checks and the holder of the lease.
     pub connections_reserved: u64,
-    /// How much of the connections, of the uploads and of the waits one client address may take, per cent. Behind a proxy all
-    /// clients have one address.
+    /// Greatest share of the connections, uploads and waits for one client address, per cent. Behind a proxy all clients have the
+    /// same address.
     pub peer_share_percent: u64,
-    /// The least speed of a body and of the taking of an answer, bytes a second; what is slower is ended.
+    /// Least speed of sending a body and of receiving an answer, bytes per second; slower transfers are ended.
     pub bytes_per_s_min: u64,
-    /// Event streams and waits for an end at a time, never more than half of the connections; a further one is answered 503.
+    /// Greatest number of event streams and waits for an end, never more than half of the connections; a further one is answered
+    /// 503.
     pub listeners_max: u64,
-    /// Measurements that are calculated at a time; as many large uploads are read while they come in.
+    /// Number of measurements calculated at the same time, and of large uploads parsed while they are received.
     pub measurements_running_max: u64,
-    /// Measurements that wait for their turn; a further one is answered 503.
+    /// Number of measurements that may wait for a calculation; a further one is answered 503.
     pub queue_max: u64,
-    /// Uploads under way, from their first byte until the scan is kept or refused; a further one is answered 503.
+    /// Number of uploads from their first byte until the scan is kept or refused; a further one is answered 503.
     pub uploads_max: u64,
-    /// Pictures that are drawn at a time, beside the measurements.
+    /// Number of plots drawn at the same time, besides the measurements.
     pub pictures_running_max: u64,
-    /// Pictures that wait for their turn; a further one is answered 503.
+    /// Number of plots that may wait; a further one is answered 503.
     pub pictures_queue_max: u64,
-    /// Threads that calculate; 0 takes one a core.
+    /// Number of threads for calculations; 0 means one per core.
     pub threads: u64,
-    /// Memory that the points of all requests may take together, MiB: what a request can need is set aside before its scan is
-    /// read, and a request for which less is free waits. Where a scan of `scan.points_max` can need more than five eighths of it, fewer
+    /// Memory for the points of all requests together, MiB. The memory that a request may need is reserved before its scan is read,
+    /// and the request waits until enough is free. If a scan of `scan.points_max` may need more than five eighths of it, fewer
     /// points are read.
     pub memory_max_mb: u64,
 }
@@ -123,17 +124,17 @@ pub struct Limits {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Timeouts {
-    /// From the first byte of a request, or the end of the one before, to the end of its header lines.
+    /// From the first byte of a request, or the end of the previous one, to the end of its header lines.
     pub header_ms: u64,
-    /// Between two pieces of a body.
+    /// Between two parts of a body.
     pub body_idle_ms: u64,
-    /// For the whole body.
+    /// For the complete body.
     pub body_total_ms: u64,
-    /// For a client that takes nothing of an answer.
+    /// For a client that receives nothing of an answer.
     pub response_idle_ms: u64,
-    /// For one calculation, from its turn on.
+    /// For one calculation, from its start.
     pub calculation_ms: u64,
-    /// For the whole shutdown, from the signal on: motion stops, requests under way are answered, events are recorded.
+    /// For the complete shutdown after the signal: stopping motion, answering the requests under way, recording events.
     pub shutdown_ms: u64,
 }
 
@@ -202,41 +203,41 @@ pub enum ConfigError {
     /// The file cannot be read.
     #[error("cannot read the configuration file {path}")]
     Unreadable {
-        /// Which one.
+        /// The path of the file.
         path: PathBuf,
-        /// Why not.
+        /// The error of the operating system.
         source: std::io::Error,
     },
-    /// Not TOML, an unknown key or a value of the wrong kind.
+    /// The text is not TOML, has an unknown key, or has a value of the wrong type.
     #[error("{origin}: {reason}")]
     Invalid {
         /// File, environment variable or flag.
         origin: String,
-        /// What is wrong there, with the key.
+        /// The fault, with its key.
         reason: String,
     },
     /// A number is out of its range.
     #[error("{key} must be between {min} and {max}, got {value}")]
     OutOfRange {
-        /// Dotted name.
+        /// Dotted key.
         key: &'static str,
-        /// What was given.
+        /// The given value.
         value: u64,
-        /// Least.
+        /// Least allowed value.
         min: u64,
-        /// Greatest.
+        /// Greatest allowed value.
         max: u64,
     },
-    /// The limit of coordinates is too small.
+    /// The limit of the coordinates is too small.
     #[error("scan.coordinate_max_mm must be a finite length of at least 1 mm, got {value}")]
     Coordinate {
-        /// What was given.
+        /// The given value.
         value: f64,
     },
     /// A value is empty.
     #[error("{key} must not be empty")]
     Empty {
-        /// Dotted name.
+        /// Dotted key.
         key: &'static str,
     },
     /// A setting of the estimation is out of its range.
@@ -245,14 +246,14 @@ pub enum ConfigError {
     /// A setting of the cell cannot be used.
     #[error(transparent)]
     Cell(#[from] CellError),
-    /// The service would be open to the network without protection.
+    /// The service would be reachable from the network without protection.
     #[error(
         "listen = \"{listen}\" is reachable from other machines, and the service asks nobody for a token: everybody on \
          the network could use it. Listen on 127.0.0.1, or say --insecure-lan (insecure_lan = true) where the network \
          itself keeps strangers out"
     )]
     OpenToTheNetwork {
-        /// What was asked for.
+        /// The requested address.
         listen: SocketAddr,
     },
 }
@@ -261,7 +262,7 @@ impl Config {
     /// Checks every value against its range.
     ///
     /// # Errors
-    /// [`ConfigError`] names the first key that cannot be used, its value and what is allowed.
+    /// [`ConfigError`] names the first invalid key, its value and the allowed values.
     pub fn check(&self) -> Result<(), ConfigError> {
         if let Some(&(key, value, min, max)) =
             self.ranges().iter().find(|(_, value, min, max)| !(min..=max).contains(&value))
@@ -362,16 +363,16 @@ mod tests {
     use std::collections::BTreeMap;
 
     #[test]
-    fn the_defaults_hold() {
+    fn the_defaults_are_valid() {
         Config::default().check().expect("the defaults are in range");
     }
 
     #[test]
     fn every_number_of_the_configuration_has_a_range() {
-        let table = toml::Table::try_from(Config::default()).expect("writable");
+        let table = toml::Table::try_from(Config::default()).expect("serializable");
         let numbers: usize =
             ["limits", "scan", "timeouts"].iter().map(|s| table[*s].as_table().expect("section").len()).sum();
-        // The one that is no integer is checked by itself.
+        // The only number that is not an integer has a check of its own.
         assert_eq!(numbers, Config::default().ranges().len() + 1);
     }
 
@@ -393,16 +394,16 @@ mod tests {
     }
 
     #[test]
-    fn the_end_of_the_service_fits_into_the_grace_of_the_compose_file() {
+    fn the_shutdown_fits_into_the_grace_period_of_the_compose_file() {
         let compose = include_str!("../../docker/compose.yaml");
         let grace = compose.lines().find_map(|line| line.trim().strip_prefix("stop_grace_period: ")?.strip_suffix('s'));
-        let grace_ms = grace.and_then(|seconds| seconds.parse::<u64>().ok()).expect("a grace in seconds") * 1000;
-        // The threads of the process come on top, and the container's own work.
+        let grace_ms = grace.and_then(|seconds| seconds.parse::<u64>().ok()).expect("a grace period in seconds") * 1000;
+        // The end of the process's threads and the container itself need additional time.
         assert!(Config::default().timeouts.shutdown_ms + 2_000 <= grace_ms, "{grace_ms} ms");
     }
 
     #[test]
-    fn nonsense_is_refused_with_key_value_and_what_is_allowed() {
+    fn an_invalid_value_is_refused_with_key_value_and_allowed_range() {
         let mut config = Config::default();
         config.limits.measurements_running_max = 0;
         let text = config.check().expect_err("refused").to_string();
@@ -410,14 +411,14 @@ mod tests {
     }
 
     #[test]
-    fn an_address_beyond_this_machine_has_to_be_asked_for_twice() {
+    fn an_address_beyond_this_machine_needs_an_additional_setting() {
         let mut config = Config { listen: SocketAddr::from(([0, 0, 0, 0], 8080)), ..Config::default() };
         assert!(matches!(config.check(), Err(ConfigError::OpenToTheNetwork { .. })));
         config.insecure_lan = true;
-        config.check().expect("asked for");
+        config.check().expect("allowed by the setting");
     }
 
-    /// Dotted key and value of everything that is no section.
+    /// Collects dotted key and value of every entry that is not a section.
     fn leaves(table: &toml::Table, prefix: &str, out: &mut BTreeMap<String, toml::Value>) {
         for (key, value) in table {
             let key = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
@@ -431,11 +432,11 @@ mod tests {
     #[test]
     fn the_example_for_a_container_shows_every_key_with_its_default() {
         let example = include_str!("../../docker/coaxis.toml");
-        Layers::default().text("docker/coaxis.toml", example).and_then(Layers::build).expect("it can be used");
+        Layers::default().text("docker/coaxis.toml", example).and_then(Layers::build).expect("a valid configuration");
         let (mut shown, mut due) = (BTreeMap::new(), BTreeMap::new());
         leaves(&example.parse().expect("TOML"), "", &mut shown);
-        leaves(&toml::Table::try_from(Config::default()).expect("writable"), "", &mut due);
-        // The image sets the first three; adaptors have pages of their own.
+        leaves(&toml::Table::try_from(Config::default()).expect("serializable"), "", &mut due);
+        // The image sets the first three; the adaptors have their own documentation pages.
         let elsewhere = |key: &str| {
             ["listen", "data", "insecure_lan"].contains(&key)
                 || [".modbus.", ".opcua.", ".gocator."].iter().any(|part| key.contains(part))
@@ -460,7 +461,7 @@ mod host_tests {
     }
 
     #[test]
-    fn names_are_a_list_or_a_text_with_commas_and_nothing_but_names() {
+    fn host_names_are_a_list_or_a_text_with_commas() {
         assert_eq!(hosts("line3.example").as_deref(), Ok(&["line3.example".to_owned()][..]));
         assert_eq!(hosts("line3, line4").as_deref(), Ok(&["line3".to_owned(), "line4".to_owned()][..]));
         assert_eq!(hosts("[\"line3\"]").as_deref(), Ok(&["line3".to_owned()][..]));

@@ -1,6 +1,6 @@
-//! The contract that every adaptor keeps, as a test that is run against it: one and the same for all. In: an adaptor. Out: a
-//! [`Report`] of named checks. The read-only part moves nothing and may be run against a machine (`coaxis devices check`);
-//! [`motion`] moves, and is for tests.
+//! The contract of all adaptors, as tests that are run against an adaptor. Input: an adaptor. Output: a [`Report`] of named checks.
+//! The read-only part moves nothing and may be run against a machine (`coaxis devices check`); [`motion`] moves devices, and is
+//! only for tests.
 
 pub mod motion;
 
@@ -14,30 +14,30 @@ use std::fmt::Display;
 use std::time::Duration;
 use tokio::time::sleep;
 
-/// Between two readings that are compared.
+/// Interval between two readings that are compared.
 const APART: Duration = Duration::from_millis(100);
-/// An axis that stands may show this much of its encoder's noise, mm or rad.
+/// Encoder noise that an axis at rest may show, mm or rad.
 const STANDS: f64 = 1e-3;
-/// An axis may stand beyond its limit by this much, mm or rad: limits are where targets end, not what an encoder shows.
+/// Distance by which an axis may be beyond its limit, mm or rad, because limits apply to targets and not to encoder readings.
 const BEYOND: f64 = 0.5;
 
-/// What was found out about one device.
+/// The result of the checks of one device.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
     /// Its name in the configuration.
     pub device: String,
-    /// In the order in which they were made; what depends on one that failed is left out.
+    /// The checks in the order in which they were made, without those that depend on a failed one.
     pub checks: Vec<Check>,
 }
 
-/// One thing that was checked.
+/// One check with its result.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Check {
-    /// What must be so.
+    /// The required property.
     pub name: &'static str,
-    /// Whether it is.
+    /// Whether the device has the property.
     pub passed: bool,
-    /// What was seen.
+    /// The observation.
     pub words: String,
 }
 
@@ -46,7 +46,7 @@ impl Report {
         Self { device: device.to_owned(), checks: Vec::new() }
     }
 
-    /// Whether everything that was checked is as it must be.
+    /// Whether every check has passed.
     #[must_use]
     pub fn passed(&self) -> bool {
         !self.checks.is_empty() && self.checks.iter().all(|check| check.passed)
@@ -56,14 +56,18 @@ impl Report {
         self.checks.push(Check { name, passed, words: words.to_string() });
     }
 
-    /// Notes whether a device stands still, and returns it.
+    /// Records whether a device is at rest, and returns it.
     fn stands(&mut self, moves: bool) -> bool {
-        let words = if moves { "it moves, and is left alone so that its watchdog can stop it" } else { "it stands" };
-        self.note("it stands before it is read", !moves, words);
+        let words = if moves {
+            "it moves, and is not read any further so that its watchdog can stop it"
+        } else {
+            "it is at rest"
+        };
+        self.note("it is at rest before it is read", !moves, words);
         !moves
     }
 
-    /// Notes whether something was answered at all; `None` where it was not.
+    /// Records whether the device answered; `None` if it did not.
     fn answered<T>(
         &mut self,
         name: &'static str,
@@ -83,8 +87,8 @@ impl Report {
     }
 }
 
-/// Checks a manipulator by reading alone. Connects to it again twice. One that moves is left alone at once: a reading would tell it
-/// that its commander is alive.
+/// Checks a manipulator by reading alone, and reconnects to it twice. A manipulator that moves is not read any further, because
+/// each reading would be a heartbeat for its motion.
 pub async fn check_manipulator(device: &mut dyn Manipulator) -> Report {
     let mut report = Report::new(device.name());
     let name = "it can be connected to";
@@ -97,10 +101,10 @@ pub async fn check_manipulator(device: &mut dyn Manipulator) -> Report {
     plausible(&mut report, &second);
     let beat = first.heartbeat != second.heartbeat;
     let words = format!("{} and, {} ms later, {}", first.heartbeat, APART.as_millis(), second.heartbeat);
-    report.note("its heartbeat counts", beat, words);
+    report.note("its heartbeat changes", beat, words);
     let moved = moved(&first, &second);
     let stands = moved.is_none();
-    report.note("connecting moves nothing", stands, moved.unwrap_or_else(|| "all axes stand".to_owned()));
+    report.note("connecting moves nothing", stands, moved.unwrap_or_else(|| "all axes are at rest".to_owned()));
     if !stands {
         return report;
     }
@@ -114,7 +118,7 @@ pub async fn check_manipulator(device: &mut dyn Manipulator) -> Report {
     report
 }
 
-/// Checks a sensor by reading alone. Connects to it again, and ends a scan while none runs.
+/// Checks a sensor by reading alone. Reconnects to it, and ends a scan while none runs.
 pub async fn check_sensor(device: &mut dyn ProfileSensor) -> Report {
     let mut report = Report::new(device.name());
     let name = "it can be connected to";
@@ -125,9 +129,9 @@ pub async fn check_sensor(device: &mut dyn ProfileSensor) -> Report {
     report.note("connecting starts no scan", !first.running, words);
     if let Some(temperature) = first.temperature_c {
         let plausible = (-40.0..=125.0).contains(&temperature);
-        report.note("its temperature can be", plausible, format!("{temperature} °C"));
+        report.note("its temperature is plausible", plausible, format!("{temperature} °C"));
     }
-    // A sensor that runs is used by another client, or has to be stopped by the service.
+    // A running sensor is used by another client, or has to be stopped by the service.
     if !first.running {
         let stopped = device.stop().await;
         report.answered("ending a scan where none runs is harmless", stopped, |()| "accepted".to_owned());
@@ -135,11 +139,11 @@ pub async fn check_sensor(device: &mut dyn ProfileSensor) -> Report {
     let second = device.read().await;
     let Some(second) = report.answered("it can be read", second, say_sensor) else { return report };
     let same = (&first.model, &first.serial) == (&second.model, &second.serial);
-    report.note("it stays the same", same, format!("serial number {:?}", second.serial));
+    report.note("its identity stays the same", same, format!("serial number {:?}", second.serial));
     report
 }
 
-/// Checks a stage by reading alone. Connects to it again.
+/// Checks a stage by reading alone, and reconnects to it.
 pub async fn check_stage(device: &mut dyn Stage) -> Report {
     let mut report = Report::new(device.name());
     let name = "it can be connected to";
@@ -153,9 +157,9 @@ pub async fn check_stage(device: &mut dyn Stage) -> Report {
     let finite = [actual_mm, lower_mm, upper_mm, speed_mm_s].iter().all(|value| value.is_finite());
     report.note("its numbers are finite", finite, format!("at {actual_mm} mm"));
     let words = format!("{lower_mm} mm to {upper_mm} mm, at most {speed_mm_s} mm/s");
-    report.note("its limits make sense", lower_mm < upper_mm && speed_mm_s > 0.0, words);
+    report.note("its limits are plausible", lower_mm < upper_mm && speed_mm_s > 0.0, words);
     let inside = (lower_mm - BEYOND..=upper_mm + BEYOND).contains(&actual_mm);
-    report.note("it stands within its limits", inside, format!("at {actual_mm} mm"));
+    report.note("its position is within its limits", inside, format!("at {actual_mm} mm"));
     let stands = !second.moves && (second.actual_mm - first.actual_mm).abs() <= STANDS;
     let words = format!("{} mm and, {} ms later, {actual_mm} mm", first.actual_mm, APART.as_millis());
     report.note("connecting moves nothing", stands, words);
@@ -163,7 +167,7 @@ pub async fn check_stage(device: &mut dyn Stage) -> Report {
     report
 }
 
-/// What a reading promises: finite numbers, limits in order, axes within them, states that fit together.
+/// The guarantees of a reading: finite numbers, limits in order, axes within them, consistent states.
 fn plausible(report: &mut Report, reading: &Reading) {
     let bad = first_axis(&reading.axes, |axis| {
         let AxisReading { actual, commanded, lower, upper, speed, .. } = *axis;
@@ -171,12 +175,16 @@ fn plausible(report: &mut Report, reading: &Reading) {
     });
     report.note("its numbers are finite", bad.is_none(), say_axis(bad, "is not"));
     let bad = first_axis(&reading.axes, |axis| axis.lower >= axis.upper || axis.speed <= 0.0);
-    report.note("its limits make sense", bad.is_none(), say_axis(bad, "has none that do"));
+    report.note("its limits are plausible", bad.is_none(), say_axis(bad, "has implausible limits"));
     let bad = first_axis(&reading.axes, |axis| !(axis.lower - BEYOND..=axis.upper + BEYOND).contains(&axis.actual));
-    report.note("its axes stand within their limits", bad.is_none(), say_axis(bad, "does not"));
+    report.note("its axes are within their limits", bad.is_none(), say_axis(bad, "is not"));
     let bad = first_axis(&reading.axes, |axis| axis.state.moves());
     let fits = bad.is_none() || reading.state.moves();
-    report.note("its state fits its axes' states", fits, format!("{:?}, {}", reading.state, say_axis(bad, "moves")));
+    report.note(
+        "its state is consistent with the states of its axes",
+        fits,
+        format!("{:?}, {}", reading.state, say_axis(bad, "moves")),
+    );
     let clear = reading.fault_code == 0 && reading.state != AxisState::ErrorStop;
     report.note("it has no fault", clear, format!("{:?}, fault code {}", reading.state, reading.fault_code));
 }
@@ -189,7 +197,7 @@ fn say_axis(axis: Option<Axis>, what: &str) -> String {
     axis.map_or_else(|| "all axes".to_owned(), |axis| format!("axis {} {what}", axis.name()))
 }
 
-/// The first axis that is elsewhere, in words.
+/// Describes the first axis that has moved, if there is one.
 fn moved(before: &Reading, after: &Reading) -> Option<String> {
     let (before, after) = (before.position(), after.position());
     let axis = Axis::ALL.into_iter().find(|axis| (after.get(*axis) - before.get(*axis)).abs() > STANDS)?;

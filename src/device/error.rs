@@ -1,4 +1,4 @@
-//! What a call to a device returns: a future, and the errors with the messages that an operator reads.
+//! The result of a call to a device: a future, and the errors with the messages that an operator reads.
 
 use std::pin::Pin;
 use std::time::Duration;
@@ -9,7 +9,7 @@ pub type Pending<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 /// Why a call to a device failed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum DeviceError {
-    /// No connection, or none any more. The request may or may not have reached the device.
+    /// There is no connection, or it was lost. The request may or may not have reached the device.
     #[error("{device}: the link is down: {cause}")]
     LinkLost {
         /// Its name in the configuration.
@@ -25,7 +25,7 @@ pub enum DeviceError {
         /// How long the adaptor waited.
         within: Duration,
     },
-    /// An answer that the protocol does not allow, or that is not plausible.
+    /// The protocol does not allow the answer, or it is not plausible.
     #[error("{device}: the answer is not plausible: {what}")]
     Implausible {
         /// Its name in the configuration.
@@ -41,12 +41,12 @@ pub enum DeviceError {
         /// The code of the device; 0 if it gives none.
         code: u32,
     },
-    /// The command carries an older fencing token than a command before; nothing was sent.
+    /// The command has an older fencing token than an earlier command; nothing was sent.
     #[error("{device}: the command has the fencing token {fence}, which is older than {newest}; it was not sent")]
     Fenced {
         /// Its name in the configuration.
         device: String,
-        /// Of the command.
+        /// Fencing token of the command.
         fence: u64,
         /// The newest fencing token.
         newest: u64,
@@ -64,65 +64,65 @@ pub enum DeviceError {
     ScanFault {
         /// Its name in the configuration.
         device: String,
-        /// Which.
+        /// The fault.
         fault: ScanFault,
     },
 }
 
-/// Why a scan cannot be used.
+/// Why a scan is not usable.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ScanFault {
-    /// Frames are missing between two that came.
-    #[error("frame {found} came where {expected} was due, {} are missing", found.saturating_sub(*expected))]
+    /// Frames are missing between two received ones.
+    #[error("frame {found} was received instead of {expected}; {} are missing", found.saturating_sub(*expected))]
     FrameGap {
-        /// Index that was due.
+        /// Expected index.
         expected: u64,
-        /// Index that came.
+        /// Received index.
         found: u64,
     },
     /// The sensor could not take every profile that was triggered.
     #[error("the sensor reports {count} dropped triggers")]
     TriggerDrops {
-        /// During the scan.
+        /// Number of dropped triggers during the scan.
         count: u64,
     },
     /// The sensor could not send every profile.
     #[error("the sensor reports {count} profiles dropped on the network")]
     NetworkDrops {
-        /// During the scan.
+        /// Number of dropped profiles during the scan.
         count: u64,
     },
     /// The sensor could not compute every profile.
     #[error("the sensor reports {count} profiles dropped in processing")]
     ProcessingDrops {
-        /// During the scan.
+        /// Number of dropped profiles during the scan.
         count: u64,
     },
-    /// The position on the rail runs backwards or stands still.
-    #[error("the encoder went from {from} to {to} ticks against the travel")]
+    /// The encoder position decreases or does not change.
+    #[error("the encoder went from {from} to {to} ticks, opposite to the direction of travel")]
     EncoderReversed {
-        /// Ticks of the frame before.
+        /// Ticks of the previous frame.
         from: i64,
-        /// Ticks of the frame.
+        /// Ticks of this frame.
         to: i64,
     },
-    /// Fewer profiles than were asked for came before the time was over.
-    #[error("{received_count} of {expected_count} profiles came")]
+    /// Fewer profiles than requested were received within the time limit.
+    #[error("{received_count} of {expected_count} profiles were received")]
     Incomplete {
-        /// Profiles that came.
+        /// Number of received profiles.
         received_count: u64,
-        /// Profiles that were asked for.
+        /// Number of requested profiles.
         expected_count: u64,
     },
-    /// Other messages than profiles came, or none that can be used.
+    /// The sensor sends other messages than profiles, or profiles in a form that is not supported.
     #[error(
-        "the sensor sends no profiles that are understood; switch on uniform profile, profile point cloud or uniform surface"
+        "the sensor sends no profiles in a supported form; switch on uniform profile, profile point cloud or uniform surface"
     )]
     NoProfiles,
 }
 
 impl DeviceError {
-    /// Whether the request may have been executed nevertheless.
+    /// Whether the request may have been executed in spite of the error.
     #[must_use]
     pub const fn leaves_unknown(&self) -> bool {
         matches!(self, Self::LinkLost { .. } | Self::Silent { .. } | Self::Implausible { .. })

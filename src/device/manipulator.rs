@@ -1,13 +1,13 @@
-//! What the adaptor of a manipulator guarantees.
+//! The guarantees of a manipulator's adaptor.
 //!
-//! The device keeps its own limits, watchdog and safety functions; coaxis reads, checks, and sends supervised set-points. The contract
-//! test checks of every adaptor:
+//! The device enforces its own limits, watchdog and safety functions; coaxis reads, checks, and sends supervised set-points. The
+//! contract test checks the following for every adaptor:
 //!
 //! - connecting reads and moves nothing; nothing is sent again after a reconnect;
 //! - a command has absolute targets, a sequence number and a fencing token; one with an older token is refused before it is sent;
 //! - a command whose answer was lost is resolved by reading [`Reading::acknowledged`], never by sending it again;
-//! - a device executes a command only where its sequence number is newer than the last one that it has seen;
-//! - a device that gets no heartbeat for the time of its watchdog stops by itself.
+//! - a device executes a command only if its sequence number is newer than the last one that it has received;
+//! - a device that receives no heartbeat for its watchdog time stops by itself.
 
 use super::error::DeviceError;
 use super::error::Pending;
@@ -15,30 +15,31 @@ use crate::motion::{Axes, Position};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// A manipulator behind its adaptor. One request at a time; a request that is dropped before its answer closes the connection.
+/// A manipulator behind its adaptor. It takes one request at a time; a request that is dropped before its answer closes the
+/// connection.
 pub trait Manipulator: Send {
     /// The name in the configuration, for messages.
     fn name(&self) -> &str;
 
-    /// Connects, or connects again, checks that the device is the configured one, and reads its state. Moves nothing.
+    /// Connects or reconnects, checks that the device is the configured one, and reads its state. It moves nothing.
     fn connect(&mut self) -> Pending<'_, Result<Reading, DeviceError>>;
 
-    /// Reads the whole state once. Also a heartbeat for the device.
+    /// Reads the complete state once, which is also a heartbeat for the device.
     fn read(&mut self) -> Pending<'_, Result<Reading, DeviceError>>;
 
-    /// Sends a command once. `Ok` means that it was sent, not that the device has taken it: that is read in
-    /// [`Reading::acknowledged`]. After an error with [`DeviceError::leaves_unknown`] it may have arrived.
+    /// Sends a command once. `Ok` means that it was sent, not that the device has accepted it; [`Reading::acknowledged`] shows
+    /// that. After an error with [`DeviceError::leaves_unknown`] the command may have arrived.
     fn send(&mut self, command: &Command) -> Pending<'_, Result<(), DeviceError>>;
 }
 
 /// A command to a device.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Command {
-    /// 1 to 65535, then 1 again; never repeated for another command.
+    /// 1 to 65535, then 1 again; two commands never have the same number.
     pub sequence: u16,
-    /// The fencing token of the lease, which grows with every lease. Halts carry the newest.
+    /// The fencing token of the lease, which increases with every lease. Halts carry the newest one.
     pub fence: u64,
-    /// How long the device goes on moving without a heartbeat.
+    /// How long the device continues to move without a heartbeat.
     pub watchdog: Duration,
     /// The action.
     pub action: Action,
@@ -48,7 +49,7 @@ pub struct Command {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Action {
-    /// Switch the drives on, under control.
+    /// Switch the drives on under position control.
     Enable,
     /// Switch the drives off.
     Disable,
@@ -56,14 +57,14 @@ pub enum Action {
     Reset,
     /// Find the reference of these axes.
     Home {
-        /// Which.
+        /// The axes.
         axes: Axes<bool>,
     },
-    /// Go there.
+    /// Move to absolute targets.
     MoveTo {
-        /// Which axes; the others stay.
+        /// The axes that move; the others stay.
         axes: Axes<bool>,
-        /// Absolute; mm, rad.
+        /// Absolute positions; mm, rad.
         targets: Position,
         /// Greatest speeds; mm/s, rad/s.
         speeds: Position,
@@ -72,13 +73,13 @@ pub enum Action {
     Halt,
 }
 
-/// The state of a device or of an axis, as PLCopen has it.
+/// The state of a device or of an axis, as defined by PLCopen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AxisState {
-    /// No power, or not under control.
+    /// No power, or not under position control.
     Disabled,
-    /// Under control, at rest.
+    /// Under position control and at rest.
     Standstill,
     /// It is being homed.
     Homing,
@@ -88,14 +89,14 @@ pub enum AxisState {
     ContinuousMotion,
     /// Follows another axis.
     SynchronizedMotion,
-    /// Comes to rest after a halt.
+    /// Stopping after a halt.
     Stopping,
     /// Stopped by a fault; needs a reset.
     ErrorStop,
 }
 
 impl AxisState {
-    /// Whether it moves, or may.
+    /// Whether it moves or may move.
     #[must_use]
     pub const fn moves(self) -> bool {
         match self {
@@ -157,22 +158,22 @@ pub struct Acknowledged {
 pub enum CommandResult {
     /// There was no command.
     None,
-    /// Taken.
+    /// Accepted, not started yet.
     Accepted,
-    /// Under way.
+    /// Being executed.
     Running,
     /// Finished.
     Done,
-    /// Refused; nothing was done.
+    /// Refused; nothing was executed.
     Rejected,
-    /// Ended before its end, by a halt, a newer command, the watchdog or a fault.
+    /// Ended early by a halt, a newer command, the watchdog or a fault.
     Aborted,
 }
 
 /// The state of an axis, as the device reports it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct AxisReading {
-    /// Where it is; mm, or rad.
+    /// Actual position; mm, or rad.
     pub actual: f64,
     /// The commanded position at this moment; mm, or rad.
     pub commanded: f64,
@@ -184,20 +185,20 @@ pub struct AxisReading {
     pub speed: f64,
     /// Its state.
     pub state: AxisState,
-    /// Its reference is known.
+    /// Whether its reference is known.
     pub homed: bool,
-    /// It is at its target.
+    /// Whether it is at its target.
     pub in_position: bool,
-    /// It has a fault.
+    /// Whether it has a fault.
     pub fault: bool,
-    /// It stands at a limit.
+    /// Whether it is at a limit.
     pub limit_hit: bool,
 }
 
-/// A device's state, read at one moment, checked: every number finite, every lower limit below its upper one.
+/// The state of a device, read at one moment and checked: every number is finite, every lower limit is below its upper one.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Reading {
-    /// The whole device.
+    /// State of the device.
     pub state: AxisState,
     /// Its mode.
     pub mode: Mode,
@@ -205,22 +206,22 @@ pub struct Reading {
     pub safety: Safety,
     /// The acknowledgement of the newest command.
     pub acknowledged: Acknowledged,
-    /// Its own fault code; 0 is none.
+    /// Fault code of the device; 0 means none.
     pub fault_code: u32,
-    /// Counts while the program of the device runs.
+    /// A counter that increases while the program of the device runs.
     pub heartbeat: u16,
     /// Each axis.
     pub axes: Axes<AxisReading>,
 }
 
 impl Reading {
-    /// Where the axes are.
+    /// Actual positions of the axes.
     #[must_use]
     pub fn position(&self) -> Position {
         self.axes.map(|_, axis| axis.actual)
     }
 
-    /// Whether the device, or any axis, moves or may.
+    /// Whether the device or any axis moves or may move.
     #[must_use]
     pub fn moves(&self) -> bool {
         self.state.moves() || self.axes.iter().any(|(_, axis)| axis.state.moves())

@@ -1,5 +1,5 @@
-//! What every device guarantees (the traits, checked by `contract`), and the adaptors, a folder each: the codec (bytes and frames,
-//! pure) apart from the link (sockets, deadlines).
+//! The guarantees of every device (the traits, checked by `contract`), and the adaptors, one folder each: the codec (bytes and
+//! frames, pure) is separate from the link (sockets, deadlines).
 
 pub(crate) mod clock;
 pub mod contract;

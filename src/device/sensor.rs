@@ -1,4 +1,4 @@
-//! What the adaptor of a profile sensor guarantees, and that of the linear stage that carries the sensor along the rail.
+//! The guarantees of the adaptors of a profile sensor and of the linear stage that moves the sensor along the rail.
 
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ pub trait ProfileSensor: Send {
     /// The name in the configuration, for messages.
     fn name(&self) -> &str;
 
-    /// Connects, or connects again, and checks that the sensor is the configured one. Does not switch the laser on.
+    /// Connects or reconnects, and checks that the sensor is the configured one. It does not switch the laser on.
     fn connect(&mut self) -> Pending<'_, Result<SensorReading, DeviceError>>;
 
     /// Reads the state, between scans.
@@ -18,44 +18,44 @@ pub trait ProfileSensor: Send {
     /// Prepares it for `profiles_count` profiles; its trigger decides when each is taken.
     fn start(&mut self, profiles_count: u64) -> Pending<'_, Result<(), DeviceError>>;
 
-    /// The profiles that have come since the last call, at least one; waits for it. Gaps, drops and faults are errors.
+    /// Returns the profiles received since the last call, and waits for at least one. Gaps, losses and faults are errors.
     fn receive(&mut self) -> Pending<'_, Result<Vec<Profile>, DeviceError>>;
 
-    /// Ends a scan, finished or not, and reports whether the sensor lost anything during it. A sensor that runs without having
-    /// been started here (by a process before us, or by another client) is stopped as well: its laser is on. Harmless where
-    /// no scan runs.
+    /// Ends a scan, finished or not, and reports whether the sensor lost any data during it. A running sensor that was not started
+    /// by this adaptor (but by an earlier process or another client) is stopped as well, because its laser is on. Has no effect if
+    /// no scan is running.
     fn stop(&mut self) -> Pending<'_, Result<(), DeviceError>>;
 
-    /// How long the adaptor itself waits for the sensor.
+    /// The time limits of the adaptor itself.
     fn deadlines(&self) -> SensorDeadlines {
         SensorDeadlines::default()
     }
 }
 
-/// How long an adaptor waits for its sensor. A caller with a deadline of its own waits at least as long; zero leaves the
-/// deadline to the caller.
+/// The time limits of a sensor's adaptor. A caller with a deadline of its own waits at least as long; zero leaves the deadline to
+/// the caller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SensorDeadlines {
-    /// For a connection and the first reading.
+    /// Time for a connection and the first reading.
     pub connect: Duration,
-    /// For a reading.
+    /// Time for a reading.
     pub reply: Duration,
-    /// Until the sensor is ready for profiles.
+    /// Time until the sensor is ready for profiles.
     pub start: Duration,
-    /// Until the sensor has stopped.
+    /// Time until the sensor has stopped.
     pub stop: Duration,
-    /// From the start to the first profile. A sensor that sends a whole surface sends it at the end of the scan.
+    /// Time from the start to the first profile. A sensor that sends a surface sends it at the end of the scan.
     pub first_profile: Duration,
 }
 
-/// One profile as the sensor took it: already in millimetres and in the rail frame, by the extrinsic of the configuration.
+/// One profile in millimetres and in the rail frame, transformed by the extrinsic of the configuration.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Profile {
-    /// Counts without a gap within a scan.
+    /// Index without gaps within a scan.
     pub index: u64,
-    /// How far the stage had come, mm along the rail; by encoder or by time, as configured.
+    /// Position of the stage, mm along the rail; from the encoder or from the time, as configured.
     pub travel_mm: f64,
-    /// x of every point, mm; empty where all of them are at `travel_mm`.
+    /// x of every point, mm; empty if all points are at `travel_mm`.
     pub x: Vec<f32>,
     /// y of every point, mm.
     pub y: Vec<f32>,
@@ -68,15 +68,15 @@ pub struct Profile {
 /// The state of a sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SensorReading {
-    /// Model and serial number, as it gives them.
+    /// Model, as the sensor reports it.
     pub model: String,
-    /// As the sensor reports it.
+    /// Serial number, as the sensor reports it.
     pub serial: String,
-    /// As the sensor reports it.
+    /// Firmware version, as the sensor reports it.
     pub firmware: String,
-    /// It is taking profiles, and its laser is on.
+    /// Whether it is taking profiles, with its laser on.
     pub running: bool,
-    /// °C, if it reports it.
+    /// Temperature in °C, if the sensor reports it.
     pub temperature_c: Option<f64>,
 }
 
@@ -85,34 +85,34 @@ pub trait Stage: Send {
     /// The name in the configuration, for messages.
     fn name(&self) -> &str;
 
-    /// Connects, or connects again, and reads. Moves nothing.
+    /// Connects or reconnects, and reads. It moves nothing.
     fn connect(&mut self) -> Pending<'_, Result<StageReading, DeviceError>>;
 
-    /// Reads the state once. Also a heartbeat for the device.
+    /// Reads the state once, which is also a heartbeat for the device.
     fn read(&mut self) -> Pending<'_, Result<StageReading, DeviceError>>;
 
-    /// Sends it to `target_mm` at `speed_mm_s`; returns when the command was handed over.
+    /// Starts a move to `target_mm` at `speed_mm_s`; returns when the command has been sent.
     fn move_to(&mut self, fence: u64, target_mm: f64, speed_mm_s: f64) -> Pending<'_, Result<(), DeviceError>>;
 
     /// Stops it.
     fn halt(&mut self) -> Pending<'_, Result<(), DeviceError>>;
 }
 
-/// A stage's state, read at one moment.
+/// The state of a stage, read at one moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StageReading {
-    /// Where it is, mm along the rail.
+    /// Actual position, mm along the rail.
     pub actual_mm: f64,
-    /// Its limits, mm.
+    /// Lower limit, mm.
     pub lower_mm: f64,
-    /// Its limits, mm.
+    /// Upper limit, mm.
     pub upper_mm: f64,
     /// Greatest speed, mm/s.
     pub speed_mm_s: f64,
-    /// It moves.
+    /// Whether it moves.
     pub moves: bool,
-    /// It is at its target.
+    /// Whether it is at its target.
     pub in_position: bool,
-    /// Its own fault code; 0 is none.
+    /// Fault code of the device; 0 means none.
     pub fault_code: u32,
 }

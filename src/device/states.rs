@@ -1,18 +1,18 @@
-//! The numbers of the PLCopen states in a PLC: the table of a known maker, or another one. Every adaptor of a PLC uses it.
+//! The numbers of the PLCopen states in a PLC: the table of a known manufacturer, or a custom one. Every adaptor of a PLC uses it.
 
 use super::manipulator::AxisState;
 use serde::{Deserialize, Serialize};
 
-/// The table of a known maker, or another one.
+/// The table of a known manufacturer, or a custom one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(
     untagged,
     expecting = "states must be \"beckhoff\", \"rockwell\", \"codesys\", or a table with the number of each state: disabled, standstill, homing, discrete_motion, continuous_motion, stopping, error_stop, and synchronized_motion where there is one"
 )]
 pub enum States {
-    /// By name.
+    /// A preset, by its name.
     Preset(StatePreset),
-    /// Number by number.
+    /// A custom table with a number for each state.
     Table(StateCodes),
 }
 
@@ -22,15 +22,15 @@ impl Default for States {
     }
 }
 
-/// Makers whose numbers are known.
+/// Manufacturers whose numbers are known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StatePreset {
-    /// TwinCAT, Tc2_MC2; by the maker's documentation.
+    /// TwinCAT, Tc2_MC2; according to the manufacturer's documentation.
     Beckhoff,
-    /// Micro800; by the maker's documentation.
+    /// Micro800; according to the manufacturer's documentation.
     Rockwell,
-    /// SoftMotion SM3; from memory, not compared with its documentation.
+    /// SoftMotion SM3; not verified against its documentation.
     Codesys,
 }
 
@@ -44,25 +44,25 @@ pub struct StateCodes {
     pub homing: u16,
     pub discrete_motion: u16,
     pub continuous_motion: u16,
-    /// Not every maker has it.
+    /// Not every manufacturer has this state.
     pub synchronized_motion: Option<u16>,
     pub stopping: u16,
     pub error_stop: u16,
 }
 
-/// A number that stands for two things.
+/// Two states have the same number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("{first} and {second} are both {code}")]
 pub struct SameCode {
-    /// One of them.
+    /// The first state.
     pub first: &'static str,
-    /// The other.
+    /// The second state.
     pub second: &'static str,
-    /// Their number.
+    /// Their common number.
     pub code: u16,
 }
 
-/// Whether each word of a table has a number of its own.
+/// Checks that each state of a table has a number of its own.
 pub(super) fn different(codes: impl IntoIterator<Item = (&'static str, u16)>) -> Result<(), SameCode> {
     let mut seen: Vec<(&'static str, u16)> = Vec::new();
     for (second, code) in codes {
@@ -75,12 +75,12 @@ pub(super) fn different(codes: impl IntoIterator<Item = (&'static str, u16)>) ->
 }
 
 impl States {
-    /// The table.
+    /// The table of numbers.
     #[must_use]
     pub const fn codes(self) -> StateCodes {
         match self {
             Self::Table(codes) => codes,
-            // 0 is "undefined", which is no state that could be trusted.
+            // 0 means "undefined", which is not a state to rely on.
             Self::Preset(StatePreset::Beckhoff) => StateCodes {
                 disabled: 1,
                 standstill: 2,
@@ -115,7 +115,7 @@ impl States {
     }
 
     /// # Errors
-    /// [`SameCode`] where a number means two states.
+    /// [`SameCode`] if a number means two states.
     pub(super) fn check(self) -> Result<(), SameCode> {
         different(self.codes().pairs().into_iter().filter_map(|(name, _, code)| Some((name, code?))))
     }
@@ -135,13 +135,13 @@ impl StateCodes {
         ]
     }
 
-    /// The state of a number.
+    /// The state with this number.
     #[must_use]
     pub fn state(self, code: u16) -> Option<AxisState> {
         self.pairs().into_iter().find(|(_, _, known)| *known == Some(code)).map(|(_, state, _)| state)
     }
 
-    /// The number of a state; that of error stop if the maker has none for it.
+    /// The number of a state; that of error stop if the manufacturer has none for it.
     #[must_use]
     pub fn code(self, state: AxisState) -> u16 {
         let code = self.pairs().into_iter().find(|(_, known, _)| *known == state).and_then(|(_, _, code)| code);
@@ -158,9 +158,10 @@ mod tests {
         states: States,
     }
 
-    /// Tc2_MC2 MC_AXISSTATE and Micro800 axis states as the makers' documentation numbers them; SM3 SMC_AXIS_STATE from memory.
+    /// Tc2_MC2 MC_AXISSTATE and Micro800 axis states are numbered as in the manufacturers' documentation; SM3 SMC_AXIS_STATE is not
+    /// verified.
     #[test]
-    fn the_makers_tables_are_theirs() {
+    fn the_preset_tables_match_the_documentation() {
         let state = |preset, code| States::Preset(preset).codes().state(code);
         assert_eq!(state(StatePreset::Beckhoff, 3), Some(AxisState::ErrorStop));
         assert_eq!(state(StatePreset::Beckhoff, 2), Some(AxisState::Standstill));
@@ -171,13 +172,13 @@ mod tests {
     }
 
     #[test]
-    fn an_undefined_axis_is_no_state() {
+    fn an_undefined_axis_state_is_refused() {
         assert_eq!(States::default().codes().state(0), None);
         assert_eq!(States::Preset(StatePreset::Rockwell).codes().state(5), None);
     }
 
     #[test]
-    fn no_table_gives_a_number_to_two_states_unnoticed() {
+    fn a_table_with_one_number_for_two_states_is_refused() {
         for preset in [StatePreset::Beckhoff, StatePreset::Rockwell, StatePreset::Codesys] {
             assert_eq!(States::Preset(preset).check(), Ok(()), "{preset:?}");
         }
@@ -187,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_or_a_whole_table_is_read_and_anything_else_says_what_is_allowed() {
+    fn a_preset_or_a_complete_table_is_accepted_and_other_values_are_refused() {
         let read = |text: &str| toml::from_str::<Document>(text).map(|document| document.states);
         assert_eq!(read("states = 'codesys'"), Ok(States::Preset(StatePreset::Codesys)));
         let table =

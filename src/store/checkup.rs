@@ -1,4 +1,4 @@
-//! Examines the store of a folder without changing anything, beside a running service or without one.
+//! Examines the store of a folder without changing anything, whether a service is running on it or not.
 
 use std::path::{Path, PathBuf};
 
@@ -15,29 +15,29 @@ use super::rows::{MeasurementRow, RecipeRow, ScanRow};
 use super::scan_files::open_verified;
 use super::{folder, page};
 
-/// A service that writes meanwhile may be met between a commit and its count; then both are read again.
+/// A service that writes meanwhile may be between a commit and its count; then both are read again.
 const TRIES: usize = 100;
 
-/// The store of a folder, to be examined.
+/// The store of a folder that is being examined.
 #[derive(Debug)]
 pub struct Checkup {
     root: PathBuf,
     database: SqlitePool,
 }
 
-/// What was found of the file of a scan.
+/// The result of checking the file of a scan.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ScanCheck {
-    /// It is as it was recorded.
+    /// It matches its record.
     Intact,
-    /// It is not there.
+    /// It does not exist.
     Missing,
-    /// It has another length.
+    /// Its length differs.
     Length {
         /// Bytes of the file.
         found: u64,
     },
-    /// It has other bytes.
+    /// Its content differs.
     Damaged {
         /// SHA-256 of the file.
         found_sha256: String,
@@ -48,7 +48,7 @@ impl Checkup {
     /// Opens the database of a folder for reading.
     ///
     /// # Errors
-    /// [`StoreError::FileUnavailable`] where there is none, [`StoreError::NewerSchema`], [`StoreError::OlderSchema`],
+    /// [`StoreError::FileUnavailable`] if there is none, [`StoreError::NewerSchema`], [`StoreError::OlderSchema`],
     /// [`StoreError::Damaged`].
     pub async fn open(folder: &Path) -> Result<Self, StoreError> {
         let (root, file) = (folder.to_owned(), folder::database(folder));
@@ -65,7 +65,7 @@ impl Checkup {
         }
     }
 
-    /// What SQLite finds wrong with the database; `thorough` compares the indexes, too.
+    /// The faults that SQLite finds in the database; `thorough` also compares the indexes.
     ///
     /// # Errors
     /// An error of the database.
@@ -85,7 +85,7 @@ impl Checkup {
         Ok(faults)
     }
 
-    /// The records that were lost, where any were.
+    /// The loss of records, if there was one.
     ///
     /// # Errors
     /// An error of the database or of the operating system.
@@ -108,7 +108,7 @@ impl Checkup {
     /// Compares the file of a scan with its record; `scrub` reads all of its bytes.
     ///
     /// # Errors
-    /// [`StoreError::FileUnavailable`] where it cannot be read.
+    /// [`StoreError::FileUnavailable`] if it cannot be read.
     pub async fn check_scan(&self, row: &ScanRow, scrub: bool) -> Result<ScanCheck, StoreError> {
         let digest = row.id.strip_prefix("s-").unwrap_or_default();
         let Some((_, path)) = folder::scan(&self.root, digest) else { return Ok(ScanCheck::Missing) };

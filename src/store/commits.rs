@@ -1,14 +1,14 @@
-//! A count of commits that is kept beside the database, so that a database that lost acknowledged records is noticed: one whose
-//! log was damaged, one that was replaced by an older copy, one that was removed. All calls on files block.
+//! A count of commits that is kept beside the database, in order to detect a database that lost acknowledged records: its log was
+//! damaged, it was replaced by an older copy, or it was removed. All calls on files block.
 //!
 //! ```text
 //! transaction: rows, count n and chain n ──> commit ──> coaxis.commits: n, chain n ──> acknowledged
-//!                                               │
-//!                                               └ process dies ──> the database is one commit ahead of the file
+//!                                              │
+//!                                              └ process ends ──> the database is one commit ahead of the file
 //! ```
 //!
-//! chain n = SHA-256(chain n−1, n, a number drawn at the start). The file has two slots that are written in turn, each with its
-//! own checksum: where the last one was not written completely, the one before it is there.
+//! chain n = SHA-256(chain n−1, n, a random number drawn at the start). The file has two slots that are written alternately, each
+//! with its own checksum: if the last one was not written completely, the previous one is still valid.
 
 use super::error::Loss;
 use std::fs::{self, File, OpenOptions};
@@ -26,10 +26,10 @@ use super::folder::{self, FILE_MODE};
 use super::rows::hex;
 use super::{rows, statements};
 
-/// Bytes of a slot: a sector, so that one is written or not.
+/// Bytes of a slot: one sector, which is written completely or not at all.
 const SLOT_BYTES: usize = 512;
 
-/// A number of commits, and a hash that distinguishes them from the same number of others.
+/// A number of commits, and a hash that distinguishes them from other histories of the same length.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub(super) struct Commits {
     pub(super) count: u64,
@@ -40,7 +40,7 @@ pub(super) struct Commits {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Counted {
     pub(super) last: Commits,
-    /// The chain of the commit before.
+    /// The chain of the previous commit.
     pub(super) previous: String,
 }
 
@@ -52,7 +52,7 @@ impl Counted {
         Ok(Self { last, previous: row.try_get("previous")? })
     }
 
-    /// Whether these are the acknowledged commits, or one more: a process may die between a commit and its acknowledgement.
+    /// Whether these are the acknowledged commits, or one more: a process may end between a commit and its acknowledgement.
     pub(super) fn check(&self, acknowledged: &Commits) -> Result<(), Loss> {
         let (found, known) = (self.last.count, acknowledged.count);
         let continues = match found.checked_sub(known) {
@@ -65,7 +65,7 @@ impl Counted {
     }
 }
 
-/// The count of one store: what was acknowledged, and where that is written down.
+/// The commit count of one store: the acknowledged commits, and the file that records them.
 #[derive(Debug)]
 pub(super) struct CommitLog {
     file: CommitFile,
@@ -73,7 +73,7 @@ pub(super) struct CommitLog {
     drawn: u64,
     known: Mutex<Known>,
     loss: OnceLock<Loss>,
-    /// Tests fill the disk by this.
+    /// Tests use this to simulate a full disk.
     #[cfg(test)]
     pub(super) full: std::sync::atomic::AtomicBool,
 }
@@ -81,17 +81,17 @@ pub(super) struct CommitLog {
 #[derive(Debug)]
 struct Known {
     last: Commits,
-    /// The file does not contain `last` yet.
+    /// Whether the file does not contain `last` yet.
     behind: bool,
-    /// Which files the database and its log are, as of the first commit of this connection.
+    /// The identity of the database file and its log, as of the first commit of this connection.
     identity: Option<Identity>,
 }
 
-/// Device and number of the database file and of its log.
+/// Device and inode number of the database file and of its log.
 type Identity = [Option<(u64, u64)>; 2];
 
 impl CommitLog {
-    /// Of a database that was compared with its file.
+    /// Creates the log for a database that was compared with its file.
     pub(super) fn new(file: CommitFile, database: PathBuf, last: Commits, loss: Option<Loss>) -> Self {
         let drawn = RandomState::new().build_hasher().finish();
         let known = Mutex::new(Known { last, behind: false, identity: None });
@@ -106,23 +106,23 @@ impl CommitLog {
         }
     }
 
-    /// Refuses where records were lost.
+    /// Returns an error if records were lost.
     pub(super) fn check_loss(&self) -> Result<(), StoreError> {
         self.loss.get().map_or(Ok(()), |loss| Err(StoreError::RecordsLost(loss.clone())))
     }
 
-    /// Refuses where a test has filled the disk.
+    /// Returns an error if a test simulates a full disk.
     #[cfg(test)]
     pub(super) fn check_room(&self) -> Result<(), StoreError> {
         if self.full.load(std::sync::atomic::Ordering::SeqCst) { Err(StoreError::Full) } else { Ok(()) }
     }
 
-    /// The database will be opened again.
+    /// Forgets the identity, because the database will be opened again.
     pub(super) fn forget_identity(&self) {
         self.known().identity = None;
     }
 
-    /// Refuses where records were lost, or the last commit cannot be written down.
+    /// Returns an error if records were lost, or the last commit cannot be recorded.
     pub(super) fn admit(&self) -> Result<(), StoreError> {
         self.check_loss()?;
         let mut known = self.known();
@@ -134,8 +134,7 @@ impl CommitLog {
         Ok(())
     }
 
-    /// Compares the commits of the database with those that were acknowledged. Nothing may be
-    /// committed meanwhile.
+    /// Compares the commits of the database with those that were acknowledged. There must be no commit meanwhile.
     pub(super) fn compare(&self, counted: &Counted) -> Result<(), StoreError> {
         let checked = counted.check(&self.known().last);
         checked.map_err(|loss| self.lose(loss))
@@ -161,7 +160,7 @@ impl CommitLog {
         Ok(next)
     }
 
-    /// Writes down a commit that is durable, before it is acknowledged.
+    /// Records a durable commit, before it is acknowledged.
     pub(super) fn acknowledge(&self, commits: Commits) -> Result<(), StoreError> {
         {
             let mut known = self.known();
@@ -170,14 +169,14 @@ impl CommitLog {
         self.admit()
     }
 
-    /// Where the names lead to other files than those that were opened, what is written is gone when they are closed.
+    /// If the names refer to other files than those that were opened, the written data are lost when these are closed.
     fn look_at_files(&self, known: &mut Known) -> Result<(), StoreError> {
         let mut log = self.database.clone().into_os_string();
         log.push("-wal");
         let now = [self.database.as_path(), Path::new(&log)].map(identity);
         match known.identity {
             Some(then) if then != now => Err(self.lose(Loss::Replaced { file: self.database.clone() })),
-            // The log is there from the first commit on.
+            // The log exists from the first commit on.
             None if now.iter().all(Option::is_some) => {
                 known.identity = Some(now);
                 Ok(())
@@ -213,7 +212,7 @@ impl CommitFile {
         let mut options = OpenOptions::new();
         options.read(true).write(true).create(true).truncate(false).mode(FILE_MODE);
         let file = options.open(&path).map_err(StoreError::of_file(&path))?;
-        // The room is taken now, so that a full disk does not prevent the counting.
+        // The space is allocated now, so that a full disk does not prevent the counting.
         let length = file.metadata().map_err(StoreError::of_file(&path))?.len();
         if length < 2 * SLOT_BYTES as u64 {
             file.write_all_at(&[b' '; 2 * SLOT_BYTES], 0)

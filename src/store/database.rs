@@ -1,5 +1,5 @@
-//! Opens the database file with SQLite's settings, and migrates its schema to the version that this program knows: one numbered
-//! step at a time, each in one transaction, so that a step that fails leaves the file as it was.
+//! Opens the database file with its SQLite settings, and migrates its schema to the version that this program knows: one numbered
+//! step at a time, each in one transaction, so that a step that fails leaves the file unchanged.
 
 use std::path::Path;
 
@@ -14,27 +14,26 @@ use super::error::StoreError;
 use super::rows::hex;
 use super::statements;
 
-/// Takes the write lock at once: a transaction that reads first and asks for the lock later could be refused it.
+/// Takes the write lock at once, because a transaction that reads first and requests the lock later could fail to get it.
 pub(super) const BEGIN: &str = "BEGIN IMMEDIATE";
 
-/// Readers of the write-ahead log never wait, so few of them serve many clients.
+/// Readers of the write-ahead log never wait, so a few of them serve many clients.
 const READERS: u32 = 4;
 
-/// Only another program on the same file (a backup, a shell) can make us wait.
+/// Only another program on the same file (a backup, a shell) can make the service wait.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// The write-ahead log is cut back to this after a burst, bytes.
+/// The write-ahead log is truncated to this size after a burst, bytes.
 const LOG_BYTES_KEPT: &str = "67108864";
 
-/// SQLite's unit of allocation, bytes; the one that it takes by itself.
+/// Page size of SQLite, bytes; its default.
 const PAGE_BYTES: u32 = 4096;
 
-/// The connection that writes, to a file that does not grow beyond `bytes_max`. The caller sees to it that there is only
-/// one.
+/// Opens the connection that writes, to a file that may not grow beyond `bytes_max`. The caller ensures that there is only one.
 pub(super) async fn writer(file: &Path, bytes_max: Option<u64>) -> Result<SqliteConnection, StoreError> {
     let mut options = options(file).create_if_missing(true).page_size(PAGE_BYTES);
     if let Some(bytes_max) = bytes_max {
-        // SQLite applies the limit to this connection only, and raises one below the present size to the present size.
+        // SQLite applies the limit to this connection only, and raises a limit below the present size to the present size.
         let pages_max = (bytes_max / u64::from(PAGE_BYTES)).clamp(1, u64::from(u32::MAX - 1));
         options = options.pragma("max_page_count", pages_max.to_string());
     }
@@ -53,7 +52,7 @@ pub(super) async fn readers(file: &Path) -> Result<SqlitePool, StoreError> {
     Ok(pool.connect_with(options(file).pragma("query_only", "ON")).await?)
 }
 
-/// Connections that find out what is there and change nothing, not even the settings of the file.
+/// Opens connections that only examine the database and change nothing, not even the settings of the file.
 pub(super) async fn examiner(file: &Path) -> Result<SqlitePool, StoreError> {
     let options = SqliteConnectOptions::new()
         .filename(file)
@@ -63,7 +62,7 @@ pub(super) async fn examiner(file: &Path) -> Result<SqlitePool, StoreError> {
     Ok(SqlitePoolOptions::new().max_connections(1).connect_with(options).await?)
 }
 
-/// FULL: a commit returns when the disk has it, not when the operating system does.
+/// FULL: a commit returns when the data are on the disk, not merely with the operating system.
 fn options(file: &Path) -> SqliteConnectOptions {
     SqliteConnectOptions::new()
         .filename(file)
@@ -75,15 +74,15 @@ fn options(file: &Path) -> SqliteConnectOptions {
         .disable_statement_logging()
 }
 
-/// How far the store may grow.
+/// Limits of the size of the store.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct StoreLimits {
-    /// Size of the database file beyond which writes meet [`StoreError::Full`]; the write-ahead log comes on top, and so do
-    /// the raw scans.
+    /// Size of the database file beyond which writes fail with [`StoreError::Full`]; the write-ahead log and the raw scans are not
+    /// included.
     pub database_bytes_max: Option<u64>,
 }
 
-/// A step of the schema. Its text never changes once it was released: databases remember its checksum.
+/// A step of the schema. Its text never changes after a release, because databases record its checksum.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Migration {
     pub(super) version: i64,
@@ -100,7 +99,7 @@ pub(super) const MIGRATIONS: &[Migration] = &[
     Migration { version: COUNTS_COMMITS, sql: include_str!("migrations/0003_order_and_commits.sql") },
 ];
 
-/// Applies the steps that the database has not seen.
+/// Applies the steps that have not been applied to the database yet.
 ///
 /// # Errors
 /// [`StoreError::NewerSchema`], [`StoreError::MigrationDiffers`], or an error of the database.
@@ -119,7 +118,7 @@ pub(super) async fn migrate(database: &mut SqliteConnection, steps: &'static [Mi
     Ok(())
 }
 
-/// The version of the last step that was applied; 0 of a new database.
+/// The version of the last step that was applied; 0 for a new database.
 pub(super) async fn user_version(database: &mut SqliteConnection) -> Result<i64, StoreError> {
     Ok(sqlx::query_scalar("PRAGMA user_version").fetch_one(database).await?)
 }
@@ -144,7 +143,7 @@ async fn apply(database: &mut SqliteConnection, step: Migration) -> Result<(), S
         .bind(checksum_of(&step))
         .execute(&mut *transaction)
         .await?;
-    // A pragma takes no placeholder; the number is our own.
+    // A pragma takes no placeholder; the number comes from this program.
     let mark = AssertSqlSafe(format!("PRAGMA user_version = {}", step.version));
     sqlx::raw_sql(mark).execute(&mut *transaction).await?;
     Ok(transaction.commit().await?)

@@ -1,17 +1,18 @@
-//! The errors of the store: every failure of the database and of the files as one of a few reasons, and how records were lost.
+//! The errors of the store: every failure of the database and of the files is mapped to one of a few reasons. Also the ways in
+//! which records can be lost.
 
 use sqlx::error::{DatabaseError, ErrorKind};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::{fmt, io};
 
-/// A reason of the store. Cheap to clone, since one failed commit answers many writers.
+/// An error of the store. It is cheap to clone, since one failed commit answers many writers.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum StoreError {
-    /// The disk, the quota or the database's own limit leaves no room; reads go on, and so do writes once there is room.
+    /// The disk, the quota or the database's own limit is exhausted. Reading still works, and so does writing once there is space.
     #[error("the store is full")]
     Full,
-    /// The database cannot be used now: read-only, an I/O error, or locked by another program. Trying again may help.
+    /// The database cannot be used now: it is read-only, locked by another program, or has an I/O error. Trying again may help.
     #[error("the database is not available")]
     Unavailable(#[source] Arc<sqlx::Error>),
     /// A file or folder of the store cannot be used now. Trying again may help.
@@ -33,7 +34,7 @@ pub enum StoreError {
         /// The last version that this program knows.
         known: i64,
     },
-    /// An earlier program has written this database, and it is only to be read.
+    /// An earlier program has written this database, and it was opened for reading only.
     #[error(
         "the database has schema {found}, this program reads schema {known}; start the service once, which upgrades it"
     )]
@@ -43,21 +44,21 @@ pub enum StoreError {
         /// The version that this program reads.
         known: i64,
     },
-    /// The database was made by another text of this migration than the program has.
+    /// The migration in the database has another text than the one in the program.
     #[error("migration {version} of the database is not the one that this program knows")]
     MigrationDiffers {
         /// Version of the migration.
         version: i64,
     },
-    /// The database lost records that were acknowledged; nothing is written until an operator has decided.
+    /// The database lost acknowledged records; nothing is written until an operator has decided.
     #[error("{0}")]
     RecordsLost(Loss),
-    /// The content of the file of a scan is not the recorded one.
+    /// The content of the file of a scan differs from the recorded one.
     #[error("the file of scan {id} is damaged: its SHA-256 is {found_sha256}")]
     ScanDamaged {
         /// The scan's id, with the SHA-256 that the file should have.
         id: String,
-        /// The SHA-256 that it has.
+        /// The SHA-256 of the file.
         found_sha256: String,
     },
     /// Another process has this folder open.
@@ -66,10 +67,10 @@ pub enum StoreError {
         /// The store's folder.
         folder: PathBuf,
     },
-    /// The store was closed while this was asked, or before.
+    /// The store was closed before or during the call.
     #[error("the store is closed")]
     Closed,
-    /// More bytes than a scan may have.
+    /// The scan has more bytes than allowed.
     #[error("the scan is larger than {bytes_max} bytes")]
     ScanTooLarge {
         /// The limit that was given.
@@ -81,7 +82,7 @@ pub enum StoreError {
         /// The scan's id.
         scan_id: String,
     },
-    /// The measurement's id belongs to another one already.
+    /// The measurement's id is already in use.
     #[error("a measurement {id} is recorded already")]
     IdTaken {
         /// The measurement's id.
@@ -100,7 +101,7 @@ pub enum StoreError {
 
 /// SQLite's primary result codes that are distinguished; an extended code carries its primary one in the lowest byte.
 mod sqlite {
-    /// A statement that the schema does not bear: the tables are not those that we made.
+    /// A statement does not match the schema: the tables were not created by this program.
     pub(super) const ERROR: u32 = 1;
     pub(super) const CORRUPT: u32 = 11;
     pub(super) const FULL: u32 = 13;
@@ -108,7 +109,7 @@ mod sqlite {
 }
 
 impl StoreError {
-    /// A stable short name, lower_snake.
+    /// A stable short name in lower snake case.
     #[must_use]
     pub fn code(&self) -> &'static str {
         match self {
@@ -150,7 +151,7 @@ impl StoreError {
         }
     }
 
-    /// What went wrong with a file or folder.
+    /// Converts an error of a file or folder.
     pub(super) fn of_file(path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> Self {
         let path = path.into();
         |error| match error.kind() {
@@ -178,7 +179,7 @@ impl From<sqlx::Error> for StoreError {
     }
 }
 
-/// What kind of constraint a statement broke, if it did.
+/// The kind of constraint that a statement violated, if it did.
 pub(super) fn broken_constraint(error: &sqlx::Error) -> Option<ErrorKind> {
     error.as_database_error().map(DatabaseError::kind)
 }
@@ -190,7 +191,7 @@ fn primary_code(refusal: &dyn DatabaseError) -> Option<u32> {
 /// How acknowledged records were lost.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Loss {
-    /// The database is missing or empty beside scans that are kept.
+    /// The database is missing or empty, although scans are kept.
     Empty {
         /// Scans in the folder.
         scans_count: u64,
@@ -202,7 +203,7 @@ pub enum Loss {
         /// Commits that were acknowledged.
         acknowledged: u64,
     },
-    /// The commits of the database are not those that were acknowledged.
+    /// The commits of the database differ from those that were acknowledged.
     Foreign {
         /// Commits of the database.
         found: u64,

@@ -1,13 +1,13 @@
-//! The folder of the store on the disk: its layout, its permissions, and how a name in it is made durable. All calls block, except
-//! [`blocking`], which runs them apart from the async threads.
+//! The folder of the store on the disk: its layout, its permissions, and how a file name in it is made durable. All calls block,
+//! except [`blocking`], which runs them apart from the async threads.
 //!
 //! ```text
-//! coaxis.lock      held by the process that has the store open
-//! coaxis.db        records, with -wal and -shm beside it
+//! coaxis.lock      locked by the process that has the store open
+//! coaxis.db        the database, with -wal and -shm beside it
 //! coaxis.commits   the number of its commits, see `commits`
-//! scans/ab/abcd…   a raw scan by the SHA-256 of its content
-//! scans/tmp/7      a scan that is still coming in; what lies here at start-up is swept away
-//! scans/tmp/abcd…  a mark: the scan of this digest may have its place and not its row yet
+//! scans/ab/abcd…   a raw scan under the SHA-256 of its content
+//! scans/tmp/7      a scan that is being received; removed at the next start if it is left over
+//! scans/tmp/abcd…  a mark: the scan of this digest may have its file but not yet its row
 //! ```
 //!
 //! Only the user and the group of the service have access.
@@ -29,15 +29,15 @@ pub(super) const FILE_MODE: u32 = 0o640;
 /// Permissions of every folder.
 const FOLDER_MODE: u32 = 0o750;
 
-/// Keeps every other process from opening the store of a folder, until it is dropped.
+/// Prevents every other process from opening the store of a folder, until it is dropped.
 #[derive(Debug)]
 pub struct FolderLock(#[expect(dead_code, reason = "the lock lasts as long as the file is open")] File);
 
 impl FolderLock {
-    /// Takes the lock of a folder; `None` if the folder does not exist, and so no store.
+    /// Takes the lock of a folder. Returns `None` if the folder does not exist, so that there is no store.
     ///
     /// # Errors
-    /// [`StoreError::FolderInUse`] where another process has the store open.
+    /// [`StoreError::FolderInUse`] if another process has the store open.
     pub fn take(root: &Path) -> Result<Option<Self>, StoreError> {
         if root.is_dir() { lock(root).map(Self).map(Some) } else { Ok(None) }
     }
@@ -52,7 +52,7 @@ pub(super) struct Folder {
 }
 
 impl Folder {
-    /// Creates what is missing, takes the lock, sweeps away what an earlier process left unfinished.
+    /// Creates missing folders, takes the lock, and removes the unfinished files of an earlier process.
     pub(super) fn open(root: &Path) -> Result<Self, StoreError> {
         let scans = root.join("scans");
         let missing: Vec<&Path> = root.ancestors().take_while(|folder| !folder.exists()).collect();
@@ -79,7 +79,7 @@ impl Folder {
         commits(&self.root)
     }
 
-    /// Creates an empty database file where there is none; the files that SQLite adds to it have the same permissions.
+    /// Creates an empty database file if there is none. SQLite gives the files beside it the same permissions.
     pub(super) fn create_database(&self) -> Result<(), StoreError> {
         let path = self.database();
         let mut options = OpenOptions::new();
@@ -87,7 +87,7 @@ impl Folder {
         options.open(&path).map(drop).map_err(StoreError::of_file(path))
     }
 
-    /// How many scans have their place.
+    /// The number of scan files in their final place.
     pub(super) fn scans_count(&self) -> Result<u64, StoreError> {
         let (scans, mut count) = (self.scans(), 0);
         for shelf in fs::read_dir(&scans).map_err(StoreError::of_file(&scans))? {
@@ -102,7 +102,7 @@ impl Folder {
         Ok(count)
     }
 
-    /// Takes away what permissions files of earlier versions have too many; others cannot come through the folder of the scans.
+    /// Removes excess permissions from files of earlier versions. Other files are protected by the folder of the scans.
     fn close_to_others(&self) {
         let files = ["coaxis.lock", "coaxis.db", "coaxis.db-wal", "coaxis.db-shm", "coaxis.commits"];
         let files = files.map(|name| (self.root.join(name), FILE_MODE));
@@ -117,7 +117,7 @@ impl Folder {
         }
     }
 
-    /// Where the scan of this digest lies: its folder and its file. `None` for anything but 64 hexadecimal digits.
+    /// Folder and file of the scan with this digest; `None` for anything but 64 hexadecimal digits.
     pub(super) fn scan(&self, sha256_hex: &str) -> Option<(PathBuf, PathBuf)> {
         scan(&self.root, sha256_hex)
     }
@@ -127,7 +127,7 @@ impl Folder {
         self.root.join("scans")
     }
 
-    /// A new, empty file for a scan that comes in.
+    /// A new, empty file for a scan that is being received.
     pub(super) fn create_part(&self) -> Result<(Temporary, File), StoreError> {
         let path = self.new_name();
         let mut options = OpenOptions::new();
@@ -136,22 +136,22 @@ impl Folder {
         Ok((Temporary { path }, file))
     }
 
-    /// A path beside the scans that come in that nothing has. The lock makes the counter unique.
+    /// An unused path in the folder of incoming scans. The lock makes the counter unique.
     pub(super) fn new_name(&self) -> PathBuf {
         self.incoming().join(self.parts_count.fetch_add(1, Ordering::Relaxed).to_string())
     }
 
-    /// Where scans come in.
+    /// The folder of incoming scans.
     pub(super) fn incoming(&self) -> PathBuf {
         self.scans().join("tmp")
     }
 
-    /// Where the mark of this digest lies, if it is one.
+    /// The path of the mark of this digest; `None` if it is not a digest.
     pub(super) fn mark(&self, sha256_hex: &str) -> Option<PathBuf> {
         is_digest(sha256_hex).then(|| self.incoming().join(sha256_hex))
     }
 
-    /// The digests that are marked.
+    /// The digests of all marks.
     pub(super) fn marked(&self) -> Result<Vec<String>, StoreError> {
         let names = self.names_incoming()?.into_iter().filter_map(|name| name.into_string().ok());
         Ok(names.filter(|name| is_digest(name)).collect())
@@ -182,26 +182,26 @@ pub(super) fn commits(root: &Path) -> PathBuf {
     root.join("coaxis.commits")
 }
 
-/// Where the scan of this digest lies in a folder: its folder and its file. `None` for anything but 64 hexadecimal digits.
+/// Folder and file of the scan with this digest in a folder; `None` for anything but 64 hexadecimal digits.
 pub(super) fn scan(root: &Path, sha256_hex: &str) -> Option<(PathBuf, PathBuf)> {
     let shelf = root.join("scans").join(sha256_hex.get(..2).filter(|_| is_digest(sha256_hex))?);
     let file = shelf.join(sha256_hex);
     Some((shelf, file))
 }
 
-/// Whether a text is a SHA-256 as we write it.
+/// Whether a text is a SHA-256 in the form that the store writes.
 fn is_digest(text: &str) -> bool {
     text.len() == 64 && text.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'))
 }
 
-/// A file that is removed when it is dropped before it has been given its place.
+/// A file that is removed on drop, unless it was moved to its final place.
 #[derive(Debug)]
 pub(super) struct Temporary {
     path: PathBuf,
 }
 
 impl Temporary {
-    /// Where it lies.
+    /// Its path.
     pub(super) fn path(&self) -> &Path {
         &self.path
     }
@@ -209,17 +209,17 @@ impl Temporary {
 
 impl Drop for Temporary {
     fn drop(&mut self) {
-        // Fails where the file has its place already; what else may fail, the sweep at the next start makes good.
+        // This fails if the file was moved to its final place. After any other failure, the next start removes the file.
         let _ = fs::remove_file(&self.path);
     }
 }
 
-/// Makes the names in a folder durable.
+/// Makes the file names in a folder durable.
 pub(super) fn sync(folder: &Path) -> Result<(), StoreError> {
     File::open(folder).and_then(|handle| handle.sync_all()).map_err(StoreError::of_file(folder))
 }
 
-/// Creates a folder unless it is there.
+/// Creates a folder unless it exists.
 pub(super) fn create(folder: &Path) -> Result<(), StoreError> {
     match DirBuilder::new().mode(FOLDER_MODE).create(folder) {
         Err(error) if error.kind() != io::ErrorKind::AlreadyExists => Err(StoreError::of_file(folder)(error)),
@@ -227,7 +227,7 @@ pub(super) fn create(folder: &Path) -> Result<(), StoreError> {
     }
 }
 
-/// The operating system drops the lock with the process, however that ends.
+/// Takes the lock. The operating system releases it when the process ends for any reason.
 fn lock(root: &Path) -> Result<File, StoreError> {
     let path = root.join("coaxis.lock");
     let mut options = OpenOptions::new();

@@ -1,4 +1,4 @@
-//! Measurements: how they are inserted once per request, read back and listed.
+//! Measurements: inserts them once per request, reads and lists them.
 
 use std::sync::Arc;
 
@@ -17,16 +17,17 @@ use super::writer::Write;
 use super::{scans, statements};
 
 impl Store {
-    /// Records a measurement with its profiles, its request and, where given, its scan: all or nothing, durable on return.
+    /// Records a measurement with its profiles, its request and, if given, its scan, in one transaction. Durable on return.
     ///
     /// # Errors
-    /// [`StoreError::ScanUnknown`], [`StoreError::IdTaken`], and what every write may meet: [`StoreError::Full`],
-    /// [`StoreError::Unavailable`]. After these two the record may exist nevertheless; a request id settles it.
+    /// [`StoreError::ScanUnknown`], [`StoreError::IdTaken`], and the errors of every write: [`StoreError::Full`],
+    /// [`StoreError::Unavailable`]. After these two the record may exist nevertheless; repeating the request under the same id
+    /// settles it.
     pub async fn insert_measurement(&self, new: NewMeasurement) -> Result<Inserted, StoreError> {
         self.writer.write(new).await
     }
 
-    /// The same with the file of the scan, which gets its place with the row.
+    /// As [`Store::insert_measurement`], with the file of the scan, which is moved to its final place together with the row.
     ///
     /// # Errors
     /// As [`Store::insert_measurement`], and [`StoreError::FileUnavailable`].
@@ -34,7 +35,7 @@ impl Store {
         self.writer.write(WithFile::new(new, Arc::new(file)).await?).await
     }
 
-    /// The measurement of this id.
+    /// The measurement with this id.
     ///
     /// # Errors
     /// An error of the database.
@@ -42,7 +43,7 @@ impl Store {
         Ok(sqlx::query_as(statements::MEASUREMENT).bind(id).fetch_optional(&self.readers).await?)
     }
 
-    /// What a request of this id was answered with.
+    /// The answer to the request with this id.
     ///
     /// # Errors
     /// An error of the database.
@@ -63,7 +64,7 @@ impl Store {
         page::list(&self.readers, &conditions, page).await
     }
 
-    /// The measurement that was recorded last; `None` where there is none.
+    /// The measurement that was recorded last; `None` if there is none.
     ///
     /// # Errors
     /// An error of the database.

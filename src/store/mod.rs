@@ -1,13 +1,12 @@
-//! What the product stores: records in an embedded database, raw scans as files named by their content.
+//! The store: records in an embedded database, and raw scans as files named by their content.
 //!
 //! ```text
 //! rows in ───> writer (one task, one transaction for all that wait) ───> coaxis.db ───> readers ───> rows out
 //! bytes in ──> scan_files (hash) ──> placing (with its row) ──> scans/ab/abcd… ──> a file to read from
-//!                   └──> ScanFollower: to read from while they come in
+//!                   └──> ScanFollower: reads them while they are received
 //! ```
 //!
-//! A write is acknowledged when it is durable, not before. Times and ids come in as arguments; documents are text that is
-//! stored as it came.
+//! A write is acknowledged only when it is durable. Times and ids are arguments; documents are stored as unchanged text.
 
 mod checkup;
 mod commits;

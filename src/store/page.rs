@@ -1,5 +1,5 @@
-//! Lists a page at a time, newest first, in the order of the commits. A cursor names the last row of a page; the next page
-//! begins behind it, so rows that are added meanwhile neither shift nor repeat any.
+//! Lists one page at a time, newest first, in the order of the commits. A cursor names the last row of a page, and the next page
+//! begins after it, so that rows added meanwhile neither shift nor repeat any row.
 
 use std::fmt;
 
@@ -8,15 +8,15 @@ use sqlx::{AssertSqlSafe, FromRow, SqlitePool, sqlite::SqliteRow};
 use super::error::StoreError;
 use super::{rows, statements};
 
-/// The most rows of a page.
+/// The greatest number of rows in a page.
 pub const PAGE_ROWS_MAX: u32 = 1000;
 
-/// Which page of a list.
+/// Selects a page of a list.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Page {
-    /// Rows wanted; taken as 1 to [`PAGE_ROWS_MAX`].
+    /// Number of requested rows, limited to 1 to [`PAGE_ROWS_MAX`].
     pub limit: u32,
-    /// [`Listing::next`] of the page before; `None` for the newest rows.
+    /// [`Listing::next`] of the previous page; `None` for the newest rows.
     pub before: Option<Cursor>,
 }
 
@@ -25,11 +25,11 @@ pub struct Page {
 pub struct Listing<T> {
     /// Newest first.
     pub rows: Vec<T>,
-    /// Where the next page begins; `None` where there is none.
+    /// Where the next page begins; `None` on the last page.
     pub next: Option<Cursor>,
 }
 
-/// A place in a list. Its text is opaque to clients and safe in a URL.
+/// A position in a list. Its text is opaque to clients and safe in a URL.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Cursor(u64);
 
@@ -45,10 +45,10 @@ impl Cursor {
         Self(sequence)
     }
 
-    /// Reads the text of a cursor.
+    /// Parses the text of a cursor.
     ///
     /// # Errors
-    /// [`StoreError::CursorMalformed`] for anything that [`fmt::Display`] did not write.
+    /// [`StoreError::CursorMalformed`] for any text that [`fmt::Display`] did not write.
     pub fn parse(text: &str) -> Result<Self, StoreError> {
         let canonical = text.len() == DIGITS && text.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'));
         let sequence =
@@ -75,7 +75,7 @@ pub(super) async fn list<T: Listed>(
     let set: Vec<_> = conditions.iter().filter_map(|&(column, value)| Some((column, value?))).collect();
     let columns: Vec<_> = set.iter().map(|&(column, _)| column).collect();
     let sql = T::LIST.page(&columns, page.before.is_some());
-    // One row more than wanted shows whether there is a next page.
+    // One additional row shows whether there is a next page.
     let mut query = sqlx::query(AssertSqlSafe(sql)).bind(i64::from(limit) + 1);
     for &(_, value) in &set {
         query = query.bind(value);

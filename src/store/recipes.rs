@@ -1,4 +1,4 @@
-//! Recipes: the current revision of each name, put under a precondition.
+//! Recipes: the current revision of each name, written under a precondition.
 
 use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
@@ -12,10 +12,10 @@ use super::statements;
 use super::writer::Write;
 
 impl Store {
-    /// Puts a recipe if the precondition is fulfilled at that moment. Durable on return.
+    /// Stores a recipe if the precondition is fulfilled at that moment. Durable on return.
     ///
     /// # Errors
-    /// What every write may meet: [`StoreError::Full`], [`StoreError::Unavailable`].
+    /// The errors of every write: [`StoreError::Full`], [`StoreError::Unavailable`].
     pub async fn put_recipe(
         &self,
         name: &str,
@@ -27,7 +27,7 @@ impl Store {
         self.writer.write(Put { name, document, updated_at, precondition }).await
     }
 
-    /// The current revision of the recipe of this name.
+    /// The current revision of the recipe with this name.
     ///
     /// # Errors
     /// An error of the database.

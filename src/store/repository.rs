@@ -1,5 +1,5 @@
-//! The store of one folder: opened and checked for lost records, probed, counted, closed; and how much space it takes and has left.
-//! What it stores stands in a file for each kind of row.
+//! The store of one folder: opens it, checks it for lost records, probes, counts and closes it, and reports its used and free
+//! space. Each kind of row has its own file.
 
 use std::io::Write as _;
 use std::path::Path;
@@ -19,19 +19,20 @@ use super::rows::{self, Counts};
 use super::writer::{Write, Writer};
 use super::{placing, statements};
 
-/// The store of one folder. Share it behind an `Arc`; every method may be called from many tasks at once.
+/// The store of one folder. It is shared behind an `Arc`; every method may be called from many tasks at once.
 #[derive(Debug)]
 pub struct Store {
     pub(super) folder: Arc<Folder>,
     pub(super) writer: Writer,
     pub(super) readers: SqlitePool,
     pub(super) commits: Arc<CommitLog>,
-    /// One permit for every file whose bytes are compared with their hash: that takes a processor, and clients may ask for many.
+    /// Limits the number of files whose bytes are compared with their hash at the same time, because this takes a processor and
+    /// clients may request many.
     pub(super) comparing: Arc<Semaphore>,
 }
 
 impl Store {
-    /// Opens the store of a folder without a limit of its own: it may grow as far as the disk reaches.
+    /// Opens the store of a folder without a size limit of its own, so that only the disk limits it.
     ///
     /// # Errors
     /// As [`Store::open_within`].
@@ -39,12 +40,12 @@ impl Store {
         Self::open_within(folder, StoreLimits::default()).await
     }
 
-    /// Opens the store of a folder, creating and upgrading what is needed. One process at a time. A store whose database lost
-    /// records can be read; it refuses every write with [`StoreError::RecordsLost`].
+    /// Opens the store of a folder, and creates or upgrades it if needed. Only one process may do so at a time. A store whose
+    /// database lost records can be read, but refuses every write with [`StoreError::RecordsLost`].
     ///
     /// # Errors
-    /// [`StoreError::FolderInUse`], [`StoreError::NewerSchema`], [`StoreError::MigrationDiffers`],
-    /// [`StoreError::Damaged`], or that the folder or the database cannot be used.
+    /// [`StoreError::FolderInUse`], [`StoreError::NewerSchema`], [`StoreError::MigrationDiffers`], [`StoreError::Damaged`], or an
+    /// error of the folder or the database.
     pub async fn open_within(folder: &Path, limits: StoreLimits) -> Result<Self, StoreError> {
         let root = folder.to_owned();
         let open = move || Folder::open(&root).and_then(|folder| folder.create_database().map(|()| folder));
@@ -54,17 +55,17 @@ impl Store {
         database::migrate(&mut connection, database::MIGRATIONS).await?;
         let commits = Arc::new(compare_commits(&folder, &mut connection, counts).await?);
         if commits.check_loss().is_ok() {
-            // Of a database that lost rows, the files without a row are all that is left.
+            // If the database lost rows, the files without a row are the only remaining data.
             placing::clear_up_all(&folder, &mut connection).await?;
         }
         let readers = database::readers(&folder.database()).await?;
         let writer = Writer::start(Arc::clone(&folder), limits, connection, Arc::clone(&commits));
-        // Half of the processors, so that stops and everything else are not behind it.
+        // Half of the processors, so that stops and all other work do not wait for it.
         let comparing = Semaphore::new(available_parallelism().map_or(1, |count| count.get().div_ceil(2)));
         Ok(Self { folder, writer, readers, commits, comparing: Arc::new(comparing) })
     }
 
-    /// Accepts the database as it is, although records were lost: the next start compares with its present state.
+    /// Accepts the database in its present state although records were lost; the next start compares with this state.
     ///
     /// # Errors
     /// As [`Store::open`].
@@ -78,10 +79,10 @@ impl Store {
         blocking(move || CommitFile::create(folder.commits())?.write(&found)).await
     }
 
-    /// Whether records and scans can be written, found out by writing durably.
+    /// Checks by a durable write whether records and scans can be written.
     ///
     /// # Errors
-    /// The reason why not.
+    /// The reason why they cannot.
     pub async fn probe(&self) -> Result<(), StoreError> {
         let folder = Arc::clone(&self.folder);
         let scans = blocking(move || {
@@ -92,7 +93,7 @@ impl Store {
         self.writer.write(Probe).await
     }
 
-    /// Simulates a full disk, or ends that.
+    /// Simulates a full disk, or ends the simulation.
     #[cfg(test)]
     pub(crate) fn set_full(&self, full: bool) {
         self.commits.full.store(full, std::sync::atomic::Ordering::SeqCst);
@@ -106,7 +107,7 @@ impl Store {
         self.commits.check_loss()
     }
 
-    /// The numbers of rows. Counting takes some ten milliseconds for a million rows.
+    /// The numbers of rows. Counting takes about ten milliseconds for a million rows.
     ///
     /// # Errors
     /// An error of the database.
@@ -119,14 +120,14 @@ impl Store {
         })
     }
 
-    /// Finishes the writes that wait, then refuses all further calls with [`StoreError::Closed`].
+    /// Finishes the waiting writes, then refuses all further calls with [`StoreError::Closed`].
     pub async fn close(&self) {
         self.readers.close().await;
         self.writer.close().await;
     }
 }
 
-/// Compares the database with the count beside it. `counted`: an earlier run had counted its commits.
+/// Compares the database with the count beside it. `counted` means that an earlier run has counted its commits.
 pub(super) async fn compare_commits(
     folder: &Arc<Folder>,
     database: &mut SqliteConnection,
@@ -147,7 +148,7 @@ pub(super) async fn compare_commits(
             Some(loss) => tracing::error!("{loss}; nothing is written until `coaxis doctor --accept-loss`"),
             None => {
                 if counted && acknowledged.is_none() {
-                    tracing::warn!("the count of commits beside the database was missing; a new one was begun");
+                    tracing::warn!("the count of commits beside the database was missing; a new one was created");
                 }
                 file.write(&found.last)?;
             }
@@ -174,14 +175,14 @@ impl Write for Probe {
 pub struct Usage {
     /// The database with its write-ahead log.
     pub database_bytes: u64,
-    /// What is left on the disk for this user.
+    /// Free space on the disk for this user.
     pub disk_free_bytes: u64,
     /// Size of the disk.
     pub disk_total_bytes: u64,
 }
 
 impl Store {
-    /// How much space the store takes and has left.
+    /// The space that the store uses, and the free space.
     ///
     /// # Errors
     /// An error of the operating system.
@@ -199,7 +200,7 @@ fn measure(database: &Path) -> io::Result<Usage> {
     let disk = statvfs(database)?;
     let mut log = database.to_owned().into_os_string();
     log.push("-wal");
-    // The log is absent until something is written.
+    // The log does not exist until something is written.
     let log_bytes = fs::metadata(log).map_or(0, |file| file.len());
     Ok(Usage {
         database_bytes: fs::metadata(database)?.len().saturating_add(log_bytes),

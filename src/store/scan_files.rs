@@ -1,17 +1,17 @@
-//! The content of raw scans while it is received: bytes come in pieces and end as a complete file with its SHA-256, or as nothing.
-//! Pieces are gathered into blocks; a block is hashed and written on a blocking thread while the next one fills. No blocking thread
-//! ever waits for another one.
+//! The content of raw scans while it is received: bytes arrive in pieces, and the result is a complete file with its SHA-256, or
+//! nothing. Pieces are collected into blocks; a blocking thread hashes and writes a block while the next one fills. No blocking
+//! thread ever waits for another one.
 //!
-//! A [`ScanFollower`] reads the file while it is still being written: never beyond what its writer has finished, and to the end
-//! once there is one. Its calls block.
+//! A [`ScanFollower`] reads the file while it is still being written: never beyond the bytes that the writer has finished, and to
+//! the end once the file is complete. Its calls block.
 //!
 //! ```text
 //! ScanPart --grow--> Extent --wait--> ScanFollower
-//!    \__ append ________ the file ________ read __/
+//!     \__ append ________ the file ________ read __/
 //! ```
 //!
-//! The operating system still has what was just written in memory, so reading it again is a copy. The writer never waits for a
-//! follower.
+//! The operating system still has the recently written bytes in memory, so reading them again is a copy. The writer never waits for
+//! a follower.
 
 use super::folder::blocking;
 use std::fs::File;
@@ -27,10 +27,10 @@ use super::error::StoreError;
 use super::folder::{Folder, Temporary};
 use super::rows::hex;
 
-/// What goes to the blocking thread at once, bytes: large against a thread's waking, small against memory.
+/// Size of a block, bytes: large enough that waking a thread costs little, small compared with memory.
 pub(super) const BLOCK_BYTES: usize = 256 * 1024;
 
-/// A raw scan that is coming in. Dropped before [`ScanWriter::complete`], it leaves nothing behind.
+/// A raw scan that is being received. If it is dropped before [`ScanWriter::complete`], its file is removed.
 #[derive(Debug)]
 pub struct ScanWriter {
     bytes_max: u64,
@@ -40,8 +40,8 @@ pub struct ScanWriter {
     trail: ScanTrail,
 }
 
-/// A raw scan that is here as a whole and may be looked into before it is kept. Dropped before it is recorded, it leaves
-/// nothing behind.
+/// A raw scan that was received completely and can be read before it is kept. If it is dropped before it is recorded, its file is
+/// removed.
 #[derive(Debug)]
 pub struct CompleteScan {
     pub(super) folder: Arc<Folder>,
@@ -51,8 +51,8 @@ pub struct CompleteScan {
     pub(super) bytes_count: u64,
 }
 
-/// The file of a scan that is being received, with the digest of its content. All of its calls block. Dropped before
-/// [`ScanPart::complete`], it leaves nothing behind.
+/// The file of a scan that is being received, with the digest of its content. All of its calls block. If it is dropped before
+/// [`ScanPart::complete`], the file is removed.
 #[derive(Debug)]
 pub struct ScanPart {
     folder: Arc<Folder>,
@@ -67,7 +67,7 @@ pub struct ScanPart {
 enum PartState {
     Idle(ScanPart),
     Writing(JoinHandle<Result<(ScanPart, Vec<u8>), StoreError>>),
-    /// A write failed, or its caller went away in the middle of one.
+    /// A write failed, or its future was dropped during one.
     Lost,
 }
 
@@ -79,13 +79,13 @@ impl ScanWriter {
         Ok(Self { bytes_max, bytes_count: 0, block: Vec::with_capacity(BLOCK_BYTES), part, trail })
     }
 
-    /// A reader of the file, also while it is written; the file exists until this or the complete scan is dropped.
+    /// The handle of a reader of the file, also while it is written. The file exists until this or the complete scan is dropped.
     #[must_use]
     pub fn trail(&self) -> ScanTrail {
         self.trail.clone()
     }
 
-    /// Takes the next piece, of any size. After an error, or where its future was dropped, only dropping is left.
+    /// Takes the next piece, of any size. After an error, or if its future was dropped, the writer can only be dropped.
     ///
     /// # Errors
     /// [`StoreError::ScanTooLarge`], [`StoreError::Full`], [`StoreError::FileUnavailable`].
@@ -105,7 +105,7 @@ impl ScanWriter {
         Ok(())
     }
 
-    /// Ends the writing; the file can be read, and has no place yet.
+    /// Ends the writing. The file can be read, but is not yet in its final place.
     ///
     /// # Errors
     /// [`StoreError::Full`], [`StoreError::FileUnavailable`].
@@ -130,7 +130,7 @@ impl ScanWriter {
         Ok(())
     }
 
-    /// The part and an empty block, once the write before is done.
+    /// The part and an empty block, after the previous write has ended.
     async fn idle_part(&mut self) -> Result<(ScanPart, Vec<u8>), StoreError> {
         match mem::replace(&mut self.part, PartState::Lost) {
             PartState::Idle(part) => Ok((part, Vec::with_capacity(BLOCK_BYTES))),
@@ -141,7 +141,7 @@ impl ScanWriter {
 }
 
 impl CompleteScan {
-    /// The id that it will be stored under.
+    /// The id under which the scan will be stored.
     #[must_use]
     pub fn id(&self) -> String {
         format!("s-{}", self.sha256_hex)
@@ -194,7 +194,7 @@ impl ScanPart {
     }
 }
 
-/// The file of a scan, at its beginning, after its bytes were compared with its id; `None` where it is not there.
+/// Opens the file of a scan at its beginning, after comparing its bytes with its id; `None` if it does not exist.
 pub(super) fn open_verified(path: &Path, id: &str) -> Result<Option<fs::File>, StoreError> {
     let mut file = match fs::File::open(path) {
         Ok(file) => file,
@@ -209,7 +209,7 @@ pub(super) fn open_verified(path: &Path, id: &str) -> Result<Option<fs::File>, S
     Ok(Some(file))
 }
 
-/// The SHA-256 of what is left of a file.
+/// The SHA-256 of the remaining bytes of a file.
 pub(super) fn digest_of(file: &mut fs::File) -> io::Result<String> {
     let mut digest = Sha256::new();
     let mut block = vec![0; BLOCK_BYTES];
@@ -221,14 +221,14 @@ pub(super) fn digest_of(file: &mut fs::File) -> io::Result<String> {
     }
 }
 
-/// How far a file has come.
+/// The number of bytes of a file that can be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Extent {
-    /// This number of bytes is there, and there may be more.
+    /// This number of bytes can be read, and more may follow.
     Open(u64),
-    /// All bytes are there.
+    /// All bytes can be read.
     Whole(u64),
-    /// The writer went away before the end.
+    /// The writer was dropped before the end.
     Lost,
 }
 
@@ -238,11 +238,11 @@ struct Shared {
     changed: Condvar,
 }
 
-/// The writer's end of an extent. If it is dropped before the end is reported, readers get an error.
+/// The writer's handle of an extent. If it is dropped before the end is reported, readers get an error.
 #[derive(Debug)]
 pub(super) struct Growth(Arc<Shared>);
 
-/// Where a scan that is coming in can be read. Not opened yet, and cheap to hand over.
+/// Gives readers of a scan that is being received access to its file. It has not opened the file, and is cheap to clone.
 #[derive(Debug, Clone)]
 pub struct ScanTrail {
     folder: Arc<Folder>,
@@ -250,7 +250,7 @@ pub struct ScanTrail {
     shared: Arc<Shared>,
 }
 
-/// The reader behind a writer; waits where it has caught up.
+/// The reader of a file that is being written. It waits for the writer when it has read all available bytes.
 #[derive(Debug)]
 pub struct ScanFollower {
     file: File,
@@ -259,7 +259,7 @@ pub struct ScanFollower {
 }
 
 impl Growth {
-    /// Of a file without a byte.
+    /// The extent of an empty file.
     pub(super) fn new() -> Self {
         Self(Arc::new(Shared { extent: Mutex::new(Extent::Open(0)), changed: Condvar::new() }))
     }
@@ -274,7 +274,7 @@ impl Growth {
         self.0.set(Extent::Open(bytes_count));
     }
 
-    /// There will be no more than these.
+    /// Reports that the file is complete with this number of bytes.
     pub(super) fn end_at(self, bytes_count: u64) {
         self.0.set(Extent::Whole(bytes_count));
     }
@@ -298,7 +298,7 @@ impl Shared {
         self.changed.notify_all();
     }
 
-    /// Waits until that many bytes are there, or all: how many there are.
+    /// Waits until that number of bytes, or the complete file, can be read, and returns the number of readable bytes.
     fn wait_for(&self, bytes_count: u64) -> io::Result<u64> {
         let extent = self.extent.lock().unwrap_or_else(PoisonError::into_inner);
         let short = |extent: &mut Extent| matches!(extent, Extent::Open(there) if *there < bytes_count);
@@ -311,16 +311,16 @@ impl Shared {
 }
 
 impl ScanTrail {
-    /// Opens the file, to be read from its beginning.
+    /// Opens the file for reading from its beginning.
     ///
     /// # Errors
-    /// [`StoreError::FileUnavailable`], also where the scan was given up meanwhile.
+    /// [`StoreError::FileUnavailable`], also if the scan was abandoned meanwhile.
     pub fn follow(&self) -> Result<ScanFollower, StoreError> {
         let file = File::open(&self.path).map_err(StoreError::of_file(&self.path))?;
         Ok(ScanFollower { file, read_count: 0, shared: Arc::clone(&self.shared) })
     }
 
-    /// Begins a scan that is made from this one.
+    /// Begins a new scan that is derived from this one.
     ///
     /// # Errors
     /// [`StoreError::Full`], [`StoreError::FileUnavailable`].
@@ -330,8 +330,8 @@ impl ScanTrail {
 }
 
 impl Read for ScanFollower {
-    /// Fills as much as is asked for, up to a block of the writer, so that a buffer holds the same bytes whether the file
-    /// is followed or was whole before.
+    /// Fills the whole buffer, up to a block of the writer, so that a reader gets the same bytes whether the file is still being
+    /// written or was complete before.
     fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         let wanted = into.len().min(BLOCK_BYTES);
         let there = self.shared.wait_for(self.read_count.saturating_add(wide(wanted)))?;

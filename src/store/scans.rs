@@ -1,4 +1,4 @@
-//! Raw scans: received, recorded and opened. The same bytes have one row, however often they come.
+//! Raw scans: receives, records and opens them. The same bytes have one row, however often they are sent.
 
 use std::fs::File;
 use std::path::PathBuf;
@@ -27,13 +27,13 @@ impl Store {
         ScanWriter::begin(Arc::clone(&self.folder), bytes_max).await
     }
 
-    /// The path of the scan of this id, whether it is there or not; `None` if this is not the id of a scan.
+    /// The path of the scan with this id, whether the file exists or not; `None` if this is not the id of a scan.
     #[must_use]
     pub fn scan_path(&self, id: &str) -> Option<PathBuf> {
         self.folder.scan(id.strip_prefix("s-")?).map(|(_, file)| file)
     }
 
-    /// Opens the raw scan of this id for reading, once its bytes were compared with its id; `None` if there is none.
+    /// Opens the raw scan with this id for reading, after comparing its bytes with the id; `None` if there is no such scan.
     ///
     /// # Errors
     /// [`StoreError::ScanDamaged`], [`StoreError::FileUnavailable`].
@@ -49,15 +49,15 @@ impl Store {
         .await
     }
 
-    /// Records a scan; the row of the first time stays. Durable on return.
+    /// Records a scan; if it was recorded before, the first row is kept. Durable on return.
     ///
     /// # Errors
-    /// What every write may meet: [`StoreError::Full`], [`StoreError::Unavailable`].
+    /// The errors of every write: [`StoreError::Full`], [`StoreError::Unavailable`].
     pub async fn record_scan(&self, scan: &ScanRow) -> Result<RecordedScan, StoreError> {
         self.writer.write(scan.clone()).await
     }
 
-    /// Keeps a scan: records it and gives its file a place, both or neither. Durable on return.
+    /// Keeps a scan: records it and moves its file to its final place, both or neither. Durable on return.
     ///
     /// # Errors
     /// As [`Store::record_scan`], and [`StoreError::FileUnavailable`].
@@ -69,7 +69,7 @@ impl Store {
         self.writer.write(WithFile::new(row, file.into()).await?).await
     }
 
-    /// The record of the scan of this id.
+    /// The record of the scan with this id.
     ///
     /// # Errors
     /// An error of the database.
@@ -86,7 +86,7 @@ impl Store {
     }
 }
 
-/// Inserts the row unless there is one of its id, of which then only the latest arrival changes; within the caller's transaction.
+/// Inserts the row within the caller's transaction. If there is a row with its id, only the latest arrival is updated.
 pub(super) async fn insert(scan: &ScanRow, database: &mut SqliteConnection) -> Result<RecordedScan, StoreError> {
     let insert = sqlx::query(statements::INSERT_SCAN)
         .bind(&scan.id)

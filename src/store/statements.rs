@@ -1,5 +1,5 @@
-//! Every statement of the store, in SQL that SQLite and PostgreSQL both take: numbered placeholders, ON CONFLICT, no types.
-//! What differs between the two (types, pragmas) stands in the migrations and in `connection`.
+//! Every statement of the store, in SQL that both SQLite and PostgreSQL accept: numbered placeholders, ON CONFLICT, no types. The
+//! differences between the two (types, pragmas) are in the migrations and in `database`.
 
 macro_rules! scan_columns {
     () => {
@@ -122,8 +122,8 @@ pub(super) struct List {
 }
 
 impl List {
-    /// The statement for one page. $1 is the number of rows, then comes a value for each column that must be equal, then
-    /// the cursor. An index on (column, sequence) serves it without sorting.
+    /// The statement for one page. $1 is the number of rows, followed by a value for each column that must be equal and by the
+    /// cursor. An index on (column, sequence) serves it without sorting.
     pub(super) fn page(&self, equal: &[&'static str], behind_cursor: bool) -> String {
         let mut conditions: Vec<String> =
             equal.iter().zip(2..).map(|(column, number)| format!("{column} = ${number}")).collect();

@@ -1,5 +1,5 @@
-//! The one task that writes. Writes wait in a queue; the task takes all that wait into one transaction and answers each
-//! when the commit is on the disk, so that many clients share one wait for the disk and none ever meets a lock.
+//! The one task that writes. Writes wait in a queue; the task executes all waiting writes in one transaction and answers each when
+//! the commit is on the disk, so that many clients share one wait for the disk and none ever waits for a lock.
 //!
 //! ```text
 //! write ─┐
@@ -10,7 +10,7 @@
 //!
 //! Every commit is counted beside the database before it is answered, see `commits`.
 //!
-//! A caller that goes away does not stop its write: a write is done or not done, never half.
+//! A write continues when its caller is dropped; it is executed completely or not at all.
 
 use std::{future::Future, pin::Pin, sync::Arc};
 
@@ -23,30 +23,30 @@ use super::database::StoreLimits;
 use super::error::StoreError;
 use super::folder::{Folder, blocking};
 
-/// Something that is written within a transaction.
+/// An operation that is executed within a transaction.
 pub(super) trait Write: Send + Sync + 'static {
     /// The result for the caller once it is durable.
     type Outcome: Send;
 
-    /// Runs its statements. May run again after a roll-back, so it must not change itself.
+    /// Runs its statements. It may run again after a roll-back, so it must not change itself.
     fn apply(&self, database: &mut SqliteConnection) -> impl Future<Output = Result<Self::Outcome, StoreError>> + Send;
 
-    /// Cleans up beside the database, once it is known whether the write was done or refused.
+    /// Cleans up outside the database, once it is known whether the write was executed or refused.
     fn conclude(&self, _database: &mut SqliteConnection) -> impl Future<Output = ()> + Send {
         std::future::ready(())
     }
 }
 
-/// The callers' end of the queue.
+/// The callers' handle of the queue.
 #[derive(Debug, Clone)]
 pub(super) struct Writer {
     queue: mpsc::Sender<Order>,
 }
 
-/// Writes that wait at most; beyond that callers wait to get in.
+/// Greatest number of waiting writes; further callers wait until there is space.
 const QUEUE: usize = 256;
 
-/// Writes that share a commit at most: bounds what one failure makes us repeat.
+/// Greatest number of writes in one commit, which limits the work that is repeated after a failure.
 const BATCH: usize = 64;
 
 enum Order {
@@ -76,17 +76,17 @@ impl Writer {
         answered.await.map_err(|_| StoreError::Closed)?
     }
 
-    /// Finishes what waits, then closes the connection; later writes are refused.
+    /// Finishes the waiting writes, then closes the connection; later writes are refused.
     pub(super) async fn close(&self) {
         let (answer, answered) = oneshot::channel();
         if self.queue.send(Order::Close(answer)).await.is_ok() {
-            // No answer means that the task has ended by itself.
+            // No answer means that the task has already ended.
             let _ = answered.await;
         }
     }
 }
 
-/// A write whose kind is forgotten, so that different ones share a queue.
+/// A type-erased write, so that different kinds share a queue.
 trait Job: Send {
     fn apply<'a>(&'a mut self, database: &'a mut SqliteConnection) -> Applying<'a>;
     fn conclude<'a>(&'a mut self, database: &'a mut SqliteConnection) -> Concluding<'a>;
@@ -115,7 +115,7 @@ impl<W: Write> Job for Pending<W> {
         Box::pin(self.write.conclude(database))
     }
 
-    // In both cases a caller that has gone away needs no answer; and the data of the write are dropped before it is answered.
+    // In both cases a dropped caller needs no answer, and the data of the write are dropped before it is answered.
     fn acknowledge(self: Box<Self>) {
         let Self { write, outcome, answer } = *self;
         drop(write);
@@ -134,7 +134,7 @@ impl<W: Write> Job for Pending<W> {
 struct Task {
     folder: Arc<Folder>,
     limits: StoreLimits,
-    /// `None` after a failure; the next write opens it again.
+    /// `None` after a failure; the next write opens the connection again.
     connection: Option<SqliteConnection>,
     commits: Arc<CommitLog>,
 }
@@ -157,7 +157,7 @@ impl Task {
             self.settle(jobs).await;
         }
         if let Some(connection) = self.connection.take() {
-            // Everything acknowledged is in the log already; what fails here is only its tidying up.
+            // All acknowledged data are already in the log; only cleaning up can fail here.
             let _ = connection.close().await;
         }
         drop(self);
@@ -166,7 +166,7 @@ impl Task {
         }
     }
 
-    /// All in one transaction; if that fails for a reason that one of them may have brought in, each in its own.
+    /// Executes all in one transaction. If that fails for a reason that one of them may have caused, each is executed in its own.
     async fn settle(&mut self, mut jobs: Vec<Box<dyn Job>>) {
         if jobs.is_empty() {
             return;
@@ -189,7 +189,7 @@ impl Task {
     }
 
     async fn conclude(&mut self, jobs: &mut [Box<dyn Job>]) {
-        // Without a database it is unknown what was done; the next start cleans up what was left.
+        // Without a database the result is unknown; the next start removes leftover files.
         if let Ok(mut connection) = self.connect().await {
             for job in jobs {
                 job.conclude(&mut connection).await;
@@ -208,8 +208,8 @@ impl Task {
         }
     }
 
-    /// After a failure the connection is kept only where it is known to be in order: SQLite ends some transactions by
-    /// itself, and then connection and driver disagree about whether one is open.
+    /// After a failure the connection is kept only if it is known to be consistent: SQLite ends some transactions by itself, and
+    /// then connection and driver disagree about whether one is open.
     async fn commit(&mut self, jobs: &mut [Box<dyn Job>]) -> Result<(), Refused> {
         #[cfg(test)]
         self.commits.check_room().map_err(Refused::All)?;
@@ -237,9 +237,9 @@ impl Task {
 
 /// Why a transaction was not acknowledged.
 enum Refused {
-    /// One of its writes may have brought it in; nothing was written.
+    /// One of its writes may have caused it; nothing was written.
     One(StoreError),
-    /// The writes have nothing to do with it, or were written.
+    /// The writes have not caused it, or were written.
     All(StoreError),
 }
 
@@ -277,7 +277,7 @@ async fn transact(
     Ok(counted)
 }
 
-/// Whether trying the writes one by one is pointless. A full disk is not among these: a small write may still fit.
+/// Whether trying the writes one by one is pointless. A full disk does not count: a small write may still fit.
 fn concerns_all(error: &StoreError) -> bool {
     matches!(
         error,

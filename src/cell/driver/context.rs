@@ -1,7 +1,7 @@
-//! What a driver works with: its deadlines, the waits before it connects again, calls to the device, and reports to the cell.
+//! The context of a driver: its deadlines, the waits before it reconnects, calls to the device, and reports to the cell.
 //!
-//! A call ends with its answer, at its deadline, or when a halt has waited long enough for it. The wait before the next connection
-//! doubles from a first to a longest one, without a random part: each device has only this client.
+//! A call ends with its answer, at its deadline, or when the grace time of a halt is over. The wait before the next connection
+//! doubles from a first to a longest one, without a random part, because each device has only this client.
 
 use std::time::Duration;
 
@@ -17,8 +17,8 @@ use crate::device::{DeviceError, Pending, SensorDeadlines};
 use super::messages::{DeviceReading, DriverEvent, Outcome, Report, SessionEnd};
 
 /// Longer than the longest watchdog of a device, which is 500 ms. The configured watchdogs are shorter, but another one may be in
-/// effect: a process before this one may have set it, and a stage or a register map without a watchdog has its own. For this time
-/// nothing is sent to a device at the start and after a loss, so that a device that moves stops by its watchdog.
+/// effect: an earlier process may have set it, and a stage or a register map without a configurable watchdog has its own. Nothing
+/// is sent to a device for this time at the start and after a loss, so that a device that moves is stopped by its watchdog.
 pub const SILENCE: Duration = Duration::from_millis(550);
 
 /// The deadlines of a driver.
@@ -30,7 +30,7 @@ pub(in crate::cell) struct Timing {
     pub(super) connect: Duration,
     pub(super) acknowledge: Duration,
     pub(super) grace: Duration,
-    /// The watchdog that the devices are asked for.
+    /// The watchdog time that is requested from the devices.
     pub(super) watchdog: Duration,
     /// How long nothing is sent at the start and after a loss.
     pub(super) silence: Duration,
@@ -54,8 +54,8 @@ impl Timing {
         }
     }
 
-    /// For the sensor, which moves nothing: slower, with deadlines no shorter than those of its adaptor, and without silence, since a
-    /// laser has no watchdog that could run out.
+    /// Deadlines of the sensor, which moves nothing: slower, with deadlines no shorter than those of its adaptor, and without
+    /// silence, since a laser has no watchdog that could expire.
     pub(in crate::cell) fn of_sensor(settings: &Settings, own: &SensorDeadlines) -> Self {
         Self {
             poll: settings.sensor_poll,
@@ -93,12 +93,12 @@ impl Backoff {
     }
 }
 
-/// The deadlines of a call.
+/// The time limits of a call.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Patience {
     /// The longest time.
     pub(super) deadline: Duration,
-    /// The longest time once a halt is due.
+    /// The longest time after a halt was raised.
     pub(super) grace: Duration,
     /// The newest halt that does not shorten the call.
     pub(super) handled: u64,
@@ -133,7 +133,7 @@ async fn hurry(mut halts: watch::Receiver<Halts>, patience: Patience) {
     sleep(patience.grace).await;
 }
 
-/// Waits for a halt that is newer than `handled`. False if none can be raised any more.
+/// Waits for a halt that is newer than `handled`. Returns false if no halt can be raised any more.
 pub(super) async fn raised(halts: &mut watch::Receiver<Halts>, handled: u64) -> bool {
     halts.wait_for(|halts| halts.number > handled).await.is_ok()
 }
@@ -153,7 +153,7 @@ pub(in crate::cell) struct DriverContext {
     pub(super) next_read: Instant,
     /// When the newest call began.
     pub(super) spoke_at: Instant,
-    /// Until when the device may have received something: the end of a call, or the start of this process.
+    /// The latest time at which the device may have received something: the end of a call, or the start of this process.
     heard_until: Instant,
 }
 
@@ -200,14 +200,14 @@ impl DriverContext {
         self.report(DriverEvent::Read { asked_at: self.spoke_at, seen }).await;
     }
 
-    /// Refuses a command because there is no link: it is never sent later.
+    /// Refuses a command because there is no link. The command is never sent later.
     pub(super) async fn decline(&self, order: u64) {
         let error = DeviceError::LinkLost { device: self.name.clone(), cause: "not connected".to_owned() };
         self.report_outcome(order, Outcome::Refused(error)).await;
     }
 
-    /// Takes the answer to a halt, and returns whether the device took it. A halt that the device refuses is not sent again, and does
-    /// not count as sent.
+    /// Handles the answer to a halt, and returns whether the device accepted it. A halt that the device refuses is not sent again,
+    /// and does not count as sent.
     pub(super) async fn halted(&mut self, number: u64, answer: Answer<()>) -> Result<bool, SessionEnd> {
         let taken = answer.is_ok();
         match answer {
@@ -239,7 +239,7 @@ impl DriverContext {
         self.speak(pending, self.patience()).await
     }
 
-    /// The same with a deadline of `within`, if that is longer than the usual one.
+    /// As [`Self::ask`], with a deadline of `within` if that is longer than the usual one.
     pub(super) async fn ask_within<T>(
         &mut self,
         pending: Pending<'_, Answer<T>>,
@@ -249,12 +249,12 @@ impl DriverContext {
         self.speak(pending, Patience { deadline: within.max(patience.deadline), ..patience }).await
     }
 
-    /// The same for a halt, which a newer halt does not shorten.
+    /// As [`Self::ask`] for a halt, which a newer halt does not shorten.
     pub(super) async fn ask_for_halt<T>(&mut self, pending: Pending<'_, Answer<T>>) -> Result<Answer<T>, SessionEnd> {
         self.ask_for_halt_within(pending, Duration::ZERO).await
     }
 
-    /// The same for a halt with a deadline of `within`, if that is longer than the usual one.
+    /// As [`Self::ask_for_halt`], with a deadline of `within` if that is longer than the usual one.
     pub(super) async fn ask_for_halt_within<T>(
         &mut self,
         pending: Pending<'_, Answer<T>>,
@@ -265,12 +265,12 @@ impl DriverContext {
         self.speak(pending, Patience { deadline, handled: u64::MAX, ..patience }).await
     }
 
-    /// The newest halt did not reach the device, and is due again.
+    /// Marks the newest halt as due again, because it did not reach the device.
     pub(super) fn halt_again(&mut self) {
         self.handled = self.handled.min(self.halts().number.saturating_sub(1));
     }
 
-    /// Connects. A connection is needed to halt, so a halt does not cut it short.
+    /// Connects. A halt needs the connection, so it does not shorten this call.
     pub(super) async fn meet<T>(&mut self, pending: Pending<'_, Answer<T>>) -> Result<Answer<T>, SessionEnd> {
         let deadline = self.timing.connect;
         self.speak(pending, Patience { deadline, grace: deadline, handled: u64::MAX }).await
@@ -288,7 +288,7 @@ impl DriverContext {
         Patience { deadline: self.timing.reply, grace: self.timing.grace, handled: self.handled }
     }
 
-    /// Until when nothing may be sent, so that a device that moves stops by its watchdog.
+    /// The time until which nothing may be sent, so that a device that moves is stopped by its watchdog.
     pub(super) fn silent_until(&self) -> Instant {
         self.heard_until + self.timing.silence
     }
@@ -303,7 +303,7 @@ impl DriverContext {
         DeviceError::Silent { device: self.name.clone(), within: self.timing.acknowledge }
     }
 
-    /// Sets when the device is read next.
+    /// Sets the time of the next reading.
     pub(super) fn pace(&mut self, busy: bool) {
         self.next_read = now() + if busy { self.timing.poll_moving } else { self.timing.poll };
     }

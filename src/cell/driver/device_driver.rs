@@ -1,17 +1,17 @@
-//! The loop that all drivers share: stays silent, connects, serves the device, and begins again after a loss. What differs between
-//! the kinds of devices is implemented as a [`DeviceDriver`].
+//! The loop that all drivers share: it stays silent, connects, serves the device, and starts again after a loss. The differences
+//! between the kinds of devices are implemented as a [`DeviceDriver`].
 //!
 //! ```text
-//!  silence, connect, read --ok--> serve: halt due? -> send the halt, read
-//!     ^                                  command?  -> execute it once
-//!     | back-off; at least               else      -> read periodically; that is our heartbeat too
-//!     | the longest watchdog               |
-//!     +----------------- report ------ link lost
+//! silence, connect, read --ok--> serve: halt due? -> send the halt, read
+//!   ^                                  command?  -> execute it once
+//!   | back-off; at least               else      -> read periodically, which also serves as heartbeat
+//!   | the longest watchdog               |
+//!   +----------------- report ------ link lost
 //! ```
 //!
-//! Before the first call, and after a loss, the driver is silent for the longest watchdog: reading a device is a heartbeat,
-//! and it would go on moving. A command that comes while there is no link is refused, and never sent later. If the cell
-//! ends while there is no link, the driver ends in silence: the device stops by its watchdog, and nothing more is sent.
+//! Before the first call, and after a loss, the driver is silent for the longest watchdog time, because a reading is a heartbeat
+//! that would keep the device moving. A command that arrives while there is no link is refused, and never sent later. If the cell
+//! ends while there is no link, the driver ends without sending anything: the watchdog stops the device.
 
 use tokio::sync::mpsc;
 use tokio::time::{Instant, sleep_until};
@@ -33,7 +33,7 @@ pub(in crate::cell) trait DeviceDriver: Send {
     /// Connects, or connects again, and reads. Moves nothing.
     fn connect(&mut self) -> Pending<'_, Answer<FirstReading>>;
 
-    /// What must be done as soon as there is a link, before halts, commands and readings.
+    /// Executes what must be done as soon as there is a link, before halts, commands and readings.
     fn settle(&mut self, _post: &mut DriverContext) -> impl Future<Output = Result<(), SessionEnd>> + Send {
         async { Ok(()) }
     }
@@ -56,7 +56,8 @@ pub(in crate::cell) trait DeviceDriver: Send {
         true
     }
 
-    /// The connection was lost by this error, or dropped so that a halt could be sent: reports the commands whose outcome is unknown.
+    /// Called after the connection was lost by this error, or dropped so that a halt could be sent: reports the commands whose
+    /// outcome is unknown.
     fn leave(&mut self, _post: &mut DriverContext, _error: Option<&DeviceError>) -> impl Future<Output = ()> + Send {
         async {}
     }
@@ -68,7 +69,7 @@ pub(in crate::cell) struct DriverTask<D: DeviceDriver> {
     context: DriverContext,
     orders: mpsc::Receiver<DriverOrder<D::Command>>,
     backoff: Backoff,
-    /// The loss of the link was reported.
+    /// Whether the loss of the link was reported.
     loss_reported: bool,
     was_up: bool,
 }
@@ -85,12 +86,12 @@ impl<D: DeviceDriver> DriverTask<D> {
 
     /// Runs until the cell has ended.
     pub(in crate::cell) async fn run(mut self) {
-        // A process before this one may have ended during a motion: a reading would keep the motion alive.
+        // An earlier process may have ended during a motion, and a reading would keep that motion alive.
         let mut until = self.context.silent_until();
         while self.wait(until).await {
             let mut gone = self.session().await;
             while matches!(gone, SessionEnd::Cut) {
-                // One attempt at once, to send the halt; if it fails, it is a loss like any other.
+                // One attempt is made at once, to send the halt; if it fails, it is handled like any other loss.
                 self.driver.leave(&mut self.context, None).await;
                 let handled = self.context.handled;
                 gone = self.session().await;
@@ -107,7 +108,7 @@ impl<D: DeviceDriver> DriverTask<D> {
         }
     }
 
-    /// Waits without a link, and refuses commands meanwhile. False when the cell has ended.
+    /// Waits without a link, and refuses commands meanwhile. Returns false when the cell has ended.
     async fn wait(&mut self, until: Instant) -> bool {
         loop {
             tokio::select! {
@@ -146,7 +147,7 @@ impl<D: DeviceDriver> DriverTask<D> {
         Ok(())
     }
 
-    /// With a link: the halt flag first, then commands, then periodic readings.
+    /// Serves the device while there is a link: the halt flag first, then commands, then periodic readings.
     async fn serve(&mut self) -> SessionEnd {
         loop {
             let step = if self.context.halt_is_due() {

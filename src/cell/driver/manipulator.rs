@@ -11,7 +11,7 @@ use crate::motion::Carrier;
 use tokio::sync::mpsc;
 use tokio::time::Instant;
 
-/// A command that is not acknowledged yet.
+/// A command that has not been acknowledged yet.
 #[derive(Debug, Clone, Copy)]
 struct Awaited {
     order: u64,
@@ -19,12 +19,12 @@ struct Awaited {
     until: Instant,
 }
 
-/// A halt after which the device was not read at rest yet.
+/// A halt after which the device has not been read at rest yet.
 #[derive(Debug, Clone, Copy)]
 struct Halting {
     number: u64,
     sequence: u16,
-    /// If it is not acknowledged by then, it did not arrive.
+    /// If the halt is not acknowledged by this time, it has not arrived.
     until: Instant,
 }
 
@@ -32,17 +32,17 @@ struct Halting {
 pub(in crate::cell) struct ManipulatorDriver {
     carrier: Carrier,
     device: Box<dyn Manipulator>,
-    /// Sequence number of the newest command, of this or of another client; 0 before the first.
+    /// Sequence number of the newest command from any client; 0 before the first.
     sequence: u16,
     awaited: Option<Awaited>,
     halting: Option<Halting>,
     /// A command whose link was lost before its acknowledgement.
     in_doubt: Option<u16>,
-    /// By the last reading: it moves, and takes our commands.
+    /// Whether it moves and accepts commands of coaxis, by the last reading.
     moves: bool,
-    /// By the last reading: it comes to rest.
+    /// Whether it is stopping, by the last reading.
     stops: bool,
-    /// By the last reading: the sequence number that it has acknowledged.
+    /// Sequence number that it has acknowledged, by the last reading.
     acknowledged: u16,
 }
 
@@ -112,7 +112,7 @@ impl DeviceDriver for ManipulatorDriver {
     async fn halt(&mut self, context: &mut DriverContext) -> Result<(), SessionEnd> {
         let halts = context.halts();
         self.leave(context, None).await;
-        // From here on the device acknowledges the halt.
+        // From here on the device acknowledges only the halt.
         self.in_doubt = None;
         let command = self.command(context, halts.fence, Action::Halt);
         let answer = context.ask_for_halt(self.device.send(&command)).await?;
@@ -124,7 +124,7 @@ impl DeviceDriver for ManipulatorDriver {
         }
         self.read(context).await?;
         match refusal.filter(|_| self.moves) {
-            // Further readings would keep the motion alive; without them the device stops by its watchdog.
+            // Further readings would keep the motion alive; without them the watchdog stops the device.
             Some(refusal) => Err(SessionEnd::Lost(refusal)),
             None => Ok(()),
         }
@@ -165,12 +165,12 @@ impl DeviceDriver for ManipulatorDriver {
 }
 
 impl ManipulatorDriver {
-    /// Sends a halt again if another client's command came after it. If the device moves and does not acknowledge the halt in time,
-    /// the link is closed: readings would keep the motion alive, and without them the device stops by its watchdog.
+    /// Sends a halt again if a command of another client came after it. If the device moves and does not acknowledge the halt in
+    /// time, the link is closed: readings would keep the motion alive, and without them the watchdog stops the device.
     fn check_halt(&mut self, context: &mut DriverContext, overtaken: bool) -> Result<(), SessionEnd> {
         let Some(Halting { sequence, until, .. }) = self.halting else { return Ok(()) };
         let late = self.moves && now() >= until;
-        // A sequence number that the device already knows from another client is acknowledged, but not executed.
+        // The device acknowledges, but does not execute, a sequence number that it has already received from another client.
         if overtaken || (late && !self.stops) {
             context.halt_again();
         }
@@ -178,8 +178,8 @@ impl ManipulatorDriver {
         if unheard { Err(SessionEnd::Lost(context.unheard())) } else { Ok(()) }
     }
 
-    /// Continues from the sequence number of the device if another client has commanded it: the device would ignore an older number,
-    /// also that of a halt.
+    /// Continues from the sequence number of the device if another client has commanded it, because the device would ignore any
+    /// command with an older number, including a halt.
     const fn follow(&mut self, reading: &Reading) {
         if is_newer(reading.acknowledged.sequence, self.sequence) {
             self.sequence = reading.acknowledged.sequence;
@@ -191,7 +191,7 @@ impl ManipulatorDriver {
         Command { sequence: self.sequence, fence, watchdog: context.timing.watchdog, action }
     }
 
-    /// The outcome of the command that is not acknowledged yet; none while it may still be acknowledged.
+    /// The outcome of the command that has not been acknowledged yet; `None` while it may still be acknowledged.
     fn outcome_of(&self, context: &DriverContext, awaited: Awaited, reading: &Reading) -> Option<(u64, Outcome)> {
         let (Awaited { order, sequence, until }, carrier) = (awaited, self.carrier);
         let acknowledged = reading.acknowledged;
@@ -214,7 +214,7 @@ impl ManipulatorDriver {
     }
 }
 
-/// Whether the device is at rest after a halt: it has acknowledged the halt, or does not take our commands, and no axis moves.
+/// Whether the device is at rest after a halt: no axis moves, and it has acknowledged the halt or does not accept our commands.
 fn rests(halting: &Halting, reading: &Reading) -> bool {
     let heard = reading.acknowledged.sequence == halting.sequence;
     (heard || !listens(reading)) && !reading.moves()

@@ -1,4 +1,4 @@
-//! What passes between the task of the cell and the drivers: commands to a driver, and its reports.
+//! The messages between the task of the cell and the drivers: commands to a driver, and its reports.
 
 use crate::cell::failure::Failure;
 use crate::cell::input::Member;
@@ -12,11 +12,11 @@ use tokio::time::Instant;
 pub(in crate::cell) struct DriverOrder<C> {
     /// Identifies it in its outcome.
     pub(in crate::cell) number: u64,
-    /// The number of the newest halt when it was given: after a later halt it is not sent.
+    /// The number of the newest halt when the command was given. It is not sent after a later halt.
     pub(in crate::cell) halts: u64,
     /// The fencing token of the lease.
     pub(in crate::cell) fence: u64,
-    /// What is to be done.
+    /// The command itself.
     pub(in crate::cell) command: C,
 }
 
@@ -38,7 +38,7 @@ pub(in crate::cell) enum StageCommand {
     MoveTo { target_mm: f64, speed_mm_s: f64 },
 }
 
-/// A command to the sensor: take profiles, and send them to the client of the scan as they come.
+/// A command to the sensor: take profiles, and forward them to the client of the scan as they arrive.
 #[derive(Debug)]
 pub(in crate::cell) struct Acquisition {
     pub(in crate::cell) profiles_count: u64,
@@ -50,11 +50,11 @@ pub(in crate::cell) struct Acquisition {
 /// The outcome of a command.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::cell) enum Outcome {
-    /// The device has taken it. `sequence` is the sequence number of a command to a manipulator, otherwise 0.
+    /// The device has accepted it. `sequence` is the sequence number of a command to a manipulator, otherwise 0.
     Taken { sequence: u16 },
-    /// It was not sent, or the device refused it: nothing was done.
+    /// It was not sent, or the device refused it; the device did nothing.
     Refused(DeviceError),
-    /// A halt came before it; nothing of it was sent.
+    /// A halt came first, and nothing of the command was sent.
     Overtaken,
     /// A halt came before its acknowledgement; it may have been executed.
     Cut,
@@ -70,7 +70,7 @@ pub(in crate::cell) enum DeviceReading {
     Sensor(SensorReading),
 }
 
-/// What a driver reports to the task of the cell.
+/// A report of a driver to the task of the cell.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::cell) enum DriverEvent {
     /// The link is up; the first reading.
@@ -81,11 +81,11 @@ pub(in crate::cell) enum DriverEvent {
     Lost { error: DeviceError, was_up: bool },
     /// The outcome of a command.
     Outcome { order: u64, outcome: Outcome },
-    /// After this halt the device was read at rest.
+    /// The device was read at rest after this halt.
     AtRest { halt: u64 },
     /// The device refuses to halt.
     HaltRefused { error: DeviceError },
-    /// After a reconnect: whether the device had taken the command whose answer was lost.
+    /// After a reconnect: whether the device had accepted the command whose answer was lost.
     Resolved { sequence: u16, taken: bool },
     /// The number of profiles that were received so far.
     Profiles { received_count: u64 },
@@ -100,12 +100,12 @@ pub(in crate::cell) struct Report {
     pub(in crate::cell) event: DriverEvent,
 }
 
-/// Why a session with a device has ended.
+/// Why a session with a device ended.
 #[derive(Debug)]
 pub(in crate::cell) enum SessionEnd {
     /// The link failed.
     Lost(DeviceError),
-    /// A call was dropped so that a halt could be sent; the connection cannot be used any more.
+    /// A call was dropped so that a halt could be sent; the connection can no longer be used.
     Cut,
     /// The cell has ended.
     Closed,

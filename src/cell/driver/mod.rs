@@ -1,6 +1,6 @@
-//! The drivers: a task for each device, which owns its adaptor, reads it periodically, executes one command at a time with a
-//! deadline, and looks at the halt flag before anything else. A lost link is reported and connected again; no command is sent
-//! again. In: commands, and the halt flag. Out: reports. `device_driver` is the loop that all of them share; read it first.
+//! The drivers: one task for each device. A driver owns its adaptor, reads the device periodically, executes one command at a time
+//! with a deadline, and checks the halt flag before anything else. It reports a lost link and reconnects, but sends no command
+//! again. `device_driver` is the loop that all of them share; read it first.
 
 pub(super) mod context;
 pub(super) mod device_driver;

@@ -1,6 +1,6 @@
-//! The driver of the sensor: reads it between scans; during a scan it sends the profiles on as they come, and checks that none is
-//! missing. The sensor moves nothing, but its laser is a hazard like a motion: a halt switches it off, and has ended when a reading
-//! shows that the sensor does not run any more. A sensor that is found running on connecting is stopped before anything else.
+//! The driver of the sensor. It reads the sensor between scans; during a scan it forwards the profiles and checks that none is
+//! missing. The sensor moves nothing, but its laser is a hazard like a motion: a halt switches it off, and ends when a reading
+//! shows that the sensor no longer runs. A sensor that is found running when the link comes up is stopped before anything else.
 
 use super::context::{Answer, DriverContext, raised};
 use super::device_driver::{DeviceDriver, DriverTask, FirstReading};
@@ -15,7 +15,7 @@ use tokio::time::timeout;
 pub(in crate::cell) struct SensorDriver {
     device: Box<dyn ProfileSensor>,
     deadlines: SensorDeadlines,
-    /// A halt after which the sensor was not read stopped yet.
+    /// A halt after which the sensor has not been read stopped yet.
     halting: Option<u64>,
     /// The sensor was running when the link came up, without a scan of this cell.
     found_running: bool,
@@ -55,11 +55,11 @@ impl DeviceDriver for SensorDriver {
     }
 
     async fn settle(&mut self, context: &mut DriverContext) -> Result<(), SessionEnd> {
-        // A halt that is due stops it as well.
+        // A halt that is due stops the sensor as well.
         if self.found_running && !context.halt_is_due() { self.read(context).await } else { Ok(()) }
     }
 
-    /// A sensor that was found running is stopped first, again with every reading until it has stopped.
+    /// First stops a sensor that was found running; every reading repeats this until it has stopped.
     async fn read(&mut self, context: &mut DriverContext) -> Result<(), SessionEnd> {
         if self.found_running {
             tracing::warn!(device = %context.name, "the sensor was found running without a scan; it is stopped");
@@ -100,7 +100,7 @@ impl DeviceDriver for SensorDriver {
             AcquisitionEnd::SessionEnd(gone) => Err(gone),
             AcquisitionEnd::Scan(result) => {
                 self.conclude(context, result).await?;
-                // It was not read during the scan; the next one may be ordered at once.
+                // The sensor was not read during the scan, and the next scan may be requested at once.
                 self.look(context).await
             }
         }
@@ -120,13 +120,13 @@ impl SensorDriver {
         Ok(())
     }
 
-    /// Stops the sensor. A fault of the scan is no failure of the stop.
+    /// Stops the sensor. A fault of the scan is not a failure of the stop.
     async fn switch_off(&mut self, context: &mut DriverContext) -> Result<Answer<()>, SessionEnd> {
         let answer = context.ask_for_halt_within(self.device.stop(), self.deadlines.stop).await?;
         Ok(answer.or_else(|error| if matches!(error, DeviceError::ScanFault { .. }) { Ok(()) } else { Err(error) }))
     }
 
-    /// Ends the scan: the sensor reports whether it lost anything.
+    /// Ends the scan by asking the sensor whether it lost anything.
     async fn conclude(&mut self, context: &mut DriverContext, result: Result<(), Failure>) -> Result<(), SessionEnd> {
         let stopped = context.ask_within(self.device.stop(), self.deadlines.stop).await?;
         let lost = stopped.clone().err().filter(DeviceError::leaves_unknown);
@@ -135,7 +135,7 @@ impl SensorDriver {
         lost.map_or(Ok(()), |error| Err(SessionEnd::Lost(error)))
     }
 
-    /// Sends the profiles on until all were received.
+    /// Forwards the profiles until all have been received.
     async fn take(&mut self, context: &mut DriverContext, taking: Acquisition) -> AcquisitionEnd {
         let mut received_count = 0;
         while received_count < taking.profiles_count {
@@ -167,7 +167,7 @@ impl SensorDriver {
     }
 }
 
-/// Checks that these profiles follow the ones before, and returns how many were received now.
+/// Checks that these profiles follow the previous ones, and returns the total number received so far.
 fn whole(sensor: &str, received_count: u64, profiles: &[Profile]) -> Result<u64, Failure> {
     let mut expected = received_count;
     for profile in profiles {

@@ -1,4 +1,5 @@
-//! The driver of the stage, with the rules of a manipulator. The stage acknowledges no commands, so a lost answer means a lost link.
+//! The driver of the stage, with the rules of a manipulator. The stage acknowledges no commands, so a lost answer means a lost
+//! link.
 
 use super::context::{Answer, DriverContext};
 use super::device_driver::{DeviceDriver, DriverTask, FirstReading};
@@ -11,9 +12,9 @@ use tokio::sync::mpsc;
 /// The driver of the stage.
 pub(in crate::cell) struct StageDriver {
     device: Box<dyn Stage>,
-    /// A halt after which it was not read at rest yet.
+    /// A halt after which it has not been read at rest yet.
     halting: Option<u64>,
-    /// By the last reading.
+    /// Whether it moves, by the last reading.
     moves: bool,
 }
 
@@ -55,7 +56,7 @@ impl DeviceDriver for StageDriver {
         }
         self.read(context).await?;
         match refusal.filter(|_| self.moves) {
-            // Further readings would keep the motion alive; without them the stage stops by its watchdog.
+            // Further readings would keep the motion alive; without them the watchdog stops the stage.
             Some(refusal) => Err(SessionEnd::Lost(refusal)),
             None => Ok(()),
         }
@@ -71,7 +72,7 @@ impl DeviceDriver for StageDriver {
             Ok(Err(error)) | Err(SessionEnd::Lost(error)) => {
                 (Outcome::Unknown(Failure::Device(error.clone())), Some(SessionEnd::Lost(error)))
             }
-            // It may have been sent.
+            // The command may have been sent.
             Err(gone @ (SessionEnd::Cut | SessionEnd::Closed)) => (Outcome::Cut, Some(gone)),
         };
         context.report_outcome(number, outcome).await;

@@ -1,5 +1,5 @@
-//! Does what the machine has decided: raises the halt flag, sends commands to the drivers, and finds out whether every device is at
-//! rest, or was read again after a reset. Decides nothing.
+//! Executes what the machine has decided: raises the halt flag, sends commands to the drivers, and determines whether every device
+//! is at rest, or was read again after a reset. It decides nothing itself.
 
 use super::{CellTask, Rereading, Rest};
 use crate::cell::driver::messages::{DriverOrder, ManipulatorCommand, StageCommand};
@@ -18,7 +18,7 @@ use tokio::sync::mpsc;
 use tokio::time::Instant;
 
 impl CellTask {
-    /// `raised`: the halt flag was already raised by the request for the stop.
+    /// Halts every device. `raised` is true if the request for the stop has already raised the halt flag.
     pub(super) fn halt(&mut self, raised: bool) {
         self.halts_known = if raised { self.halts.borrow().number } else { self.flag.raise() };
         self.rest = Some(Rest { halt: self.halts_known, until: now() + self.settings.rest });
@@ -52,7 +52,7 @@ impl CellTask {
         }
     }
 
-    /// A failure that leaves no device in doubt ends the work; any other is latched.
+    /// Latches the failure as a fault if it needs a reset; otherwise only the work ends.
     pub(super) fn fail(&mut self, device: &str, failure: Failure) {
         if failure.latches() {
             let device = device.to_owned();
@@ -104,7 +104,7 @@ impl CellTask {
         DriverOrder { number: self.orders_count, halts: self.halts_known, fence, command }
     }
 
-    /// A driver that takes no commands is blocked, or has ended: that is a fault.
+    /// A driver that accepts no commands is blocked or has ended, which is a fault.
     fn check_sent(&mut self, sent: bool, device: String) {
         if !sent {
             let cause = "its driver takes no commands".to_owned();
@@ -133,7 +133,7 @@ impl CellTask {
         }
     }
 
-    /// A device that was not read at rest since the newest halt.
+    /// A device that was not read at rest after the newest halt, if there is one.
     pub(super) fn restless(&self) -> Option<Member> {
         self.restless_that(|_| true)
     }
@@ -148,14 +148,14 @@ impl CellTask {
         all.find(|member| self.rested.get(member).is_none_or(|rested| *rested < halt) && also(*member))
     }
 
-    /// After a halt: finds out whether every device is at rest, or one is late.
+    /// After a halt: determines whether every device is at rest, or one is late.
     pub(super) fn look_for_rest(&mut self, now: Instant) {
         let Some(Rest { until, .. }) = self.rest else { return };
         match (self.machine.state(), self.restless()) {
             (State::Stopping, None) => self.put_event(Input::AtRest),
             (State::Stopping, Some(member)) if now >= until => self.late(member, now),
             (State::Faulted, None) => self.rest = None,
-            // A device may refuse the halt after a fault and stand still nevertheless; one that still moves is halted again.
+            // A device may refuse the halt after a fault and be at rest nevertheless; one that still moves is halted again.
             (State::Faulted, Some(_)) if now >= until => {
                 let moving = self.restless_that(|member| self.moves(member));
                 self.rest = None;
@@ -173,7 +173,7 @@ impl CellTask {
         self.put_event(Input::Fault(Fault { device, failure, at: now }));
     }
 
-    /// After a reset: finds out whether every device was read, or one is late.
+    /// After a reset: determines whether every device was read, or one is late.
     pub(super) fn look_for_reread(&mut self, now: Instant) {
         let Some(rereading) = self.rereading else { return };
         let Rereading { read, stage_read, until, .. } = rereading;
@@ -191,7 +191,7 @@ impl CellTask {
         }
     }
 
-    /// Why a device does not count as read after a reset.
+    /// Why the reset cannot accept the reading of a device.
     fn still_faulted(&self, member: Member) -> Failure {
         let (device, within) = (self.name_of(member), self.settings.rest);
         let code = match member {

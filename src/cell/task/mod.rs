@@ -1,7 +1,7 @@
-//! The task of the cell: takes stops first, then reports of the drivers, then requests, then deadlines; puts each to the state
-//! machine, executes the effects of the verdict, and publishes a snapshot. It never waits for a device.
+//! The task of the cell. It handles stops first, then reports of the drivers, then requests, then deadlines; passes each to the
+//! state machine, executes the effects of the verdict, and publishes a snapshot. It never waits for a device.
 //!
-//! `requests` answers requests, `reports` takes the reports of the drivers, `effects` does what the machine has decided.
+//! `requests` answers requests, `reports` handles the reports of the drivers, `effects` executes what the machine has decided.
 
 mod effects;
 mod reports;
@@ -34,23 +34,23 @@ use super::stop::{HaltAtEnd, HaltFlag, Halts};
 use super::work::{ActiveWork, Purpose};
 use crate::device::clock::now;
 
-/// Where the task sends the commands for the drivers.
+/// The channels to the drivers.
 pub(super) struct Drivers {
     pub(super) manipulators: Pair<mpsc::Sender<DriverOrder<ManipulatorCommand>>>,
     pub(super) stage: Option<mpsc::Sender<DriverOrder<StageCommand>>>,
     pub(super) sensor: Option<mpsc::Sender<DriverOrder<Acquisition>>>,
-    /// How long the sensor's adaptor itself waits.
+    /// The time limits of the sensor's adaptor.
     pub(super) sensor_deadlines: SensorDeadlines,
 }
 
-/// The halt after which the task waits for every device to be at rest, and the deadline.
+/// The halt after which every device must come to rest, and the deadline for that.
 #[derive(Debug, Clone, Copy)]
 struct Rest {
     halt: u64,
     until: Instant,
 }
 
-/// After a reset: which devices were read, and the times since which a reading counts.
+/// The readings that a reset needs: which devices were read, and the times from which a reading counts.
 #[derive(Debug, Clone, Copy)]
 struct Rereading {
     since: Pair<Instant>,
@@ -60,15 +60,15 @@ struct Rereading {
     until: Instant,
 }
 
-/// The task and its data.
+/// The task of the cell with its data.
 pub(super) struct CellTask {
     settings: Settings,
     drivers: Drivers,
     flag: Arc<HaltFlag>,
     halts: watch::Receiver<Halts>,
-    /// Number of the requested stops that were put to the machine.
+    /// Number of requested stops that were passed to the machine.
     stops_seen: u64,
-    /// The newest halt that the task knows; commands carry it, so that they are not sent after a newer halt.
+    /// The newest halt that the task knows. Commands carry it, so that they are not sent after a newer halt.
     halts_known: u64,
     log: Arc<EventLog>,
     machine: Machine,
@@ -85,14 +85,14 @@ pub(super) struct CellTask {
     /// The last command to each manipulator.
     commanded: Pair<Commanded>,
     waiting: VecDeque<Waiting>,
-    /// Ids of the jobs that were started, newest last: none of them is started again.
+    /// Ids of the jobs that were started, newest last, so that none is started twice.
     begun: VecDeque<String>,
     closers: Vec<oneshot::Sender<()>>,
-    /// A handle of the cell exists.
+    /// Whether a handle of the cell still exists.
     held: bool,
 }
 
-/// The last readings of the devices: none yet.
+/// The last readings of the devices.
 type Lives = (Pair<Live<Reading>>, Option<Live<StageReading>>, Option<Live<SensorReading>>);
 
 impl CellTask {
@@ -132,21 +132,21 @@ impl CellTask {
         }
     }
 
-    /// Runs until the cell was closed, or its last handle was dropped.
+    /// Runs until the cell is closed, or its last handle is dropped.
     pub(super) async fn run(
         mut self,
         mut requests: mpsc::Receiver<Request>,
         mut reports: mpsc::Receiver<Report>,
         published: watch::Sender<Arc<Snapshot>>,
     ) {
-        // Dropped before the channels to the drivers: they see the halt before the end of the commands.
+        // It is dropped before the channels to the drivers, so that they see the halt before the end of the commands.
         let halt = HaltAtEnd::new(Arc::clone(&self.flag));
         let mut sequence = 0;
         while !self.is_over(now()) {
             let wake = self.wake();
             tokio::select! {
                 biased;
-                // The flag lives as long as the task: it cannot be closed.
+                // The flag lives as long as the task, so its channel cannot be closed.
                 _ = self.halts.changed() => self.take_stops(),
                 Some(report) = reports.recv() => self.take_report(report),
                 request = requests.recv(), if self.takes_requests() => self.take_request(request),
@@ -156,7 +156,7 @@ impl CellTask {
             sequence += 1;
             published.send_replace(Arc::new(self.snapshot(sequence, now())));
         }
-        // No waiting request was started.
+        // None of the waiting requests was started.
         requests.close();
         while let Some(request) = requests.recv().await {
             request.refuse();
@@ -168,7 +168,7 @@ impl CellTask {
         }
     }
 
-    /// Puts an input to the machine, and executes its effects.
+    /// Passes an input to the machine, and executes its effects.
     fn put(&mut self, input: Input) -> Result<Taken, Refusal> {
         let raised = matches!(input, Input::Stop);
         match self.machine.put(now(), input) {
@@ -187,12 +187,12 @@ impl CellTask {
         }
     }
 
-    /// Puts an event, which cannot be refused.
+    /// Passes an event, which cannot be refused, to the machine.
     fn put_event(&mut self, event: Input) {
         let _taken = self.put(event);
     }
 
-    /// Clears what has ended.
+    /// Removes what has ended.
     fn settle(&mut self) {
         if self.machine.activity().is_none() {
             self.active = None;
@@ -226,7 +226,7 @@ impl CellTask {
         self.take_waiting(now);
     }
 
-    /// The time at which something is due next.
+    /// The time of the next deadline.
     fn wake(&self) -> Instant {
         let work = self.works().then(|| self.active.as_ref().map(ActiveWork::deadline)).flatten();
         let due = [
@@ -236,17 +236,17 @@ impl CellTask {
             self.rereading.map(|rereading| rereading.until),
             self.waiting_until(),
         ];
-        // Without any of them, the period keeps the ages in the snapshot up to date.
+        // Without a deadline, the polling period keeps the ages in the snapshot up to date.
         let pace = now() + self.settings.poll;
         due.into_iter().flatten().min().map_or(pace, |due| due.min(pace))
     }
 
-    /// Whether work is under way that is not being stopped.
+    /// Whether work is under way and not being stopped.
     fn works(&self) -> bool {
         matches!(self.machine.state(), State::Moving | State::Scanning)
     }
 
-    /// Whether the cell is closed, and every device that can be reached was read at rest, or the time for that is over.
+    /// Whether the cell is closed, and every reachable device was read at rest, or the time limit for that is over.
     fn is_over(&self, now: Instant) -> bool {
         let due = self.rest.is_none_or(|rest| now >= rest.until);
         self.machine.closing() && self.machine.state() != State::Stopping && (due || self.restless().is_none())
@@ -279,7 +279,7 @@ impl CellTask {
     }
 }
 
-/// A request that waits.
+/// A request that waits for a newer reading.
 #[derive(Debug)]
 struct Waiting {
     request: Request,
@@ -291,7 +291,7 @@ struct Waiting {
 struct Commanded {
     /// When its outcome became known.
     known_at: Option<Instant>,
-    /// Its sequence number, where it is a manual command that the device has acknowledged.
+    /// Its sequence number, if it is a manual command that the device has acknowledged.
     sequence: Option<u16>,
 }
 
@@ -316,7 +316,7 @@ impl CellTask {
         }
     }
 
-    /// The reasons why a move of the holder of the lease would be refused.
+    /// The reasons why a move requested with the lease would be refused.
     fn reasons(&self, now: Instant) -> Vec<Refusal> {
         let mut reasons = Vec::new();
         let job = self.machine.activity().and_then(Activity::job).map(str::to_owned);

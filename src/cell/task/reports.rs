@@ -1,4 +1,4 @@
-//! Takes the reports of the drivers: keeps the readings, latches faults, and executes the next step of the active work.
+//! Handles the reports of the drivers: keeps the readings, latches faults, and executes the next step of the active work.
 
 use super::CellTask;
 use crate::cell::driver::messages::{DeviceReading, DriverEvent, Outcome, Report};
@@ -46,7 +46,7 @@ impl CellTask {
         let device = self.name_of(member);
         self.note(EventKind::LinkUp { device });
         self.read(member, asked_at, seen);
-        // A sensor that answers again is no reason to halt a device that an operator moves at its panel, unless its laser is on.
+        // A sensor that reconnects is no reason to halt a device that an operator moves at its panel, unless its laser is on.
         let moves = if member == Member::Sensor { self.moves(member) } else { self.anything_moves() };
         self.put_event(Input::Up { member, moves });
     }
@@ -56,7 +56,7 @@ impl CellTask {
         manipulators.chain([Member::Stage, Member::Sensor]).any(|member| self.moves(member))
     }
 
-    /// Whether a device moves, by its last reading. Of the sensor: whether its laser is on.
+    /// Whether a device moves by its last reading; for the sensor, whether its laser is on.
     pub(super) fn moves(&self, member: Member) -> bool {
         match member {
             Member::Manipulator(carrier) => self.live.get(carrier).reading.as_ref().is_some_and(Reading::moves),
@@ -95,7 +95,7 @@ impl CellTask {
         if let Some(code) = fault_of(reading)
             && !self.machine.resetting()
         {
-            // Most devices then also report a fault of their own; the operator has to see to the guard first.
+            // Most devices then also report a fault of their own, but the operator has to see to the guard first.
             if self.works() && !reading.safety.allows_motion() {
                 self.fault(member, Failure::Interrupted(Box::new(Refusal::SafetyOpen { carrier })));
             }
@@ -161,16 +161,16 @@ impl CellTask {
                 let cause = "a halt came first".to_owned();
                 self.note(EventKind::ManualRefused { device, verb, cause });
             }
-            // Not a fault: the cause of the halt is reported already.
+            // Not a fault, because the cause of the halt is already reported.
             Outcome::Cut => {
-                let cause = "a halt came before its acknowledgement; whether it was done is not known".to_owned();
+                let cause = "a halt came before its acknowledgement; whether it was executed is not known".to_owned();
                 self.note(EventKind::ManualRefused { device, verb, cause });
             }
             Outcome::Unknown(failure) => self.fault(member, failure),
         }
     }
 
-    /// Readings from before the acknowledgement of the device do not count.
+    /// Takes the outcome of a reset. Readings from before the acknowledgement of the device do not count.
     fn reset_outcome(&mut self, carrier: Carrier, outcome: Outcome) {
         match outcome {
             Outcome::Taken { .. } => {
@@ -180,7 +180,7 @@ impl CellTask {
             }
             Outcome::Refused(error) => self.fault(Member::Manipulator(carrier), Failure::Device(error)),
             Outcome::Unknown(failure) => self.fault(Member::Manipulator(carrier), failure),
-            // The cause of the halt is reported already; the next reading shows whether the fault of the device is gone.
+            // The cause of the halt is already reported; the next reading shows whether the fault of the device is gone.
             Outcome::Overtaken | Outcome::Cut => {}
         }
     }
@@ -199,7 +199,7 @@ impl CellTask {
         }
     }
 
-    /// Tests the deadline of the active work.
+    /// Checks the deadline of the active work.
     pub(super) fn take_work_time(&mut self, now: Instant) {
         if !self.works() {
             return;

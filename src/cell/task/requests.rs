@@ -1,8 +1,8 @@
-//! Answers requests: checks path and devices, puts the request to the machine, and replies at once.
+//! Answers requests: checks the path and the devices, passes the request to the machine, and replies at once.
 //!
-//! Requests that need a newer reading wait until the manipulator has acknowledged its last command and was read after that, so that
-//! they are judged by its state after the command. A request waits for a bounded time, and only if the cell is idle and the request
-//! has the lease; a stop, a fault and the end of the lease answer it at once.
+//! A request may need a reading that is newer than the last command of a manipulator. It then waits until the manipulator has
+//! acknowledged that command and was read again, so that it is judged by the state after the command. It waits for a limited time,
+//! and only if the cell is idle and the request has the lease; a stop, a fault or the end of the lease answers it at once.
 
 use super::{Commanded, Waiting};
 use tokio::sync::mpsc;
@@ -28,11 +28,11 @@ use super::CellTask;
 
 /// Batches of profiles that may wait for their receiver.
 const PROFILES_WAITING: usize = 64;
-/// Ids of jobs that are kept, so that none is started twice.
+/// Number of job ids that are kept, so that no job is started twice.
 const JOBS_REMEMBERED: usize = 256;
 
 impl CellTask {
-    /// `None`: the last handle of the cell was dropped, so it is closed.
+    /// Takes the next request. `None` means that the last handle of the cell was dropped, which closes the cell.
     pub(super) fn take_request(&mut self, request: Option<Request>) {
         // A lease that has expired ends before anything else is decided.
         self.put_event(Input::Time);
@@ -100,7 +100,7 @@ impl CellTask {
         Ok(job_handle)
     }
 
-    /// The job, if it is under way: the client has lost the answer, and repeats its request.
+    /// Returns the job if it is under way: a client that has lost the answer repeats its request.
     fn under_way(&mut self, lease: &str, job: &str) -> Result<Option<Job>, Refusal> {
         let Some(job) = self.active.as_ref().filter(|_| self.works()).and_then(|active| active.job_named(job)) else {
             return Ok(None);
@@ -172,22 +172,22 @@ impl CellTask {
     }
 }
 
-/// Requests that may wait; while there are as many, no other request is taken.
+/// Number of requests that may wait. When it is reached, no other request is accepted.
 const WAITING_MAX: usize = 256;
 
-/// Whether the newest reading of a manipulator was made after its last command.
+/// Whether the newest reading of a manipulator is newer than its last command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Knowledge {
-    /// Nothing: it is older.
+    /// The reading is older than the outcome of the command.
     Outdated,
     /// The device is still executing the command.
     Executing,
-    /// The device has come to the end of the command.
+    /// The device has finished the command.
     Current,
 }
 
 impl CellTask {
-    /// Keeps the time at which the outcome of a command became known.
+    /// Records the time at which the outcome of a command became known.
     pub(super) fn remember_outcome(&mut self, purpose: Purpose, outcome: &Outcome) {
         let (carrier, is_manual) = match purpose {
             Purpose::Manual(carrier, _) => (carrier, true),
@@ -207,7 +207,7 @@ impl CellTask {
         self.held && self.waiting.len() < WAITING_MAX
     }
 
-    /// Answers a request, or lets it wait, behind those that came before it.
+    /// Answers a request, or queues it behind the requests that came before it.
     pub(super) fn answer_or_wait(&mut self, request: Request) {
         if self.waiting.is_empty() && !self.must_wait(&request) {
             self.answer_command(request);
@@ -217,7 +217,7 @@ impl CellTask {
         }
     }
 
-    /// Answers those that need not wait any more.
+    /// Answers the requests that no longer have to wait.
     pub(super) fn take_waiting(&mut self, now: Instant) {
         while self.waiting.front().is_some_and(|first| now >= first.until || !self.must_wait(&first.request)) {
             if let Some(Waiting { request, .. }) = self.waiting.pop_front() {
@@ -226,7 +226,7 @@ impl CellTask {
         }
     }
 
-    /// When the first one has waited long enough.
+    /// The deadline of the first waiting request.
     pub(super) fn waiting_until(&self) -> Option<Instant> {
         self.waiting.front().map(|first| first.until)
     }
@@ -268,7 +268,7 @@ impl CellTask {
         let acknowledged = live.reading.as_ref().map(|reading| reading.acknowledged);
         match acknowledged.filter(|one| Some(one.sequence) == sequence).map(|one| one.result) {
             Some(CommandResult::Accepted | CommandResult::Running) => Knowledge::Executing,
-            // The reading that shows the end of the command is from after its acknowledgement.
+            // The reading that shows the end of the command is later than its acknowledgement.
             Some(_) => Knowledge::Current,
             None if known_at.is_some() && live.read_at < known_at => Knowledge::Outdated,
             None => Knowledge::Current,
@@ -279,7 +279,7 @@ impl CellTask {
         match request {
             Request::Act { lease, carrier, manual, reply } => answer(reply, self.manual(lease, carrier, manual)),
             Request::Move { lease, job, path, reply } => answer(reply, self.start_move(lease, &job, path)),
-            // Only these two are ever given here.
+            // No other request is passed to this function.
             Request::TakeLease(..)
             | Request::RenewLease(..)
             | Request::ReleaseLease(..)

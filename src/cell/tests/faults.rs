@@ -1,5 +1,5 @@
-//! Which faults are latched, and that nothing moves on after them. Also an axis that is stuck while the others go on: they stop within
-//! 300 ms and 1 mm, and the fault names the axis; and no motion is stopped if no axis is stuck.
+//! Tests which faults are latched, and that nothing continues to move after them. Also an axis that is stuck while the others move:
+//! they stop within 300 ms and 1 mm, and the fault names the axis; and no motion is stopped if no axis is stuck.
 
 use super::{Bench, LEASE, arrangement, simulation};
 use crate::cell::input::{Effect, Input, Verdict};
@@ -16,7 +16,7 @@ use rand_chacha::ChaCha8Rng;
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
-/// A reading every 20 ms, an answer and the halt of some ms each, and 0.1 s to come to rest from 10 mm/s at 100 mm/s².
+/// A reading every 20 ms, some ms each for an answer and the halt, and 0.1 s of braking from 10 mm/s at 100 mm/s².
 const ALL_STAND_WITHIN: Duration = Duration::from_millis(200);
 const GUARD_OPEN: Safety =
     Safety { emergency_stop_ok: true, guard_closed: false, drives_ready: true, remote_enabled: true };
@@ -25,19 +25,19 @@ fn interrupted(refusal: Refusal) -> Failure {
     Failure::Interrupted(Box::new(refusal))
 }
 
-/// Both were sent a halt, and stand soon after `since`.
+/// Checks that both manipulators were sent a halt, and are at rest soon after `since`.
 async fn both_were_halted(bench: &Bench, since: Instant) {
     let moved_at = bench.last_motion(Duration::from_secs(2)).await;
     let stood = moved_at.map(|at| at - since);
-    assert!(stood.is_none_or(|stood| stood <= ALL_STAND_WITHIN), "stood after {stood:?}");
+    assert!(stood.is_none_or(|stood| stood <= ALL_STAND_WITHIN), "at rest after {stood:?}");
     for carrier in Carrier::ALL {
         assert!(!bench.sent(carrier, |command| command.action == Action::Halt).is_empty(), "{}", carrier.name());
-        assert_eq!(bench.world.record(carrier).all_ignored().len(), 0, "{} has heard all of it", carrier.name());
+        assert_eq!(bench.world.record(carrier).all_ignored().len(), 0, "{} has ignored a command", carrier.name());
     }
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_safety_function_that_opens_in_a_move_halts_both_and_is_named() {
+async fn a_safety_function_that_opens_during_a_move_halts_both_and_is_reported() {
     let bench = Bench::ready(&simulation()).await;
     let job = bench.begin("job-1", 20.0).await;
     sleep(Duration::from_millis(700)).await;
@@ -49,7 +49,7 @@ async fn a_safety_function_that_opens_in_a_move_halts_both_and_is_named() {
     assert_eq!((seen.state, seen.faults.first().map(|fault| &fault.failure)), (State::Faulted, Some(&open)));
     assert!(open.to_string().contains("safety functions of m2"), "{open}");
     both_were_halted(&bench, opened_at).await;
-    // It stays latched when the guard is closed, until a reset.
+    // The fault remains latched until a reset when the guard is closed.
     let closed = Safety { guard_closed: true, ..GUARD_OPEN };
     bench.world.set_safety(Carrier::M2, closed);
     sleep(Duration::from_secs(1)).await;
@@ -59,9 +59,9 @@ async fn a_safety_function_that_opens_in_a_move_halts_both_and_is_named() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_manipulator_that_drifts_while_the_other_moves_stops_both_whoever_commands_it() {
+async fn a_manipulator_that_moves_although_it_should_stay_stops_both() {
     let bench = Bench::ready(&simulation()).await;
-    // 15 mm across at one end lengthen 500 mm by 0.22 mm, of 0.5 that are allowed.
+    // 15 mm across at one end lengthen 500 mm by 0.22 mm; 0.5 mm are allowed.
     let y_to = |y| Axes { x: None, y: Some(y), z: None, c: None };
     let path = bench.path(&Pair { m1: None, m2: Some(y_to(15.0)) });
     let job = bench.cell.start_move(LEASE, "job-1", path).await.expect("allowed");
@@ -75,14 +75,14 @@ async fn a_manipulator_that_drifts_while_the_other_moves_stops_both_whoever_comm
     assert_eq!(bench.cell.snapshot().state, State::Faulted);
     both_were_halted(&bench, drifts_since).await;
     let y = bench.positions().m1.y;
-    assert!(y > 0.0 && y < 1.5, "mm; it was on its way to 2 mm, and stands at {y}");
+    assert!(y > 0.0 && y < 1.5, "y of m1 is {y} mm; the other client sent it to 2 mm");
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_command_that_a_faults_own_halt_has_cut_is_no_second_fault() {
+async fn a_command_interrupted_by_the_halt_of_a_fault_is_not_a_second_fault() {
     let bench = Bench::ready(&simulation()).await;
     bench.m1_was_read().await;
-    // m1 takes its time with the command; meanwhile the stage's link breaks.
+    // The answer of m1 to the command is delayed; meanwhile the link of the stage breaks.
     bench
         .world
         .faults()
@@ -94,11 +94,14 @@ async fn a_command_that_a_faults_own_halt_has_cut_is_no_second_fault() {
     let seen = bench.cell.snapshot();
     assert_eq!(seen.faults.iter().map(|fault| fault.device.as_str()).collect::<Vec<_>>(), ["stage"]);
     let refused = |kind: &EventKind| matches!(kind, EventKind::ManualRefused { verb: "disable", .. });
-    assert!(bench.cell.events(0).events.iter().any(|event| refused(&event.kind)), "and yet it is told");
+    assert!(
+        bench.cell.events(0).events.iter().any(|event| refused(&event.kind)),
+        "the refusal must be reported as an event"
+    );
 }
 
 #[tokio::test(start_paused = true)]
-async fn no_more_than_32_faults_are_latched_and_what_comes_after_halts_no_more() {
+async fn at_most_32_faults_are_latched_and_later_ones_do_not_halt_again() {
     let bounds = TimeToLiveBounds { least: Duration::from_secs(1), most: Duration::from_secs(10) };
     let mut machine = Machine::new(now(), bounds, 0);
     for code in 1..=40 {
@@ -111,16 +114,16 @@ async fn no_more_than_32_faults_are_latched_and_what_comes_after_halts_no_more()
     }
     assert_eq!(machine.faults().len(), 32);
     let first = Failure::DeviceFault { device: "m1".to_owned(), code: 1 };
-    assert_eq!(machine.faults().first().map(|fault| &fault.failure), Some(&first), "the cause is kept");
+    assert_eq!(machine.faults().first().map(|fault| &fault.failure), Some(&first), "the first fault must be kept");
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_task_that_ends_in_the_middle_leaves_everything_halted() {
+async fn a_task_that_ends_during_a_motion_halts_every_device() {
     let bench = Bench::ready(&simulation()).await;
     let job = bench.begin("job-1", 20.0).await;
     sleep(Duration::from_millis(700)).await;
     assert!(bench.cell.is_alive());
-    // What a panic would do to it: it is dropped where it stands.
+    // The task is dropped where it waits, as after a panic.
     bench.task.abort();
     let ended_at = now();
     both_were_halted(&bench, ended_at).await;
@@ -133,7 +136,7 @@ async fn a_task_that_ends_in_the_middle_leaves_everything_halted() {
 #[tokio::test(start_paused = true)]
 async fn a_driver_without_a_link_sends_nothing_but_a_halt_after_the_task_has_ended() {
     let m1 = Device::Manipulator(Carrier::M1);
-    // In its silence, while it tries to connect, and in between.
+    // During its silence, while it tries to connect, and between these.
     for ended_after_ms in [210, 400, 600, 800, 900, 1_000, 1_200] {
         let bench = Bench::ready(&simulation()).await;
         bench.begin("job-1", 20.0).await;
@@ -149,14 +152,14 @@ async fn a_driver_without_a_link_sends_nothing_but_a_halt_after_the_task_has_end
         assert!(held.is_none_or(|held| held <= Duration::from_millis(500)), "{ended_after_ms} ms: {held:?}");
         let said = bench.sent(Carrier::M1, |command| command.action != Action::Halt);
         assert!(said.iter().all(|at| *at <= ended_at), "{ended_after_ms} ms: {said:?}");
-        // It is gone, and its device is left alone.
+        // The driver has ended, and sends no requests to its device.
         let steps = bench.world.faults().steps(m1);
         sleep(Duration::from_secs(10)).await;
         assert_eq!(bench.world.faults().steps(m1), steps, "{ended_after_ms} ms");
     }
 }
 
-/// When requests were sent to a device, checked each millisecond for this time.
+/// The times at which requests were sent to a device, checked every millisecond for this time.
 async fn words(bench: &Bench, device: Device, within: Duration) -> Vec<Instant> {
     let until = now() + within;
     let (mut steps, mut words) = (bench.world.faults().steps(device), Vec::new());
@@ -172,7 +175,7 @@ async fn words(bench: &Bench, device: Device, within: Duration) -> Vec<Instant> 
 }
 
 #[tokio::test(start_paused = true)]
-async fn after_a_loss_nothing_is_said_for_as_long_as_the_longest_watchdog() {
+async fn nothing_is_sent_after_a_loss_for_the_longest_watchdog_time() {
     let mut slow = simulation();
     slow.stage.watchdog_ms = 400.0;
     for device in [Device::Stage, Device::Manipulator(Carrier::M1)] {
@@ -186,19 +189,23 @@ async fn after_a_loss_nothing_is_said_for_as_long_as_the_longest_watchdog() {
             bench.begin("job-1", 20.0).await;
             sleep(Duration::from_millis(700)).await;
         }
-        // No request arrives from here on; the device gets no heartbeat.
+        // No request arrives from here on, so that the device receives no heartbeat.
         bench.world.faults().hold(device, SimulatedFault::Silence { arrives: false });
         let words = words(&bench, device, Duration::from_millis(1_200)).await;
-        // An answer is waited for 200 ms at most, so a longer pause is the silence.
+        // The wait for an answer is at most 200 ms, so that a longer pause is the silence.
         let silence = words.windows(2).map(|two| two[1] - two[0]).find(|pause| *pause > Duration::from_millis(210));
-        // 500 ms of the longest watchdog and 50 ms of margin; the millisecond is that of the looking.
+        // 500 ms of the longest watchdog and 50 ms of margin, less one millisecond for the interval of the check.
         assert!(silence.is_some_and(|pause| pause >= Duration::from_millis(549)), "{device:?}: {silence:?}");
         bench.world.faults().clear(device);
         drop(profiles);
         if device == Device::Stage {
             let seen = bench.until(|now| now.stage.as_ref().is_some_and(|stage| stage.link == Link::Up)).await;
             let stage = seen.stage.as_ref().and_then(|stage| stage.reading).expect("was read");
-            assert_eq!((stage.moves, stage.fault_code), (false, STAGE_WATCHDOG), "it has stopped by itself");
+            assert_eq!(
+                (stage.moves, stage.fault_code),
+                (false, STAGE_WATCHDOG),
+                "the watchdog must have stopped the stage"
+            );
         }
     }
 }
@@ -207,12 +214,12 @@ const CASES_COUNT: u64 = 1_000;
 const HEALTHY_COUNT: u64 = 200;
 const STANDS_WITHIN: Duration = Duration::from_millis(300);
 const RUN_ON_MAX_MM: f64 = 1.0;
-/// An axis sticks where it is farther than this from every set-point, mm or rad: nearer to one it counts as there.
+/// An axis sticks only farther than this from every set-point, mm or rad, because closer to one it counts as arrived.
 const ON_ITS_WAY: f64 = 0.05;
-/// The shortest way of an axis that sticks, mm or rad. A shorter one is noticed when the part has felt as little.
+/// The shortest travel of an axis that sticks, mm or rad. A shorter travel strains the part so little that it is detected later.
 const WAY_MIN: Axes<f64> = Axes { x: 0.4, y: 0.4, z: 0.4, c: 0.01 };
 
-/// Clamps that are exactly where the encoders are.
+/// Clamps whose positions equal those of the encoders.
 fn rigid() -> Settings {
     let mut rigid = simulation();
     rigid.manipulators.coupling_ratio = 0.0;
@@ -235,7 +242,7 @@ fn path(rng: &mut ChaCha8Rng) -> Path {
     }
 }
 
-/// The axes of both that go far enough.
+/// The axes of both manipulators that travel far enough.
 fn movers(path: &Path) -> Vec<(Carrier, Axis)> {
     let (Some(first), Some(last)) = (path.waypoints.first(), path.waypoints.last()) else { return Vec::new() };
     let way = |carrier, axis: &Axis| last.targets.get(carrier).get(*axis) - first.targets.get(carrier).get(*axis);
@@ -252,7 +259,7 @@ fn distance(a: &Position, b: &Position) -> f64 {
     ((a.x - b.x).powi(2) + (a.y - b.y).powi(2) + (a.z - b.z).powi(2)).sqrt()
 }
 
-/// Waits until an axis is on its way, away from every set-point; false where the job ends before.
+/// Waits until an axis is moving, away from every set-point; false if the job ends before.
 async fn is_on_its_way(bench: &Bench, path: &Path, (carrier, axis): (Carrier, Axis)) -> bool {
     let mut before = *bench.world.clamp(carrier).get(axis);
     while bench.cell.snapshot().state == State::Moving {
@@ -268,7 +275,7 @@ async fn is_on_its_way(bench: &Bench, path: &Path, (carrier, axis): (Carrier, Ax
     false
 }
 
-/// When the other manipulator began to move without the one that sticks, and when and how far away it stood.
+/// How long and how far the other manipulator moved without the stuck one.
 async fn ran_on(bench: &Bench, other: Carrier, stuck_at: Instant) -> (Duration, f64) {
     let from = bench.world.clamp(other);
     let (mut before, mut first, mut last) = (from, None, stuck_at);
@@ -283,7 +290,7 @@ async fn ran_on(bench: &Bench, other: Carrier, stuck_at: Instant) -> (Duration, 
     (last - first.unwrap_or(last), distance(&from, &before))
 }
 
-/// One case; `None` where the axis could not be caught on its way.
+/// Runs one case; `None` if the axis did not move far enough to be blocked.
 async fn stick(seed: u64) -> Option<(Duration, f64)> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let path = path(&mut rng);
@@ -316,20 +323,20 @@ async fn with_one_manipulator_stuck_in_any_axis_the_other_stops_within_300_ms_an
     let (mut cases_count, mut longest, mut farthest) = (0, Duration::ZERO, 0.0_f64);
     for seed in 0.. {
         let Some((time, way_mm)) = stick(seed).await else { continue };
-        assert!(time <= STANDS_WITHIN, "seed {seed}: stood after {time:?}");
-        assert!(way_mm <= RUN_ON_MAX_MM, "seed {seed}: ran on by {way_mm} mm");
+        assert!(time <= STANDS_WITHIN, "seed {seed}: at rest after {time:?}");
+        assert!(way_mm <= RUN_ON_MAX_MM, "seed {seed}: moved on by {way_mm} mm");
         (longest, farthest) = (longest.max(time), farthest.max(way_mm));
         cases_count += 1;
         if cases_count == CASES_COUNT {
             break;
         }
     }
-    // Otherwise nothing was tested.
+    // Otherwise the test would prove nothing.
     assert!(farthest > 0.3 && longest > Duration::from_millis(50), "{farthest} mm, {longest:?}");
 }
 
 #[tokio::test(start_paused = true)]
-async fn nothing_is_stopped_where_nothing_sticks() {
+async fn no_motion_is_stopped_if_no_axis_is_stuck() {
     for seed in 0..HEALTHY_COUNT {
         let path = path(&mut ChaCha8Rng::seed_from_u64(1_000_000 + seed));
         let bench = Bench::ready(&simulation()).await;

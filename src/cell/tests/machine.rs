@@ -1,5 +1,5 @@
-//! The pure machine, driven with random requests and events, against a small model of it that was written apart: flags and
-//! rules in one place, no acts. 100 000 steps; the seed of a failure is in its message.
+//! The state machine, driven with random requests and events, against a small independent model: flags and rules in one place,
+//! without effects. 100 000 steps; the message of a failure contains its seed.
 
 use crate::cell::input::{Activity, Effect, Input, Member, Verdict};
 use crate::cell::lease::TimeToLiveBounds;
@@ -14,11 +14,11 @@ use std::time::Duration;
 use tokio::time::Instant;
 
 const STEPS_COUNT: usize = 100_000;
-/// A fresh machine now and then, so that every path from the start is walked too.
+/// A new machine after this number of steps, so that the paths from the start are tested as well.
 const STEPS_A_MACHINE: usize = 500;
 const BOUNDS: TimeToLiveBounds = TimeToLiveBounds { least: Duration::from_secs(1), most: Duration::from_secs(10) };
 
-/// What the machine has to agree with.
+/// The model with which the machine must agree.
 #[derive(Debug, Default, Clone)]
 struct Model {
     up: [bool; 2],
@@ -74,7 +74,7 @@ impl Model {
         self.halting |= self.begun && !self.faulted;
     }
 
-    /// A lease whose time is over takes with it what it moved.
+    /// An expired lease stops the motion that was started under it.
     fn expire(&mut self, ms: u64) {
         if self.lease.as_ref().is_some_and(|(_, until)| ms >= *until) {
             self.lease = None;
@@ -84,7 +84,7 @@ impl Model {
         }
     }
 
-    /// The verdict that the machine must give, and the model after it.
+    /// The verdict that the machine must return; it also updates the model.
     fn put(&mut self, ms: u64, input: &Input) -> Said {
         match input {
             Input::TakeLease(request) => self.take(ms, &request.id),
@@ -241,7 +241,7 @@ fn activity(rng: &mut ChaCha8Rng) -> Activity {
     }
 }
 
-/// Good things are likelier than bad ones, or the machine would never leave `faulted` for long.
+/// Successful events are more frequent than failures, because otherwise the machine would hardly ever leave `faulted`.
 fn input(rng: &mut ChaCha8Rng) -> Input {
     let lease = ["a", "a", "a", "b"][rng.random_range(0..4)].to_owned();
     let fit = if rng.random_ratio(3, 4) { Ok(()) } else { Err(Refusal::NotThere { what: "test" }) };
@@ -306,7 +306,7 @@ impl Watch {
         }
         let moved = |machine: &Machine| matches!(machine.state(), State::Moving | State::Scanning);
         if moved(before) && !moved(after) && *input != Input::Finished {
-            assert!(acts.contains(&Effect::Halt), "left motion without a halt: {input:?} {acts:?}");
+            assert!(acts.contains(&Effect::Halt), "the motion ended without a halt: {input:?} {acts:?}");
         }
         assert!(after.leases().fence() >= before.leases().fence());
         if before.state() == State::Faulted && after.state() != State::Faulted {
@@ -337,7 +337,7 @@ async fn the_machine_agrees_with_a_small_model_over_a_hundred_thousand_steps() {
                     assert_eq!(expected, Said::Refused, "{told}");
                     assert_eq!(machine, before, "a refusal changes nothing; {told}");
                 }
-                // To an event it makes no difference whether it was so already.
+                // For an event it makes no difference whether the state was already reached.
                 Verdict::AlreadySo => assert_ne!(expected, Said::Refused, "{told}"),
                 Verdict::Accepted(_) => assert_eq!(expected, Said::Accepted, "{told}"),
             }
@@ -354,7 +354,7 @@ async fn the_machine_agrees_with_a_small_model_over_a_hundred_thousand_steps() {
             watch.look(&before, &machine, at, &input, &verdict);
         }
     }
-    // The random inputs have been where it matters.
+    // The random inputs have covered the important transitions.
     let Watch { begun_count, ended_count, halted_count, .. } = watch;
     let counts = format!("{begun_count} begun, {ended_count} ended, {halted_count} halts");
     assert!(begun_count > 300 && ended_count > 150 && halted_count > 3_000, "{counts}");

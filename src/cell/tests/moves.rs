@@ -1,5 +1,5 @@
-//! Commands of the lease holder: moves (what is refused before a byte is sent, and what a good path does), homing (one manipulator
-//! at a time, only if the other one stands still), and that commands are judged by the state after the last command.
+//! Commands of the lease holder: moves (which are refused before anything is sent, and how a valid path is executed), homing (one
+//! manipulator at a time, only if the other one is at rest), and that commands are judged by the state after the last command.
 
 use super::{Bench, LEASE, settings, simulation};
 use crate::cell::{EventKind, Failure, JobEnd, JobState, Manual, Refusal, State, Taken};
@@ -27,7 +27,7 @@ async fn a_move_reaches_its_target_with_every_set_point_executed_once() {
         let at = bench.positions().get(carrier).y;
         assert!(
             (at - 6.0).abs() <= 0.02,
-            "{} is at {at} mm, 6 within the tolerance of 0.02 were asked for",
+            "{} is at {at} mm instead of 6 mm within the tolerance of 0.02 mm",
             carrier.name()
         );
         let record = bench.world.record(carrier);
@@ -39,9 +39,9 @@ async fn a_move_reaches_its_target_with_every_set_point_executed_once() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_manipulator_that_stays_is_sent_nothing() {
+async fn nothing_is_sent_to_a_manipulator_that_stays() {
     let bench = Bench::ready(&simulation()).await;
-    // 0.3 mm across at one end: cos strains the part by less than a micrometre.
+    // 0.3 mm across at one end: the cosine error strains the part by less than a micrometre.
     let targets = Axes { x: None, y: Some(0.3), z: None, c: None };
     let path = bench.path(&Pair { m1: None, m2: Some(targets) });
     let job = bench.cell.start_move(LEASE, "job-1", path).await.expect("allowed");
@@ -51,7 +51,7 @@ async fn a_manipulator_that_stays_is_sent_nothing() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_is_not_allowed_is_refused_before_a_byte_goes_out() {
+async fn a_forbidden_move_is_refused_before_a_byte_is_sent() {
     let bench = Bench::ready(&simulation()).await;
     let good = bench.path_to_y(6.0);
     let last = good.waypoints.len() - 1;
@@ -82,13 +82,13 @@ async fn what_is_not_allowed_is_refused_before_a_byte_goes_out() {
     for carrier in Carrier::ALL {
         assert!(bench.sent(carrier, |command| is_move(&command.action)).is_empty());
     }
-    // None of the refused ones has used up its name.
+    // The refused requests have not used up their job ids.
     let job = bench.cell.start_move(LEASE, "a", good).await.expect("allowed");
     assert_eq!(job.ended().await, JobEnd::Done);
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_path_that_was_planned_before_something_moved_is_stale() {
+async fn a_path_planned_before_another_motion_is_stale() {
     let bench = Bench::ready(&simulation()).await;
     let old = bench.path_to_y(6.0);
     bench.begin("job-1", 3.0).await.ended().await;
@@ -115,10 +115,10 @@ async fn one_job_at_a_time_and_each_only_once() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_client_that_hangs_up_changes_nothing() {
+async fn a_client_that_disconnects_changes_nothing() {
     let bench = Bench::ready(&simulation()).await;
     let path = bench.path_to_y(6.0);
-    // Dropped as soon as it has been polled once: the request is in the queue, and its answer is not awaited.
+    // Dropped after being polled once: the request is in the queue, and its answer is not awaited.
     {
         let mut asked = Box::pin(bench.cell.start_move(LEASE, "job-1", path));
         let once = std::future::poll_fn(|context| std::task::Poll::Ready(asked.as_mut().poll(context)));
@@ -126,7 +126,7 @@ async fn a_client_that_hangs_up_changes_nothing() {
     }
     bench.until(|now| now.state == State::Moving).await;
     bench.until(|now| now.state == State::Idle).await;
-    assert!((bench.positions().m1.y - 6.0).abs() <= 0.02, "mm, within the tolerance of the arrangement");
+    assert!((bench.positions().m1.y - 6.0).abs() <= 0.02, "not within the tolerance of the arrangement, mm");
 }
 
 #[tokio::test(start_paused = true)]
@@ -162,7 +162,7 @@ async fn the_manipulator_must_be_enabled_homed_remote_and_safe() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_mode_that_is_left_during_a_move_is_latched_even_at_the_one_that_stays() {
+async fn a_mode_change_during_a_move_is_latched_even_at_the_manipulator_that_stays() {
     let bench = Bench::ready(&simulation()).await;
     let targets = Axes { x: None, y: Some(0.3), z: None, c: None };
     let path = bench.path(&Pair { m1: None, m2: Some(targets) });
@@ -175,7 +175,7 @@ async fn a_mode_that_is_left_during_a_move_is_latched_even_at_the_one_that_stays
 }
 
 #[tokio::test(start_paused = true)]
-async fn the_devices_own_limits_are_kept_before_the_first_set_point() {
+async fn the_devices_own_limits_are_checked_before_the_first_set_point() {
     let shorter = |limits: Axes<AxisLimits>| Axes { y: AxisLimits { upper: 5.0, ..limits.y }, ..limits };
     let slower = |limits: Axes<AxisLimits>| Axes { y: AxisLimits { speed: 5.0, ..limits.y }, ..limits };
     let bench = Bench::start_within(&simulation(), settings(), shorter).prepared().await;
@@ -185,7 +185,7 @@ async fn the_devices_own_limits_are_kept_before_the_first_set_point() {
     assert!(value > 5.0 && value <= 6.0, "the first set-point beyond 5 mm: {value}");
     let beyond = Refusal::Motion(MotionRefusal::OutOfLimits { carrier, axis, value, lower, upper });
     assert_eq!(refused, Err(beyond));
-    // Up to there it goes.
+    // The limit itself can be reached.
     assert_eq!(bench.begin("b", 5.0).await.ended().await, JobEnd::Done);
 
     let bench = Bench::start_within(&simulation(), settings(), slower).prepared().await;
@@ -200,12 +200,12 @@ async fn the_devices_own_limits_are_kept_before_the_first_set_point() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_cell_that_starts_says_nothing_before_the_watchdogs_have_run_out() {
+async fn a_starting_cell_sends_nothing_before_the_watchdogs_have_expired() {
     let bench = Bench::start(&simulation());
     let started_at = now();
     bench.until(|now| now.state == State::Idle).await;
     // 500 ms of the slowest watchdog and 50 ms of margin.
-    assert!(now() - started_at >= Duration::from_millis(550), "spoke after {:?}", now() - started_at);
+    assert!(now() - started_at >= Duration::from_millis(550), "first request after {:?}", now() - started_at);
 }
 
 #[tokio::test(start_paused = true)]
@@ -218,12 +218,12 @@ async fn events_are_numbered_without_a_gap_and_can_be_waited_for() {
     let mut newest = bench.cell.newest_event();
     let last = *newest.borrow_and_update();
     bench.cell.stop().await;
-    newest.changed().await.expect("the cell lives");
+    newest.changed().await.expect("the cell is running");
     let more = bench.cell.events(last);
     assert!(more.events.first().is_some_and(|event| event.number == last + 1 && event.at <= now()));
 }
 
-/// A cell that is idle, with the lease taken and nothing enabled.
+/// An idle cell, with the lease taken and nothing enabled.
 async fn idle() -> Bench {
     let bench = Bench::start_with(&simulation(), settings());
     bench.until(|now| now.state == State::Idle).await;
@@ -236,7 +236,7 @@ fn state(bench: &Bench, carrier: Carrier) -> AxisState {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_disable_right_after_an_enable_disables_and_so_does_its_mirror() {
+async fn a_disable_right_after_an_enable_disables_and_vice_versa() {
     // At every phase of the polling, which has a period of 50 ms.
     for offset_ms in 0..50 {
         for (first, last, ends) in [
@@ -259,7 +259,7 @@ async fn a_disable_right_after_an_enable_disables_and_so_does_its_mirror() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn the_same_command_again_is_already_so_once_it_was_read_and_is_sent_once() {
+async fn a_repeated_command_is_already_executed_after_a_reading_and_sent_once() {
     let bench = idle().await;
     let enable = || bench.cell.act(LEASE, Carrier::M1, Manual::Enable);
     let answers = tokio::join!(enable(), enable(), enable());
@@ -293,7 +293,7 @@ async fn a_move_right_after_a_disable_is_refused_and_sends_nothing() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_request_that_waits_for_a_reading_does_not_outlive_a_stop() {
+async fn a_stop_answers_a_request_that_waits_for_a_reading() {
     let bench = idle().await;
     let path = bench.path_to_y(3.0);
     for carrier in Carrier::ALL {
@@ -314,7 +314,7 @@ async fn a_request_that_waits_for_a_reading_does_not_outlive_a_stop() {
 async fn a_request_waits_no_longer_than_for_an_acknowledgement_and_an_answer() {
     let bench = idle().await;
     bench.m1_was_read().await;
-    // The command arrives, and neither its answer nor any other comes.
+    // The command arrives, but there is no answer to it or to later requests.
     bench.world.faults().hold(Device::Manipulator(Carrier::M1), Fault::Silence { arrives: true });
     assert_eq!(bench.cell.act(LEASE, Carrier::M1, Manual::Enable).await, Ok(Taken::Accepted));
     let asked_at = now();
@@ -335,7 +335,7 @@ fn homed(reading: &Reading) -> bool {
     reading.axes.iter().all(|(_, axis)| axis.homed)
 }
 
-/// Both are enabled, and none has a reference.
+/// A cell with both manipulators enabled and without references.
 async fn without_references() -> Bench {
     let mut unhomed = simulation();
     unhomed.manipulators.homed = false;
@@ -351,7 +351,7 @@ async fn without_references() -> Bench {
 }
 
 #[tokio::test(start_paused = true)]
-async fn homing_what_is_homed_moves_nothing() {
+async fn homing_a_homed_manipulator_moves_nothing() {
     let bench = Bench::ready(&simulation()).await;
     assert_eq!(bench.cell.act(LEASE, Carrier::M1, Manual::Home).await, Ok(Taken::AlreadySo));
     sleep(Duration::from_secs(1)).await;
@@ -369,7 +369,7 @@ async fn homing_is_refused_while_the_other_moves() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn homing_is_refused_before_anything_moves_where_the_other_may_not_move() {
+async fn homing_is_refused_in_advance_if_the_other_manipulator_is_not_ready() {
     let disabled = without_references().await;
     disabled.cell.act(LEASE, Carrier::M2, Manual::Disable).await.expect("allowed");
     let guard_open = without_references().await;
@@ -378,13 +378,13 @@ async fn homing_is_refused_before_anything_moves_where_the_other_may_not_move() 
     let at_its_panel = without_references().await;
     at_its_panel.world.set_mode(Carrier::M2, Mode::Manual);
     for (bench, what) in [(disabled, "disabled"), (guard_open, "guard open"), (at_its_panel, "in manual mode")] {
-        // Long enough for a reading of it.
+        // Long enough for a reading of the manipulator.
         sleep(Duration::from_millis(200)).await;
         let refused = bench.cell.act(LEASE, Carrier::M1, Manual::Home).await;
         let named = match (&refused, what) {
             (Err(Refusal::NotEnabled { carrier, .. }), "disabled")
             | (Err(Refusal::NotRemote { carrier, .. }), "in manual mode") => *carrier == Carrier::M2,
-            // The guard makes the device report a fault, which has stopped the cell already.
+            // The guard makes the device report a fault, which has already stopped the cell.
             (Err(Refusal::Faulted { .. }), "guard open") => true,
             _ => false,
         };
@@ -406,14 +406,14 @@ async fn a_manipulator_that_moves_while_the_other_is_homed_stops_both() {
     let seen = bench.until(|now| now.manipulators.iter().all(|(_, live)| rests(&live.reading))).await;
     for (carrier, live) in seen.manipulators.iter() {
         assert_eq!(bench.sent(carrier, |command| command.action == Action::Halt).len(), 1);
-        assert!(!live.reading.as_ref().is_some_and(homed), "{} was stopped on the way", carrier.name());
+        assert!(!live.reading.as_ref().is_some_and(homed), "{} must be stopped before it is homed", carrier.name());
     }
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_reference_that_was_lost_meanwhile_is_found_again() {
+async fn a_lost_reference_is_found_again_by_homing() {
     let bench = Bench::ready(&simulation()).await;
-    // A homing that does not come to its end leaves the axes without a reference.
+    // A homing that is interrupted leaves the axes without references.
     bench.command_from_elsewhere(Carrier::M1, home()).await;
     bench.command_from_elsewhere(Carrier::M1, Action::Halt).await;
     let lost = |reading: &Reading| !homed(reading) && reading.state == AxisState::Standstill;

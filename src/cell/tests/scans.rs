@@ -1,5 +1,6 @@
-//! Scans: all profiles in order, or the scan fails with a named reason and the stage stops. And the laser, a hazard like a motion: a
-//! sensor that is found running is stopped, a stop and the end of the cell switch it off, and one that does not stop is a fault.
+//! Scans: all profiles in order, or the scan fails with a named reason and the stage stops. Also the laser, which is a hazard like
+//! a motion: a sensor that is found running is stopped, a stop and the end of the cell switch it off, and a sensor that does not
+//! stop is a fault.
 
 use super::{Bench, LEASE, arrangement, settings, simulation};
 use crate::cell::driver::messages::Outcome;
@@ -13,7 +14,7 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio::time::{Instant, sleep};
 
-/// 50 profiles, one each 2 mm, as the simulated sensor triggers.
+/// 50 profiles, one every 2 mm, as the simulated sensor triggers.
 const ORDER: ScanOrder = ScanOrder { x_from_mm: 100.0, x_to_mm: 202.0, profiles_count: 50, speed_mm_s: 50.0 };
 
 async fn collect(mut profiles: mpsc::Receiver<Vec<Profile>>) -> Vec<Profile> {
@@ -29,7 +30,7 @@ async fn stands(bench: &Bench) {
     let at = bench.cell.snapshot().stage.as_ref().and_then(|stage| stage.reading).expect("was read").actual_mm;
     sleep(Duration::from_secs(2)).await;
     let later = bench.cell.snapshot().stage.as_ref().and_then(|stage| stage.reading).expect("was read").actual_mm;
-    assert_eq!(at.to_bits(), later.to_bits(), "the stage stands, mm");
+    assert_eq!(at.to_bits(), later.to_bits(), "the stage must be at rest, mm");
 }
 
 fn stage_stands(stage: &crate::cell::Live<crate::device::StageReading>) -> bool {
@@ -37,7 +38,7 @@ fn stage_stands(stage: &crate::cell::Live<crate::device::StageReading>) -> bool 
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_scan_gives_every_profile_once_and_in_order() {
+async fn a_scan_returns_every_profile_once_and_in_order() {
     let bench = Bench::ready(&simulation()).await;
     let (job, profiles) = bench.cell.start_scan(LEASE, "scan-1", ORDER).await.expect("allowed");
     assert_eq!(bench.cell.snapshot().state, State::Scanning);
@@ -51,7 +52,7 @@ async fn a_scan_gives_every_profile_once_and_in_order() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_the_stage_cannot_do_is_refused() {
+async fn a_scan_beyond_the_range_or_speed_of_the_stage_is_refused() {
     let bench = Bench::ready(&simulation()).await;
     for wrong in [
         ScanOrder { x_to_mm: 1001.0, ..ORDER },
@@ -81,7 +82,7 @@ async fn a_scan_is_refused_while_a_manipulator_moves() {
     assert_eq!(refused, Err(Refusal::Moves { device: "m2".to_owned() }));
 }
 
-/// A scan as the state machine of scans sees it: armed at `at`, and the stage on its way since.
+/// A scan in its state machine: armed at `at`, with the stage moving since then.
 fn travelling(own: SensorDeadlines, at: Instant) -> Scanning {
     let from = StageReading {
         actual_mm: ORDER.x_from_mm,
@@ -108,23 +109,23 @@ async fn the_stall_limit_does_not_override_a_sensors_own_time_for_the_first_prof
     let at = now();
     let patient = SensorDeadlines { first_profile: Duration::from_secs(30), ..SensorDeadlines::default() };
     let mut scanning = travelling(patient, at);
-    // The whole surface comes 20 s after the start, and the stage has long arrived.
+    // The surface arrives 20 s after the start, long after the stage has arrived.
     assert_eq!(scanning.time(at + Duration::from_secs(20), None), ScanStep::Wait);
     scanning.received(at + Duration::from_secs(20), 50);
     assert_eq!(scanning.ended(Ok(())), ScanStep::Finished);
     let silent = travelling(patient, at);
     assert!(matches!(silent.time(at + Duration::from_secs(31), None), ScanStep::Fail(_)));
-    // A sensor without a time of its own has the stall limit of 1 s and two periods of 40 ms.
+    // A sensor without a time limit of its own has the stall limit of 1 s plus two periods of 40 ms.
     let impatient = travelling(SensorDeadlines::default(), at);
     assert!(matches!(impatient.time(at + Duration::from_millis(1_100), None), ScanStep::Fail(_)));
-    // Between profiles it is the stall limit.
+    // Between profiles the stall limit applies.
     let mut stalled = travelling(patient, at);
     stalled.received(at + Duration::from_secs(4), 10);
     assert!(matches!(stalled.time(at + Duration::from_millis(5_100), None), ScanStep::Fail(_)));
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_gap_fails_the_scan_by_name_and_halts_the_stage() {
+async fn a_gap_fails_the_scan_with_its_reason_and_halts_the_stage() {
     let bench = Bench::ready(&simulation()).await;
     let (job, profiles) = bench.cell.start_scan(LEASE, "scan-1", ORDER).await.expect("allowed");
     let collecting = tokio::spawn(collect(profiles));
@@ -137,15 +138,15 @@ async fn a_gap_fails_the_scan_by_name_and_halts_the_stage() {
     );
     assert!(named, "{end:?}");
     stands(&bench).await;
-    assert!(collecting.await.expect("it ends").len() < 50);
-    // No device is in doubt: another scan may follow.
+    assert!(collecting.await.expect("the task ends").len() < 50);
+    // The states of all devices are known, so that another scan may follow.
     let (job, profiles) = bench.cell.start_scan(LEASE, "scan-2", ORDER).await.expect("allowed");
     assert_eq!(collect(profiles).await.len(), 50);
     assert_eq!(job.ended().await, JobEnd::Done);
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_sensor_that_falls_silent_fails_the_scan_and_halts_the_stage() {
+async fn a_sensor_without_answer_fails_the_scan_and_halts_the_stage() {
     let bench = Bench::ready(&simulation()).await;
     let (job, profiles) = bench.cell.start_scan(LEASE, "scan-1", ORDER).await.expect("allowed");
     let collecting = tokio::spawn(collect(profiles));
@@ -155,7 +156,7 @@ async fn a_sensor_that_falls_silent_fails_the_scan_and_halts_the_stage() {
     assert!(matches!(end, JobEnd::Unknown(_) | JobEnd::Failed(_)), "{end:?}");
     bench.world.faults().clear(Device::Sensor);
     bench.until(|now| matches!(now.state, State::Faulted | State::Idle)).await;
-    assert!(collecting.await.expect("it ends").len() < 50);
+    assert!(collecting.await.expect("the task ends").len() < 50);
 }
 
 #[tokio::test(start_paused = true)]
@@ -167,23 +168,23 @@ async fn a_stage_that_stalls_fails_the_scan() {
     bench.world.faults().next(Device::Stage, Fault::Stall);
     let end = job.ended().await;
     assert!(matches!(end, JobEnd::Failed(_)), "{end:?}");
-    assert!(collecting.await.expect("it ends").len() < 50);
+    assert!(collecting.await.expect("the task ends").len() < 50);
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_scan_that_asks_for_more_than_the_way_gives_is_incomplete() {
+async fn a_scan_with_more_profiles_than_its_travel_allows_is_incomplete() {
     let bench = Bench::ready(&simulation()).await;
     let order = ScanOrder { profiles_count: 500, ..ORDER };
     let (job, profiles) = bench.cell.start_scan(LEASE, "scan-1", order).await.expect("allowed");
     let collecting = tokio::spawn(collect(profiles));
     let end = job.ended().await;
     assert!(matches!(end, JobEnd::Failed(Failure::Device(DeviceError::ScanFault { .. }))), "{end:?}");
-    let count = collecting.await.expect("it ends").len();
-    assert!((40..60).contains(&count), "{count} on 102 mm at 2 mm");
+    let count = collecting.await.expect("the task ends").len();
+    assert!((40..60).contains(&count), "{count} profiles on 102 mm with a pitch of 2 mm");
 }
 
 #[tokio::test(start_paused = true)]
-async fn profiles_that_nobody_takes_fail_the_scan() {
+async fn a_scan_fails_if_its_profiles_are_not_received() {
     let bench = Bench::ready(&simulation()).await;
     let (job, profiles) = bench.cell.start_scan(LEASE, "scan-1", ORDER).await.expect("allowed");
     drop(profiles);
@@ -200,15 +201,14 @@ async fn a_stop_in_a_scan_halts_the_stage() {
     bench.cell.stop().await;
     assert_eq!(job.ended().await, JobEnd::Stopped(StopCause::Requested));
     stands(&bench).await;
-    assert!(collecting.await.expect("it ends").len() < 50);
+    assert!(collecting.await.expect("the task ends").len() < 50);
 }
 
 const LASER_ORDER: ScanOrder = ScanOrder { x_from_mm: 100.0, x_to_mm: 900.0, profiles_count: 350, speed_mm_s: 50.0 };
 
 fn world() -> World {
     let mounting = |support: &Support| Mounting { mount_mm: support.mount_mm, limits: support.limits };
-    World::new(&simulation(), &arrangement().supports.map(|_, support| mounting(support)))
-        .expect("settings that are allowed")
+    World::new(&simulation(), &arrangement().supports.map(|_, support| mounting(support))).expect("valid settings")
 }
 
 /// Another client starts the sensor over its own link.
@@ -219,7 +219,7 @@ async fn start_from_elsewhere(world: &World) {
     assert!(world.laser_is_on());
 }
 
-/// Checks each millisecond, for up to a minute, and returns when the laser was off.
+/// Checks every millisecond, for up to a minute, and returns the time until the laser was off.
 async fn off_after(world: &World, since: Instant) -> Duration {
     while world.laser_is_on() {
         assert!(now() - since < Duration::from_secs(60), "the laser is still on");
@@ -228,7 +228,7 @@ async fn off_after(world: &World, since: Instant) -> Duration {
     now() - since
 }
 
-/// In the middle of a scan.
+/// A cell in the middle of a scan.
 async fn scanning() -> Bench {
     let bench = Bench::ready(&simulation()).await;
     let (_, mut profiles) = bench.cell.start_scan(LEASE, "scan-1", LASER_ORDER).await.expect("allowed");
@@ -251,7 +251,7 @@ async fn a_sensor_found_running_at_the_start_is_stopped_within_a_second_and_the_
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_sensor_found_running_after_a_lost_link_is_stopped_whatever_the_cell_does() {
+async fn a_sensor_found_running_after_a_lost_link_is_stopped_in_every_state() {
     for moves in [false, true] {
         let bench = Bench::ready(&simulation()).await;
         bench.world.faults().hold(Device::Sensor, Fault::HalfOpen);
@@ -273,12 +273,12 @@ async fn a_sensor_found_running_after_a_lost_link_is_stopped_whatever_the_cell_d
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_link_that_is_lost_in_a_scan_leaves_the_laser_on_no_longer_than_until_it_is_back() {
+async fn the_laser_is_switched_off_when_a_link_lost_in_a_scan_is_restored() {
     let bench = scanning().await;
     bench.world.faults().hold(Device::Sensor, Fault::LinkLost { arrives: false });
     bench.until(|now| now.state == State::Faulted).await;
     sleep(Duration::from_secs(3)).await;
-    assert!(bench.world.laser_is_on(), "nothing arrives there");
+    assert!(bench.world.laser_is_on(), "no request arrives");
     bench.world.faults().clear(Device::Sensor);
     let back_at = bench.until(|now| now.sensor.as_ref().is_some_and(|sensor| sensor.link == Link::Up)).await.at;
     let off = off_after(&bench.world, back_at).await;
@@ -286,7 +286,7 @@ async fn a_link_that_is_lost_in_a_scan_leaves_the_laser_on_no_longer_than_until_
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_stop_a_lease_that_is_over_and_the_end_of_the_cell_switch_the_laser_off() {
+async fn a_stop_the_end_of_the_lease_and_the_end_of_the_cell_switch_the_laser_off() {
     let bench = scanning().await;
     let asked_at = now();
     let report = bench.cell.stop().await;
@@ -295,23 +295,23 @@ async fn a_stop_a_lease_that_is_over_and_the_end_of_the_cell_switch_the_laser_of
     assert!(off <= Duration::from_millis(50), "off after {off:?}");
 
     let bench = scanning().await;
-    bench.cell.release_lease(LEASE).await.expect("it is held");
+    bench.cell.release_lease(LEASE).await.expect("the lease is valid");
     let off = off_after(&bench.world, now()).await;
     assert!(off <= Duration::from_millis(50), "off after {off:?}");
 
     let bench = scanning().await;
     bench.cell.close().await;
-    assert!(!bench.world.laser_is_on(), "it is off before the cell lets go of the devices");
+    assert!(!bench.world.laser_is_on(), "the laser must be off before the cell releases the devices");
 
     let bench = scanning().await;
-    // What a panic would do to the cell's task.
+    // The task of the cell is dropped, as after a panic.
     bench.task.abort();
     let off = off_after(&bench.world, now()).await;
     assert!(off <= Duration::from_millis(50), "off after {off:?}");
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_stop_switches_off_a_laser_that_somebody_else_has_switched_on() {
+async fn a_stop_switches_off_a_laser_that_another_client_has_switched_on() {
     let bench = Bench::ready(&simulation()).await;
     start_from_elsewhere(&bench.world).await;
     let asked_at = now();
@@ -321,10 +321,10 @@ async fn a_stop_switches_off_a_laser_that_somebody_else_has_switched_on() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_sensor_that_refuses_to_stop_is_latched_by_that_name() {
+async fn a_sensor_that_refuses_to_stop_is_latched_as_that_fault() {
     let bench = Bench::ready(&simulation()).await;
     start_from_elsewhere(&bench.world).await;
-    // It is not asked again for a second then.
+    // After the fault the sensor is not read for a second.
     let read_at = bench.cell.snapshot().sensor.as_ref().and_then(|sensor| sensor.read_at);
     bench.until(|now| now.sensor.as_ref().is_some_and(|sensor| sensor.read_at != read_at)).await;
     bench.world.faults().next(Device::Sensor, Fault::Rejected { code: 1000 });

@@ -1,5 +1,5 @@
-//! Checks the settings of the cell: every number against its range, every adaptor, that no simulated device stands beside real ones
-//! by mistake, and that no machine is configured twice. An error names the dotted key.
+//! Checks the settings of the cell: the range of every number, every adaptor, that simulated devices are not used together with
+//! real ones by mistake, and that no machine is configured twice. An error names the dotted key.
 
 use crate::cell::SettingsError;
 use crate::device::{gocator, modbus, simulated};
@@ -8,10 +8,10 @@ use crate::motion::{ArrangementError, Carrier};
 use super::settings::{Cell, Manipulator, ManipulatorAdaptor, SensorAdaptor, StageAdaptor};
 
 impl Cell {
-    /// Checks every value, except those of adaptors that are not used, and of a cell that is not enabled.
+    /// Checks every value, except the settings of unused adaptors and of a disabled cell.
     ///
     /// # Errors
-    /// [`CellError`] names the first key that cannot be used.
+    /// [`CellError`] names the first invalid key.
     pub fn check(&self) -> Result<(), CellError> {
         if !self.enabled {
             return Ok(());
@@ -59,31 +59,31 @@ pub(super) const fn key_of(carrier: Carrier) -> &'static str {
     }
 }
 
-/// Why the settings of the cell cannot be used.
+/// Why the settings of the cell are not valid.
 #[derive(Debug, thiserror::Error)]
 pub enum CellError {
-    /// A number beyond what can work.
+    /// A number is out of its range.
     #[error("cell.{key} must be between {least} and {most}, got {value}")]
     OutOfRange {
         /// Dotted name below `cell`.
         key: String,
-        /// What was given.
+        /// The given value.
         value: f64,
-        /// Least.
+        /// Least allowed value.
         least: f64,
-        /// Greatest.
+        /// Greatest allowed value.
         most: f64,
     },
-    /// Two numbers in the wrong order.
+    /// A number is not below its upper bound.
     #[error("cell.{key} must be below {beside}, got {value} and {limit}")]
     NotBelow {
         /// Dotted name below `cell`.
         key: String,
-        /// Name of the other.
+        /// Key of the upper bound.
         beside: &'static str,
-        /// What was given.
+        /// The given value.
         value: f64,
-        /// What the other is.
+        /// The value of the upper bound.
         limit: f64,
     },
     /// A setting of the simulation cannot be used.
@@ -92,39 +92,39 @@ pub enum CellError {
     /// A setting of a Modbus device cannot be used.
     #[error("cell.{key}.{cause}")]
     Modbus {
-        /// The device.
+        /// Dotted name of the device below `cell`.
         key: &'static str,
-        /// Why not.
+        /// The fault in its settings.
         cause: modbus::SettingsError,
     },
     /// A setting of an OPC UA device cannot be used.
     #[cfg(feature = "opcua")]
     #[error("cell.{key}.opcua.{cause}")]
     Opcua {
-        /// The device.
+        /// Dotted name of the device below `cell`.
         key: &'static str,
-        /// Why not.
+        /// The fault in its settings.
         cause: crate::device::opcua::SettingRefusal,
     },
     /// A setting of the sensor cannot be used.
     #[error("cell.sensor.gocator: {0}")]
     Gocator(#[from] gocator::SettingsError),
-    /// Simulated devices beside real ones.
+    /// Simulated devices would be used together with real ones.
     #[error(
         "cell: {simulated} would be simulated beside {real}; name an adaptor for each, or allow it with cell.simulated_beside_real = true"
     )]
     Mixed {
-        /// Which are simulated.
+        /// Names of the simulated devices.
         simulated: String,
-        /// Which are not.
+        /// Names of the real devices.
         real: String,
     },
-    /// Two names for one machine.
+    /// One machine is configured twice.
     #[error("cell.{first} and cell.{second} are the same device; give each its own {what}")]
     SameDevice {
-        /// One.
+        /// Dotted name of one device.
         first: &'static str,
-        /// The other.
+        /// Dotted name of the other device.
         second: &'static str,
         /// The keys that distinguish them.
         what: &'static str,
@@ -132,13 +132,13 @@ pub enum CellError {
     /// This program was built without OPC UA.
     #[error("cell.{key}.adaptor = \"opcua\": this program was built without OPC UA; build it with the feature opcua")]
     OpcuaNotBuilt {
-        /// The device.
+        /// Dotted name of the device.
         key: &'static str,
     },
-    /// The manipulators cannot stand so.
+    /// The arrangement of the manipulators is not valid.
     #[error("cell.manipulators: {0}")]
     Arrangement(#[from] ArrangementError),
-    /// The times do not go together.
+    /// The times are not consistent.
     #[error("cell.timing: {0}")]
     Settings(#[from] SettingsError),
 }
@@ -147,14 +147,14 @@ pub enum CellError {
 type Range = (String, f64, f64, f64);
 
 impl Cell {
-    /// Whether every number is within its range, and every lower one below its upper one.
+    /// Checks that every number is within its range, and every lower limit below its upper one.
     pub(super) fn check_numbers(&self) -> Result<(), CellError> {
         let mut ranges = self.ranges();
         for carrier in Carrier::ALL {
             limits(key_of(carrier), self.manipulators.get(carrier), &mut ranges);
         }
         for (key, value, least, most) in ranges {
-            // Written so that what is no number fails it, too.
+            // Written so that NaN fails as well.
             if !(least..=most).contains(&value) {
                 return Err(CellError::OutOfRange { key, value, least, most });
             }
@@ -239,13 +239,13 @@ fn below(key: &str, beside: &'static str, value: f64, limit: f64) -> Result<(), 
     if value < limit { Ok(()) } else { Err(CellError::NotBelow { key: key.to_owned(), beside, value, limit }) }
 }
 
-/// Counts and milliseconds here are far below 2⁵³; greater ones only have to stay out of range.
+/// The counts and milliseconds in the allowed ranges are far below 2⁵³; greater values only need to remain out of range.
 #[expect(clippy::cast_precision_loss, reason = "beyond 2⁵³ every range is left")]
 const fn real(value: u64) -> f64 {
     value as f64
 }
 
-/// Where a device is reached.
+/// The address of a device.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Link<'a> {
     Simulated,
@@ -259,7 +259,7 @@ enum Link<'a> {
         endpoint: &'a str,
         device: &'a str,
     },
-    /// Where no second one can be.
+    /// An adaptor whose address cannot be used twice.
     Other,
 }
 
@@ -280,7 +280,7 @@ impl<'a> Link<'a> {
 }
 
 impl Cell {
-    /// Checks that no simulated device stands beside real ones by mistake, and that no machine is configured twice.
+    /// Checks that simulated devices are not used together with real ones by mistake, and that no machine is configured twice.
     pub(super) fn check_devices(&self) -> Result<(), CellError> {
         let simulated = self.devices().into_iter().filter(|(_, link)| *link == Link::Simulated);
         let simulated: Vec<&str> = simulated.map(|(key, _)| key).collect();
@@ -299,7 +299,7 @@ impl Cell {
         Ok(())
     }
 
-    /// Every device that there is, with where it is reached.
+    /// Every configured device with its address.
     fn devices(&self) -> Vec<(&'static str, Link<'_>)> {
         let manipulators = Carrier::ALL.map(|carrier| {
             let manipulator = self.manipulators.get(carrier);
@@ -340,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn nonsense_is_refused_with_its_key() {
+    fn an_invalid_value_is_refused_with_its_key() {
         let said = complaint("[cell.manipulators.m2.limits.y]\nspeed_mm_s = 0.0");
         assert_eq!(said, "cell.manipulators.m2.limits.y.speed_mm_s must be between 0.000001 and 100000, got 0");
         let said = complaint("[cell.manipulators.m1.limits.c]\nlower_deg = 40");
@@ -358,14 +358,14 @@ mod tests {
     }
 
     #[test]
-    fn simulated_devices_stand_beside_real_ones_only_where_that_is_allowed() {
+    fn simulated_devices_beside_real_ones_need_permission() {
         let said = complaint("[cell.manipulators.m1]\nadaptor = 'modbus'");
         let expected = "cell: manipulators.m2, stage, sensor would be simulated beside manipulators.m1";
         assert!(said.starts_with(expected), "{said}");
     }
 
     #[test]
-    fn two_names_for_one_machine_are_refused() {
+    fn one_machine_configured_twice_is_refused() {
         let both = "[cell]\nsimulated_beside_real = true\n[cell.manipulators.m1]\nadaptor = 'modbus'\n\
                     [cell.manipulators.m2]\nadaptor = 'modbus'\n";
         Layers::default().text("file", both).and_then(Layers::build).expect("their blocks differ by default");
@@ -375,7 +375,7 @@ mod tests {
 
     #[cfg(feature = "opcua")]
     #[test]
-    fn over_opc_ua_each_manipulator_has_a_device_of_its_own_and_may_not_share_it() {
+    fn two_manipulators_over_opc_ua_must_have_different_devices() {
         let both = "[cell]\nsimulated_beside_real = true\n[cell.manipulators.m1]\nadaptor = 'opcua'\n\
                     [cell.manipulators.m2]\nadaptor = 'opcua'\n";
         let config = Layers::default().text("file", both).and_then(Layers::build).expect("their devices differ");
@@ -385,7 +385,7 @@ mod tests {
     }
 
     #[test]
-    fn the_examples_of_the_pages_can_be_used() {
+    fn the_examples_in_the_documentation_are_valid() {
         let pages = [
             include_str!("../../../docs/gocator.md"),
             include_str!("../../../docs/modbus.md"),
@@ -412,7 +412,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_said_about_one_manipulator_leaves_the_rest_as_it_is() {
+    fn settings_of_one_manipulator_do_not_change_the_others() {
         let text = "[cell]\nsimulated_beside_real = true\n[cell.manipulators.m2]\nadaptor = 'modbus'\n\
              modbus.address = '10.0.0.7:502'\nlimits.z.upper_mm = 7.5";
         let config = Layers::default().text("file", text).and_then(Layers::build).expect("valid");

@@ -1,5 +1,5 @@
-//! The cell's configuration as motion, cell and the simulation take it: lengths stay, degrees become radians, milliseconds
-//! become durations; and the calibration of a scan by a simulated sensor, which its simulation knows.
+//! Converts the configuration of the cell for motion, cell and simulation: lengths remain in mm, degrees become radians,
+//! milliseconds become durations. Also the calibration of a scan by a simulated sensor, which the simulation provides.
 
 use super::settings::SensorAdaptor;
 use super::settings::{Cell, Timing};
@@ -11,7 +11,7 @@ use crate::motion::{Arrangement, Axes, AxisLimits, Pair, Support};
 use std::time::Duration;
 
 impl Cell {
-    /// Where the manipulators stand and what they may do.
+    /// Positions and limits of the manipulators.
     #[must_use]
     pub fn arrangement(&self) -> Arrangement {
         let together = &self.together;
@@ -35,7 +35,7 @@ impl Cell {
         }
     }
 
-    /// How the cell works.
+    /// The settings of the cell's task and drivers.
     #[must_use]
     pub fn settings(&self) -> Settings {
         let Timing {
@@ -64,8 +64,8 @@ impl Cell {
         }
     }
 
-    /// The calibration of a scan by the sensor, as the configuration states it (`estimation.type_b`). Where it states
-    /// nothing and the sensor is simulated, what its simulated stage is known to do.
+    /// The calibration of a scan by the sensor as the configuration declares it (`estimation.type_b`). Values that it does not
+    /// declare come from the simulated stage if the sensor is simulated.
     #[must_use]
     pub fn type_b_of_scans(&self, stated: TypeB) -> TypeB {
         if self.sensor.adaptor != SensorAdaptor::Simulated || stated.is_stated() {
@@ -74,13 +74,13 @@ impl Cell {
         let Straightness { standard_mm, correlation_length_mm } = self.simulated.straightness();
         TypeB {
             stage_straightness_mm: standard_mm,
-            // The range that a recipe can state.
+            // The range that a recipe may declare.
             stage_straightness_length_mm: correlation_length_mm.clamp(1.0, 1e5),
             ..stated
         }
     }
 
-    /// What stands around the simulated devices.
+    /// The positions and limits of the simulated manipulators.
     #[must_use]
     pub fn mountings(&self) -> Pair<Mounting> {
         self.manipulators

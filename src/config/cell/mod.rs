@@ -1,5 +1,5 @@
-//! The cell in the configuration: which adaptor each device has, where the manipulators stand and how far they may go, and how long
-//! anything may take. The names of the keys end with their units.
+//! The cell in the configuration: the adaptor of each device, the positions and limits of the manipulators, and all deadlines. The
+//! names of the keys end with their units.
 
 mod check;
 mod convert;

@@ -1,6 +1,6 @@
-//! The settings of the cell with their defaults: the lease, times, the two manipulators together, the scan, and for each device its
-//! adaptor and limits. A configuration gives only the keys that differ from the defaults: it is merged into them key by key,
-//! although the two manipulators have different defaults.
+//! The settings of the cell with their defaults: the lease, times, common limits of the two manipulators, the scan, and for each
+//! device its adaptor and limits. A configuration gives only the keys that differ from the defaults: it is merged into them key by
+//! key, also where the defaults of the two manipulators differ.
 
 use std::path::Path;
 
@@ -13,32 +13,32 @@ use crate::device::opcua;
 use crate::device::{gocator, modbus, simulated};
 use crate::motion::{Carrier, Pair};
 
-/// The devices that scan and move the part, and what they may do.
+/// The devices that scan and move the part, and their limits.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Cell {
-    /// Whether there is a cell; without one the service measures uploaded scans, and nothing moves.
+    /// Whether there is a cell. Without one the service measures uploaded scans, and nothing moves.
     pub enabled: bool,
-    /// Whether simulated devices may stand beside real ones. A simulated sensor does not see the real part, so a
-    /// plan made from it would move that part by chance; only for trying adaptors.
+    /// Whether simulated devices may be used together with real ones. A simulated sensor does not see the real part, so that a plan
+    /// made from it would move that part arbitrarily; only for trying adaptors.
     pub simulated_beside_real: bool,
-    /// Longest time between measuring and executing a plan made from it.
+    /// Longest time between a measurement and the execution of a plan made from it.
     pub plan_age_max_s: u64,
     /// The time to live of a lease.
     pub lease: Lease,
-    /// How often, and how long.
+    /// Polling periods and deadlines.
     pub timing: Timing,
-    /// What the two manipulators may do together.
+    /// Common limits of the two manipulators.
     pub together: Together,
-    /// The scan of a measurement whose request gives none.
+    /// The scan of a measurement whose request specifies none.
     pub scan: ScanPath,
     /// The two manipulators.
     pub manipulators: Pair<Manipulator>,
-    /// The stage that carries the sensor along the rail.
+    /// The stage that moves the sensor along the rail.
     pub stage: Stage,
     /// The profile sensor.
     pub sensor: Sensor,
-    /// What stands behind all that is simulated.
+    /// The simulation behind all simulated devices.
     pub simulated: simulated::Settings,
 }
 
@@ -46,67 +46,67 @@ pub struct Cell {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Lease {
-    /// Time to live of a lease that does not ask for one.
+    /// Default time to live of a lease.
     pub ttl_ms: u64,
-    /// Shortest time to live that may be asked for.
+    /// Shortest time to live that a client may request.
     pub ttl_min_ms: u64,
-    /// Longest time to live that may be asked for.
+    /// Longest time to live that a client may request.
     pub ttl_max_ms: u64,
 }
 
-/// How often devices are read, and how long they may take. The ranges ensure that a device that moves stops within half a second of
-/// the last good answer.
+/// Polling periods and deadlines of the devices. The ranges ensure that a moving device stops within half a second of the last
+/// valid answer.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Timing {
-    /// Between two readings of a device at rest.
+    /// Polling period of a device at rest.
     pub poll_ms: u64,
-    /// Between two readings of a device that moves.
+    /// Polling period of a moving device.
     pub poll_moving_ms: u64,
     /// Longest time for a device's answer.
     pub reply_ms: u64,
     /// Longest time for connecting and the first reading.
     pub connect_ms: u64,
-    /// Longest time until a device has taken a command.
+    /// Longest time until a device has acknowledged a command.
     pub acknowledge_ms: u64,
-    /// How long a device goes on moving without a heartbeat from coaxis.
+    /// How long a device continues to move without a heartbeat from coaxis.
     pub watchdog_ms: u64,
-    /// What a way may take longer than planned before its axes count as not arrived.
+    /// Time added to the planned time of a motion before its axes count as not arrived.
     pub arrival_ms: u64,
     /// Longest time without a profile during a scan.
     pub scan_stall_ms: u64,
 }
 
-/// What the two manipulators may do together.
+/// Common limits of the two manipulators.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Together {
-    /// Largest change of the distance of the two clamps along a path: what the part and the clamps bear.
+    /// Largest change of the distance between the two clamps along a path, which strains the part and the clamps.
     pub strain_max_mm: f64,
-    /// How far a clamp may run on after an axis of either manipulator has stuck. It limits the speed of every path.
+    /// Largest travel of a clamp after an axis of either manipulator has stopped unexpectedly. It limits the speed of every path.
     pub run_on_max_mm: f64,
-    /// Largest difference of the two turns along a path.
+    /// Largest difference of the two rotations along a path.
     pub twist_max_deg: f64,
-    /// Least gap between the two manipulators along the rail.
+    /// Smallest gap between the two manipulators along the rail.
     pub clearance_min_mm: f64,
-    /// How close to its target an axis counts as there; no less than the backlash.
+    /// Distance from its target within which an axis has arrived; not less than the backlash.
     pub tolerance: Tolerances,
 }
 
-/// Where a scan goes.
+/// The path of a scan.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ScanPath {
-    /// Where it begins, along the rail.
+    /// Start, along the rail.
     pub x_from_mm: f64,
-    /// Where it ends.
+    /// End, along the rail.
     pub x_to_mm: f64,
-    /// Profiles in between, both ends included.
+    /// Number of profiles, including those at both ends.
     pub profiles_count: u64,
-    /// How fast the stage goes.
+    /// Speed of the stage.
     pub speed_mm_s: f64,
-    /// How far the first and the last profile may be from where the scan was to begin and end: where the sensor reckons x by
-    /// itself, it is held to the stage.
+    /// Greatest distance of the first and the last profile from the start and the end of the scan. It compares the stage with a
+    /// sensor that determines x by itself.
     pub place_tolerance_mm: f64,
 }
 
@@ -167,29 +167,29 @@ impl Default for ScanPath {
     }
 }
 
-/// Registers between two manipulators of one PLC.
+/// Number of registers from one manipulator of a PLC to the next.
 const MODBUS_STRIDE: u16 = 256;
 
-/// A manipulator: where it stands, and how it is reached.
+/// A manipulator: its position and its adaptor.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manipulator {
-    /// How it is reached.
+    /// Its adaptor.
     pub adaptor: ManipulatorAdaptor,
-    /// Where its clamp's centre is in the rail frame while all its axes are at zero: x, y, z.
+    /// Position of the clamp's centre in the rail frame when all axes are at zero: x, y, z.
     pub mount_mm: [f64; 3],
-    /// How far its body reaches along the rail on both sides of the clamp.
+    /// Extent of its body along the rail on each side of the clamp.
     pub half_span_mm: f64,
-    /// The limits of its axes; the device has limits of its own, and the narrower ones apply.
+    /// The limits of its axes. The device has limits of its own; the narrower ones apply.
     pub limits: SupportLimits,
-    /// Where it is, behind `modbus`.
+    /// Settings of the adaptor `modbus`.
     pub modbus: modbus::Settings,
-    /// Where it is, behind `opcua`.
+    /// Settings of the adaptor `opcua`.
     #[cfg(feature = "opcua")]
     pub opcua: opcua::Settings,
 }
 
-/// How a manipulator is reached.
+/// The adaptor of a manipulator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ManipulatorAdaptor {
@@ -205,13 +205,13 @@ pub enum ManipulatorAdaptor {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Stage {
-    /// How it is reached.
+    /// Its adaptor.
     pub adaptor: StageAdaptor,
-    /// Where it is, behind `modbus`.
+    /// Settings of the adaptor `modbus`.
     pub modbus: modbus::Settings,
 }
 
-/// How the stage is reached.
+/// The adaptor of the stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StageAdaptor {
@@ -219,7 +219,7 @@ pub enum StageAdaptor {
     Simulated,
     /// A PLC with a register map.
     Modbus,
-    /// There is none that we command.
+    /// There is no stage that coaxis commands.
     None,
 }
 
@@ -227,13 +227,13 @@ pub enum StageAdaptor {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sensor {
-    /// How it is reached.
+    /// Its adaptor.
     pub adaptor: SensorAdaptor,
-    /// Where it is, behind `gocator`.
+    /// Settings of the adaptor `gocator`.
     pub gocator: gocator::Settings,
 }
 
-/// How the sensor is reached.
+/// The adaptor of the sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SensorAdaptor {
@@ -241,12 +241,12 @@ pub enum SensorAdaptor {
     Simulated,
     /// A Gocator on the network.
     Gocator,
-    /// There is none; scans come as files.
+    /// There is no sensor; scans are uploaded as files.
     None,
 }
 
 impl Manipulator {
-    /// The simulated one, with its default.
+    /// The default settings of this manipulator.
     pub(super) fn of(carrier: Carrier) -> Self {
         let (x, base) = match carrier {
             Carrier::M1 => (150.0, 0),
@@ -265,7 +265,7 @@ impl Manipulator {
 }
 
 impl Cell {
-    /// Files of devices on this machine are below the data folder of the service, unless configured otherwise.
+    /// Places the local files of devices below the data folder of the service, unless configured otherwise.
     #[cfg_attr(
         not(feature = "opcua"),
         expect(unused_variables, clippy::unused_self, reason = "no device keeps anything")
@@ -291,29 +291,29 @@ impl Default for Sensor {
     }
 }
 
-/// How far the four axes of a manipulator may go.
+/// The limits of the four axes of a manipulator.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SupportLimits {
     /// Along the rail.
     pub x: LinearLimits,
-    /// Across.
+    /// Across the rail, horizontal.
     pub y: LinearLimits,
-    /// Up.
+    /// Vertical.
     pub z: LinearLimits,
-    /// The turn.
+    /// The rotation.
     pub c: TurnLimits,
 }
 
-/// What a linear axis may do.
+/// The limits of a linear axis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LinearLimits {
-    /// Least value.
+    /// Lower limit.
     pub lower_mm: f64,
-    /// Greatest value.
+    /// Upper limit.
     pub upper_mm: f64,
-    /// Longest way of one request.
+    /// Longest travel in one request.
     pub step_mm: f64,
     /// Greatest speed.
     pub speed_mm_s: f64,
@@ -323,15 +323,15 @@ pub struct LinearLimits {
     pub jerk_mm_s3: f64,
 }
 
-/// What a turning axis may do.
+/// The limits of the rotary axis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TurnLimits {
-    /// Least value.
+    /// Lower limit.
     pub lower_deg: f64,
-    /// Greatest value.
+    /// Upper limit.
     pub upper_deg: f64,
-    /// Longest way of one request.
+    /// Largest rotation in one request.
     pub step_deg: f64,
     /// Greatest speed.
     pub speed_deg_s: f64,
@@ -341,17 +341,17 @@ pub struct TurnLimits {
     pub jerk_deg_s3: f64,
 }
 
-/// How close to its target an axis counts as there.
+/// Distance from its target within which an axis has arrived.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Tolerances {
     /// Along the rail.
     pub x_mm: f64,
-    /// Across.
+    /// Across the rail, horizontal.
     pub y_mm: f64,
-    /// Up.
+    /// Vertical.
     pub z_mm: f64,
-    /// The turn.
+    /// The rotation.
     pub c_deg: f64,
 }
 
@@ -383,13 +383,13 @@ impl Default for SupportLimits {
     }
 }
 
-/// Sections that know their own defaults, and are taken as they stand.
+/// Sections that have their own defaults and therefore replace the default section instead of being merged into it.
 const WHOLE: [&str; 4] = ["modbus", "opcua", "gocator", "simulated"];
 
-/// The default that differs between devices even there.
+/// The key whose default differs between devices even in these sections.
 const BASE: &str = "base";
 
-/// The cell that results.
+/// Merges the configured values into the defaults.
 pub(in crate::config) fn over_default<'de, D: Deserializer<'de>>(text: D) -> Result<Cell, D::Error> {
     let said = Table::deserialize(text)?;
     let mut table = Table::try_from(Cell::default()).map_err(Error::custom)?;

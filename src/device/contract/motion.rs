@@ -1,5 +1,5 @@
-//! The part of the contract that moves: for tests against simulated devices and servers, never against a machine that carries a
-//! part. In: an adaptor, connected or not. Out: a [`Report`].
+//! The part of the contract that moves devices: for tests against simulated devices and servers, never against a machine with a
+//! part. Input: an adaptor, connected or not. Output: a [`Report`].
 
 use super::{Report, STANDS, moved, say_state};
 use crate::device::error::DeviceError;
@@ -11,15 +11,15 @@ use crate::motion::{Axes, Position};
 use std::time::Duration;
 use tokio::time::{sleep, timeout};
 
-/// How far axis y is moved, mm, and how fast at most, mm/s.
+/// Distance and greatest speed of the motions of axis y, mm and mm/s.
 const WAY_MM: f64 = 2.0;
 const SPEED_MM_S: f64 = 4.0;
-/// Between two readings while it moves.
+/// Interval between two readings during a motion.
 const POLL: Duration = Duration::from_millis(50);
-/// Readings after which something that was asked must have come about.
+/// Number of readings after which a requested state must be reached.
 const POLLS_MAX: usize = 200;
 const WATCHDOG: Duration = Duration::from_millis(400);
-/// After this long without a word every watchdog has struck and the axis is at rest.
+/// After this time without a heartbeat every watchdog has expired and the axis is at rest.
 const UNHEARD: Duration = Duration::from_millis(1_500);
 
 /// Sends commands, with the next sequence number, to one device.
@@ -34,13 +34,13 @@ impl Commander<'_> {
         Command { sequence: self.sequence, fence: self.fence, watchdog: WATCHDOG, action }
     }
 
-    /// Sends once, with a new number.
+    /// Sends an action once, with a new number.
     async fn send(&mut self, action: Action) -> Result<(), DeviceError> {
         self.sequence = next(self.sequence);
         self.device.send(&self.command(action)).await
     }
 
-    /// Reads until `done`, or the last reading.
+    /// Reads until `done` is true, or the number of readings is used up, and returns the last reading.
     async fn read_until(&mut self, done: impl Fn(&Reading) -> bool) -> Result<Reading, DeviceError> {
         let mut reading = self.device.read().await?;
         for _ in 0..POLLS_MAX {
@@ -66,7 +66,7 @@ impl Commander<'_> {
     }
 }
 
-/// Sends axis y to `target`.
+/// Moves axis y to `target`.
 fn y_to(target: f64, speed: f64) -> Action {
     let axes = Axes { y: true, ..Axes::default() };
     Action::MoveTo {
@@ -77,7 +77,7 @@ fn y_to(target: f64, speed: f64) -> Action {
 }
 
 /// Moves axis y of a manipulator by 2 mm and back, halts it, lets its watchdog expire and loses its link, with fencing tokens from
-/// `fence` on. It must be ready to be enabled and stand at least 25 mm within its limits.
+/// `fence` on. The manipulator must be ready to be enabled, and at least 25 mm within its limits.
 pub async fn check_manipulator_motion(device: &mut dyn Manipulator, fence: u64) -> Report {
     let mut report = Report::new(device.name());
     if let Err(error) = manipulator_motion(device, fence, &mut report).await {
@@ -117,17 +117,17 @@ async fn reach(commander: &mut Commander<'_>, report: &mut Report, from: f64) ->
     let exact = (y.actual - from - WAY_MM).abs() <= 0.01 && y.in_position;
     let others = moved(&Reading { axes: Axes { y, ..before.axes }, ..before.clone() }, &there);
     let passed = exact && there.acknowledged.result == CommandResult::Done && others.is_none();
-    report.note("it goes to its target, and no other axis moves", passed, others.unwrap_or_else(|| say_state(&there)));
+    report.note("it moves to its target, and no other axis moves", passed, others.unwrap_or_else(|| say_state(&there)));
     Ok(())
 }
 
-/// The same number again, and an older one, with another target: nothing may move.
+/// Sends the same number again, and an older one, with another target: nothing may move.
 async fn again(commander: &mut Commander<'_>, report: &mut Report, from: f64) -> Result<(), DeviceError> {
     let before = commander.device.read().await?;
     let same = commander.command(y_to(from, SPEED_MM_S));
     let older = Command { sequence: commander.sequence.saturating_sub(1).max(1), ..same.clone() };
     for command in [same, older] {
-        // Whether the answer comes at once or never depends on the protocol; but nothing may move.
+        // Whether the answer comes at once or never depends on the protocol, but nothing may move.
         match commander.device.send(&command).await {
             Ok(()) | Err(DeviceError::Rejected { .. }) => {}
             Err(error) => return Err(error),
@@ -154,7 +154,7 @@ async fn fenced(commander: &mut Commander<'_>, report: &mut Report) -> Result<()
     let unseen = before.acknowledged.sequence == after.acknowledged.sequence;
     let words = answer.err().map_or_else(|| "it was sent".to_owned(), |error| error.to_string());
     report.note("an older fence is refused before anything is sent", refused && unseen, words);
-    // Where it went through after all, its number is used.
+    // If the command was sent after all, its number is used.
     commander.sequence = after.acknowledged.sequence;
     Ok(())
 }
@@ -184,7 +184,7 @@ async fn halts(commander: &mut Commander<'_>, report: &mut Report, from: f64) ->
     let stands = held.state == AxisState::Standstill && moved(&held, &later).is_none();
     let early = (later.axes.y.actual - far).abs() > 1.0;
     let passed = under_way.state == AxisState::DiscreteMotion && stands && early;
-    report.note("a halt stops it on the way, and it holds", passed, say_state(&later));
+    report.note("a halt stops it before its target, and it stays at rest", passed, say_state(&later));
     Ok(())
 }
 
@@ -197,18 +197,18 @@ async fn watchdog(commander: &mut Commander<'_>, report: &mut Report, from: f64)
     sleep(4 * POLL).await;
     let later = commander.device.read().await?;
     let went = (later.axes.y.actual - before.axes.y.actual).abs();
-    // It moves while the watchdog runs, and brakes then.
+    // The axis moves until the watchdog expires, and then brakes.
     let bound = SPEED_MM_S * (UNHEARD.as_secs_f64() - 0.25);
     let stopped = moved(&unheard, &later).is_none() && !later.state.moves() && went > STANDS && went < bound;
     let aborted = later.acknowledged.result == CommandResult::Aborted;
     let words = format!("went {went:.3} mm, then {:?}, {:?}", later.state, later.acknowledged.result);
-    report.note("it stops by itself when it does not hear us", stopped && aborted, words);
+    report.note("it stops by itself without a heartbeat", stopped && aborted, words);
     if later.state == AxisState::ErrorStop {
         commander.settle(Action::Reset).await?;
     }
     let ready = commander.settle(Action::Enable).await?;
     let passed = ready.state == AxisState::Standstill && moved(&later, &ready).is_none();
-    report.note("after that it can be made ready again, and does not go on", passed, say_state(&ready));
+    report.note("after that it can be enabled again, and does not continue its motion", passed, say_state(&ready));
     Ok(())
 }
 
@@ -221,14 +221,14 @@ async fn reconnects(commander: &mut Commander<'_>, report: &mut Report, from: f6
     let sequence = commander.sequence;
     let halted = commander.settle(Action::Halt).await?;
     let seen = again.acknowledged.sequence;
-    // It may still be on its way into the device; a newer one can only come from the adaptor itself.
+    // Its acknowledgement may be delayed in the device; a newer number could only come from the adaptor itself.
     let kept = [before, sequence].contains(&seen) && halted.acknowledged.sequence == commander.sequence;
     let words = format!("newest command {seen} after {sequence} was sent");
     report.note("a new connection sends no command, and it can be halted over it", kept, words);
     Ok(())
 }
 
-/// A request that is dropped half-way costs the connection, so that no late answer is taken for another's.
+/// Dropping an unanswered request must close the connection, so that a late answer is not attributed to another request.
 async fn dropped(commander: &mut Commander<'_>, report: &mut Report) -> Result<(), DeviceError> {
     let finished = timeout(Duration::ZERO, commander.device.read()).await.is_ok();
     let answer = commander.device.read().await;
@@ -241,8 +241,8 @@ async fn dropped(commander: &mut Commander<'_>, report: &mut Report) -> Result<(
     Ok(())
 }
 
-/// Moves a stage by 10 mm, halts it and lets it go, with fences from `fence` on. It must stand at least 30 mm below its upper
-/// limit.
+/// Moves a stage by 10 mm, halts it and lets its watchdog expire, with fencing tokens from `fence` on. The stage must be at least
+/// 30 mm below its upper limit.
 pub async fn check_stage_motion(device: &mut dyn Stage, fence: u64) -> Report {
     let mut report = Report::new(device.name());
     if let Err(error) = stage_motion(device, fence, &mut report).await {
@@ -257,21 +257,21 @@ async fn stage_motion(device: &mut dyn Stage, fence: u64, report: &mut Report) -
     device.move_to(fence + 1, start.actual_mm + 10.0, speed).await?;
     let there = stage_rests(device).await?;
     let exact = (there.actual_mm - start.actual_mm - 10.0).abs() <= 0.05 && there.in_position;
-    report.note("it goes to its target", exact, format!("at {:.3} mm", there.actual_mm));
+    report.note("it moves to its target", exact, format!("at {:.3} mm", there.actual_mm));
     let answer = device.move_to(fence, start.actual_mm, speed).await;
     let refused = matches!(answer, Err(DeviceError::Fenced { .. }));
     let words = answer.err().map_or_else(|| "it was sent".to_owned(), |error| error.to_string());
     report.note("an older fence is refused before anything is sent", refused, words);
     let answer = device.move_to(fence + 1, start.upper_mm + 1.0, speed).await;
     let refused = matches!(answer, Err(DeviceError::Rejected { .. }));
-    let words = answer.err().map_or_else(|| "it was taken".to_owned(), |error| error.to_string());
+    let words = answer.err().map_or_else(|| "it was accepted".to_owned(), |error| error.to_string());
     report.note("a target beyond its limits is rejected by the device itself", refused, words);
     device.move_to(fence + 1, there.actual_mm + 20.0, speed / 4.0).await?;
     sleep(4 * POLL).await;
     device.halt().await?;
     let held = stage_rests(device).await?;
     let early = held.actual_mm < there.actual_mm + 19.0;
-    report.note("a halt stops it on the way", early, format!("at {:.3} mm", held.actual_mm));
+    report.note("a halt stops it before its target", early, format!("at {:.3} mm", held.actual_mm));
     Ok(())
 }
 
@@ -287,7 +287,7 @@ async fn stage_rests(device: &mut dyn Stage) -> Result<StageReading, DeviceError
     Ok(reading)
 }
 
-/// Takes `profiles_count` profiles while `stage` goes on by `way_mm`, twice. The sensor must trigger that often on that way.
+/// Takes `profiles_count` profiles while `stage` moves by `way_mm`, twice. The sensor must trigger that often over that distance.
 pub async fn check_sensor_scan(
     device: &mut dyn ProfileSensor,
     stage: &mut dyn Stage,
@@ -296,7 +296,7 @@ pub async fn check_sensor_scan(
     fence: u64,
 ) -> Report {
     let mut report = Report::new(device.name());
-    for name in ["a scan is whole", "and so is the next one"] {
+    for name in ["a scan is complete", "and so is the next one"] {
         let (passed, words) = match scan(device, stage, profiles_count, way_mm, fence).await {
             Ok(None) => (true, format!("{profiles_count} profiles")),
             Ok(Some(fault)) => (false, fault),
@@ -307,7 +307,7 @@ pub async fn check_sensor_scan(
     report
 }
 
-/// What is wrong with the scan, in words.
+/// Describes what is wrong with the scan.
 async fn scan(
     device: &mut dyn ProfileSensor,
     stage: &mut dyn Stage,
@@ -340,5 +340,5 @@ async fn scan(
     device.stop().await?;
     stage_rests(stage).await?;
     let running = device.read().await?.running;
-    Ok(fault.or_else(|| running.then(|| "it goes on after it was ended".to_owned())))
+    Ok(fault.or_else(|| running.then(|| "it continues after it was ended".to_owned())))
 }

@@ -1,5 +1,5 @@
-//! Messages of the data channel into profiles in the rail frame. The last message of a group is marked; a group is a frame: its
-//! stamps first, then its data. Every gap or fault ends the scan with its reason. Pure: no socket, no clock.
+//! Assembles the messages of the data channel into profiles in the rail frame. The last message of a group is marked; a group is a
+//! frame: its stamps first, then its data. Every gap or fault ends the scan with its reason. Pure: no socket, no clock.
 
 use super::codec::{CodecError, Framed, INVALID, Message, Profiles, Stamp, Stamps, Surface};
 use super::extrinsic::Placement;
@@ -7,22 +7,24 @@ use super::travel::{Odometer, Stuck, Travel};
 use crate::device::error::ScanFault;
 use crate::device::sensor::Profile;
 
-/// Why a message is no part of a scan.
+/// Why a message does not belong to a scan.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub(super) enum AssemblyError {
     #[error(transparent)]
     Fault(#[from] ScanFault),
     #[error(transparent)]
     Codec(#[from] CodecError),
-    #[error("a profile came without a stamp")]
+    #[error("a profile has no stamp")]
     Unstamped,
-    #[error("{stamps_count} stamps came for {profiles_count} profiles")]
+    #[error("{stamps_count} stamps were received for {profiles_count} profiles")]
     StampCount { stamps_count: usize, profiles_count: u32 },
     #[error("a frame has profiles in two forms; switch off all but one of them in the sensor's output")]
     TwoForms,
     #[error("the sensor's clock went from {from} to {to}")]
     Clock { from: u64, to: u64 },
-    #[error("a surface's place on the rail cannot be told by zero_ticks; leave it out, or switch on profiles")]
+    #[error(
+        "the position of a surface on the rail cannot be determined from zero_ticks; leave it out, or switch on profiles"
+    )]
     SurfaceByZero,
 }
 
@@ -35,7 +37,7 @@ impl From<Stuck> for AssemblyError {
     }
 }
 
-/// A scan as far as it has come.
+/// The received part of a scan.
 #[derive(Debug)]
 pub(super) struct Assembly {
     placement: Placement,
@@ -44,9 +46,9 @@ pub(super) struct Assembly {
     expected_count: u64,
     received_count: u64,
     next_frame: Option<u64>,
-    /// Stamps of the group that is open.
+    /// Stamps of the current group.
     stamps: Vec<Stamp>,
-    /// The open group has shown something.
+    /// Whether the current group has contained any data.
     seen: bool,
     ready: Vec<Profile>,
 }
@@ -66,17 +68,17 @@ impl Assembly {
         }
     }
 
-    /// As many came as were asked for.
+    /// Whether the requested number of profiles was received.
     pub(super) fn is_complete(&self) -> bool {
         self.received_count >= self.expected_count
     }
 
-    /// Profiles that have come since the last call.
+    /// The profiles completed since the last call.
     pub(super) fn take_ready(&mut self) -> Vec<Profile> {
         std::mem::take(&mut self.ready)
     }
 
-    /// Takes the next message. What comes when all is there is passed over.
+    /// Takes the next message. Messages after the complete scan are ignored.
     pub(super) fn take(&mut self, framed: &Framed<'_>) -> Result<(), AssemblyError> {
         if self.is_complete() {
             return Ok(());
@@ -91,7 +93,7 @@ impl Assembly {
         if framed.last { self.close() } else { Ok(()) }
     }
 
-    /// A group begins with its stamps; their frames follow each other without a gap.
+    /// Begins a group with its stamps. The frame numbers must follow each other without a gap.
     fn open(&mut self, stamps: &Stamps<'_>) -> Result<(), AssemblyError> {
         for stamp in stamps.iter() {
             let found = stamp.frame_index;
@@ -104,7 +106,7 @@ impl Assembly {
         Ok(())
     }
 
-    /// Stamps of which nothing was seen: the sensor sends other things.
+    /// Ends a group. Stamps without data mean that the sensor sends other messages.
     fn close(&mut self) -> Result<(), AssemblyError> {
         let blind = !self.stamps.is_empty() && !self.seen;
         self.stamps.clear();
@@ -123,7 +125,7 @@ impl Assembly {
         Ok(())
     }
 
-    /// A stamp for each of so many profiles.
+    /// The stamps of this number of profiles, one for each.
     fn stamps_of(&mut self, profiles_count: u32) -> Result<Vec<Stamp>, AssemblyError> {
         self.see()?;
         let stamps_count = self.stamps.len();
@@ -168,8 +170,7 @@ impl Assembly {
         self.received_count += 1;
     }
 
-    /// A surface is a scan of its own: its rows are the profiles, from the first one on. Another after it would have to
-    /// begin where nobody can tell.
+    /// A surface is a complete scan: its rows are the profiles. A second surface could not be placed, because its start is unknown.
     fn take_surface(&mut self, surface: &Surface<'_>) -> Result<(), AssemblyError> {
         self.see()?;
         let start_mm = self.start_mm.ok_or(AssemblyError::SurfaceByZero)?;

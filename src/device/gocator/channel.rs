@@ -1,5 +1,5 @@
-//! A connection to one of the sensor's ports, read into frames, and the requests on the control channel: one at a time, each with
-//! its deadline. After a request that was cancelled before its reply came, the connection cannot be used any more.
+//! A connection to one of the sensor's ports, read in frames, and the requests on the control channel: one at a time, each with its
+//! deadline. After a request that was cancelled before its reply, the connection can no longer be used.
 
 use std::io;
 use std::time::Duration;
@@ -15,7 +15,7 @@ use super::codec::{
 };
 use super::settings::{Settings, duration};
 
-/// The sensor at the other end.
+/// The sensor that the channels connect to.
 #[derive(Debug, Clone)]
 pub(super) struct Peer {
     /// Its name in the configuration.
@@ -37,7 +37,7 @@ impl Peer {
     }
 }
 
-/// A connection and what has come over it.
+/// A connection with its received bytes.
 #[derive(Debug)]
 pub(super) struct Channel {
     pub(super) peer: Peer,
@@ -61,7 +61,7 @@ impl Channel {
         Ok(Self { peer: peer.clone(), stream, splitter: Splitter::new(frame_bytes_max) })
     }
 
-    /// Waits for more bytes. Nothing is lost where it is dropped on the way.
+    /// Waits for more bytes. It can be dropped at any time without losing data.
     pub(super) async fn fill(&mut self) -> Result<(), DeviceError> {
         match self.stream.read_buf(self.splitter.room()).await {
             Ok(0) => Err(self.peer.lost(&"the sensor closed the connection")),
@@ -70,7 +70,7 @@ impl Channel {
         }
     }
 
-    /// Takes the bytes that are there already; whether there were any.
+    /// Reads the bytes that have already arrived, and returns whether there were any.
     pub(super) fn fill_at_once(&mut self) -> Result<bool, DeviceError> {
         match self.stream.try_read_buf(self.splitter.room()) {
             Ok(0) => Err(self.peer.lost(&"the sensor closed the connection")),
@@ -80,16 +80,16 @@ impl Channel {
         }
     }
 
-    /// The next whole frame of what has come.
+    /// The next complete frame of the received bytes.
     pub(super) fn frame(&mut self) -> Result<Option<&[u8]>, CodecError> {
         self.splitter.next_frame()
     }
 }
 
-/// Replies that we ask for are short.
+/// The replies to the requests of coaxis are short.
 const REPLY_BYTES_MAX: usize = 64 * 1024;
 
-/// A reply's payload, or the status by which the sensor refuses.
+/// The payload of a reply, or the status of a refusal.
 type Answer = Result<Vec<u8>, Status>;
 
 /// The control channel of a sensor with the supported version of the protocol.
@@ -101,7 +101,7 @@ pub(super) struct Control {
 }
 
 impl Control {
-    /// Connects and agrees on the version.
+    /// Connects and compares the versions.
     pub(super) async fn open(peer: &Peer, settings: &Settings) -> Result<Self, DeviceError> {
         let within = duration(settings.deadlines.connect_ms);
         let mut control = Self {
@@ -115,11 +115,11 @@ impl Control {
             return Ok(control);
         }
         Err(peer.implausible(&format!(
-            "protocol version {major}.{minor}, only {VERSION_MAJOR} is spoken (firmware 4 to 6)"
+            "protocol version {major}.{minor}, only {VERSION_MAJOR} is supported (firmware 4 to 6)"
         )))
     }
 
-    /// Which sensor it is; in the old form where the sensor does not know the new one.
+    /// The identity of the sensor; in the old form if the sensor does not support the new one.
     pub(super) async fn identity(&mut self) -> Result<Identity, DeviceError> {
         let identity = match self.try_ask(Command::SystemInfoV2).await? {
             Ok(payload) => Identity::decode_v2(&payload),
@@ -136,14 +136,14 @@ impl Control {
         SensorState::decode(&payload).map_err(|error| self.channel.peer.implausible(&error))
     }
 
-    /// A reply of eight bytes, as they are.
+    /// Sends a command and returns a reply of eight bytes unchanged.
     pub(super) async fn ticks(&mut self, command: Command) -> Result<[u8; 8], DeviceError> {
         let payload = self.ask(command).await?;
         let short = || self.channel.peer.implausible(&format!("{} bytes in answer to {command:?}", payload.len()));
         payload.first_chunk::<8>().copied().ok_or_else(short)
     }
 
-    /// Asks; a refusal is an error.
+    /// Sends a command; a refusal is an error.
     pub(super) async fn ask(&mut self, command: Command) -> Result<Vec<u8>, DeviceError> {
         self.try_ask(command).await?.map_err(|status| self.rejected(command, status))
     }
@@ -173,7 +173,9 @@ impl Control {
             if let Some(frame) = self.channel.frame().map_err(|error| peer.implausible(&error))? {
                 let reply = Reply::decode(frame).map_err(|error| peer.implausible(&error))?;
                 if reply.id != command.id() {
-                    return Err(peer.implausible(&format!("an answer to {:#06x} came to {command:?}", reply.id)));
+                    return Err(
+                        peer.implausible(&format!("an answer to {:#06x} was received for {command:?}", reply.id))
+                    );
                 }
                 return Ok(if reply.status == Status::OK { Ok(reply.payload.to_vec()) } else { Err(reply.status) });
             }

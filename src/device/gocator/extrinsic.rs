@@ -1,8 +1,9 @@
-//! Where the sensor sits: from its coordinates to the rail frame.
+//! The mounting of the sensor: the transformation from its coordinates to the rail frame.
 //!
-//! The sensor has X along its laser line, Z towards itself and Y along the travel, growing with the encoder. Depending on how
-//! it is mounted these three are left-handed, while the rail frame is right-handed. So each axis is stated by itself, and
-//! whether a mirror is among them must be stated: a sign that slipped would turn the sign of an angle and nothing else.
+//! The sensor has X along its laser line, Z towards itself and Y along the travel, increasing with the encoder. Depending on the
+//! mounting these three are left-handed, while the rail frame is right-handed. Therefore each axis is configured separately, and it
+//! must be declared whether the transformation contains a reflection: a wrong sign would change only the sign of an angle and
+//! remain unnoticed.
 //!
 //! ```text
 //! rail = [sensor_x sensor_y sensor_z] · (x, 0, z) + translation + (travel, 0, 0)
@@ -13,14 +14,14 @@ use crate::device::sensor::Profile;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// How far from square and from length one the axes may be: what four decimals in a document can do.
+/// Tolerance of the lengths and of the right angles of the axes: rounding to four decimals in a document.
 const SQUARE_TOLERANCE: f64 = 1e-4;
-/// Below this the laser line leaves no plane x = const: 0.4 nm on 400 mm.
+/// Below this value a profile is in a plane x = const: 0.4 nm on 400 mm.
 const PLANE_TOLERANCE: f64 = 1e-9;
-/// Least part of sensor Y along the rail: 60° off.
+/// Least component of sensor Y along the rail: an angle of 60°.
 const ALONG_RAIL_MIN: f64 = 0.5;
 
-/// The axes of the sensor in the rail frame, and where its origin lies when the travel is 0.
+/// The axes of the sensor in the rail frame, and the position of its origin at zero travel.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Extrinsic {
@@ -30,48 +31,50 @@ pub struct Extrinsic {
     pub sensor_y: [f64; 3],
     /// Direction of the sensor's Z, towards the sensor.
     pub sensor_z: [f64; 3],
-    /// The three are left-handed.
+    /// Whether the three axes are left-handed.
     pub mirrored: bool,
     /// The sensor's origin, which is in the middle of its range and not in its housing; mm.
     pub translation_mm: [f64; 3],
 }
 
-/// Why an extrinsic is none.
+/// Why an extrinsic is not valid.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum ExtrinsicError {
     /// A number is NaN or infinite.
     #[error("the extrinsic has a component that is not a finite number")]
     NotFinite,
-    /// The axes have not length one or are not square to each other.
-    #[error("sensor_x, sensor_y and sensor_z must have length 1 and be square to each other; they are off by {off}")]
+    /// The axes do not have length one, or are not perpendicular to each other.
+    #[error(
+        "sensor_x, sensor_y and sensor_z must have length 1 and be perpendicular to each other; the deviation is {off}"
+    )]
     NotSquare {
-        /// Largest element by which their products differ from the identity.
+        /// Largest deviation of their products from the identity.
         off: f64,
     },
     /// The axes do not have the stated handedness.
     #[error(
-        "sensor_x, sensor_y and sensor_z are {}-handed, and mirrored = {mirrored} says otherwise; check every sign against a known part",
+        "sensor_x, sensor_y and sensor_z are {}-handed, which contradicts mirrored = {mirrored}; check every sign against a known part",
         if *.determinant < 0.0 { "left" } else { "right" }
     )]
     Handedness {
-        /// As stated.
+        /// The configured value.
         mirrored: bool,
-        /// Of the axes; 1 or -1 but for rounding.
+        /// Determinant of the axes; 1 or -1 except for rounding.
         determinant: f64,
     },
-    /// Sensor Y does not go along the rail.
-    #[error("sensor_y must go along the rail (x), forwards or backwards; its x is {along}")]
+    /// Sensor Y is not along the rail.
+    #[error("sensor_y must point along the rail (x), forwards or backwards; its x component is {along}")]
     AcrossRail {
-        /// Its part along x.
+        /// Its component along x.
         along: f64,
     },
 }
 
 impl Extrinsic {
-    /// The checked form of it.
+    /// Checks it and returns it in a form for calculations.
     ///
     /// # Errors
-    /// [`ExtrinsicError`] if it is not rigid, or does not have the stated handedness.
+    /// [`ExtrinsicError`] if it is not rigid, or does not have the declared handedness.
     pub fn place(&self) -> Result<Placement, ExtrinsicError> {
         let axes = [self.sensor_x, self.sensor_y, self.sensor_z];
         if !axes.iter().flatten().chain(&self.translation_mm).all(|v| v.is_finite()) {
@@ -79,7 +82,7 @@ impl Extrinsic {
         }
         let columns = Matrix3::from_columns(&axes.map(Vector3::from));
         let off = (columns.transpose() * columns - Matrix3::identity()).amax();
-        // Large numbers overflow into NaN.
+        // Large numbers overflow to NaN.
         if off.is_nan() || off > SQUARE_TOLERANCE {
             return Err(ExtrinsicError::NotSquare { off });
         }
@@ -113,7 +116,7 @@ pub struct Placement {
     forwards: f64,
 }
 
-/// A rail coordinate from the two numbers of a point: `by_x` · x + `by_z` · z + `constant`.
+/// A rail coordinate as a function of the two coordinates of a point: `by_x` · x + `by_z` · z + `constant`.
 #[derive(Debug, Clone, Copy)]
 struct Row {
     by_x: f64,
@@ -128,13 +131,13 @@ impl Row {
 }
 
 impl Placement {
-    /// 1 where the sensor's Y grows along the rail, -1 where it grows against it.
+    /// 1 if the sensor's Y increases along the rail, -1 if it decreases.
     #[must_use]
     pub fn forwards(&self) -> f64 {
         self.forwards
     }
 
-    /// The inverse for a point of a plane x = const: (x, z) of the sensor, mm; `None` if profiles are not in such planes.
+    /// The inverse for a point of a plane x = const: (x, z) in sensor coordinates, mm; `None` if profiles are not in such planes.
     #[must_use]
     pub fn to_sensor(&self, [y, z]: [f64; 2]) -> Option<[f64; 2]> {
         let ([_, x_y, x_z], [_, z_y, z_z], [_, t_y, t_z]) = (self.sensor_x, self.sensor_z, self.translation_mm);
@@ -142,7 +145,7 @@ impl Placement {
         self.planar.then_some([x_y * y + x_z * z, z_y * y + z_z * z])
     }
 
-    /// The profile of these numbers, taken when the stage had come `travel_mm`; [`INVALID`] in either is a point missing.
+    /// The profile of these numbers, taken when the stage was at `travel_mm`. A point with [`INVALID`] in either number is missing.
     pub fn profile(
         &self,
         index: u64,
@@ -168,7 +171,7 @@ impl Placement {
             profile.y.push(y_row.at(x, z));
             profile.z.push(z_row.at(x, z));
             if !self.planar {
-                // The constant of x has the translation already.
+                // The constant of x already includes the translation.
                 profile.x.push(Row { constant: x_row.constant + travel_mm, ..x_row }.at(x, z));
             }
         }
@@ -212,25 +215,25 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_square_to_the_rail_keeps_its_profiles_in_planes() {
+    fn a_sensor_perpendicular_to_the_rail_keeps_its_profiles_in_planes() {
         let profile = placed(&above(), 100.0);
         let wanted = Profile { index: 0, travel_mm: 110.0, x: vec![], y: vec![21.0], z: vec![32.0], missing_count: 2 };
         assert_eq!(profile, wanted);
     }
 
     #[test]
-    fn a_turned_sensor_gives_every_point_its_x() {
-        // Turned by 0.1 rad about the rail's Z: sensor X leans against the travel.
+    fn a_rotated_sensor_gives_every_point_an_x_of_its_own() {
+        // Rotated by 0.1 rad about the rail's Z, so that sensor X is inclined against the travel.
         let (s, c) = 0.1_f64.sin_cos();
         let extrinsic = Extrinsic { sensor_x: [-s, c, 0.0], sensor_y: [c, s, 0.0], ..above() };
         let profile = placed(&extrinsic, 100.0);
-        // f32 represents 110 mm to 8 nm.
+        // f32 represents 110 mm with a resolution of 8 nm.
         assert!((f64::from(profile.x[0]) - (110.0 - s)).abs() < 1e-5);
         assert!((f64::from(profile.y[0]) - (20.0 + c)).abs() < 1e-5);
     }
 
     #[test]
-    fn a_handedness_that_is_not_declared_is_refused() {
+    fn an_undeclared_handedness_is_refused() {
         let slipped = Extrinsic { mirrored: false, ..above() };
         assert!(matches!(slipped.place(), Err(ExtrinsicError::Handedness { mirrored: false, .. })));
         let flipped = Extrinsic { sensor_x: [0.0, -1.0, 0.0], ..above() };
@@ -239,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_rigid_or_looks_along_the_rail_is_refused() {
+    fn an_extrinsic_that_is_not_rigid_or_not_along_the_rail_is_refused() {
         for sensor_x in [[0.0, 1.01, 0.0], [0.0, 0.0, 0.0], [0.1, 1.0, 0.0], [0.0, 1e200, 0.0]] {
             let bent = Extrinsic { sensor_x, ..above() };
             assert!(matches!(bent.place(), Err(ExtrinsicError::NotSquare { .. })), "{sensor_x:?}");

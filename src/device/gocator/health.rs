@@ -1,5 +1,5 @@
-//! The health channel: about every second the sensor reports, unasked, what it lost and how warm it is. Its counters run on from
-//! scan to scan and begin at 0 again when the sensor restarts.
+//! The health channel: about every second the sensor reports its losses and its temperature without a request. Its counters
+//! continue from scan to scan and are reset to 0 when the sensor restarts.
 
 use std::time::Duration;
 
@@ -23,7 +23,7 @@ pub(super) struct HealthLink {
 }
 
 impl HealthLink {
-    /// Connects. With `hears` it also waits for the first message.
+    /// Connects, and waits for the first message if `hears` is true.
     pub(super) async fn open(peer: &Peer, settings: &Settings, hears: bool) -> Result<Self, DeviceError> {
         let connect_within = duration(settings.deadlines.connect_ms);
         let mut link = Self {
@@ -38,18 +38,18 @@ impl HealthLink {
         Ok(link)
     }
 
-    /// Waits for the first message, unless it has come already.
+    /// Waits for the first message, unless it has already been received.
     pub(super) async fn hear_first(&mut self) -> Result<(), DeviceError> {
         if self.heard { Ok(()) } else { self.hear_until(|_| true).await }
     }
 
-    /// Waits for more, and takes it: how many messages. Nothing is lost where it is dropped on the way.
+    /// Waits for bytes, and handles them; returns the number of messages. It can be dropped at any time without losing data.
     pub(super) async fn hear(&mut self) -> Result<u32, DeviceError> {
         self.channel.fill().await?;
         self.take_all()
     }
 
-    /// Waits for a message after which this is so, for as long as one may take.
+    /// Waits for a message after which the condition is true, at most for the longest interval between two messages.
     pub(super) async fn hear_until(&mut self, is_so: impl Fn(&HealthStatus) -> bool) -> Result<(), DeviceError> {
         let within = self.within;
         let hearing = async {
@@ -60,7 +60,7 @@ impl HealthLink {
         heard.unwrap_or_else(|_| Err(self.channel.peer.silent(within)))
     }
 
-    /// Takes what has come already.
+    /// Handles the bytes that have already been received.
     pub(super) fn catch_up(&mut self) -> Result<(), DeviceError> {
         while self.channel.fill_at_once()? {
             self.take_all()?;
@@ -82,19 +82,19 @@ impl HealthLink {
     }
 }
 
-/// What the state is where the sensor runs.
+/// Value of the state while the sensor is running.
 const RUNNING: i64 = 1;
 
 /// One counter.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Counter {
     last: Option<i64>,
-    /// Since the scan began.
+    /// Increase since the scan began.
     lost_count: u64,
 }
 
 impl Counter {
-    /// A counter without an earlier value was at 0; one that went back was restarted at 0.
+    /// A counter without an earlier value started at 0; one that decreased was restarted at 0.
     fn take(&mut self, value: i64, scanning: bool) {
         let value = value.max(0);
         let before = self.last.unwrap_or(0);
@@ -106,20 +106,20 @@ impl Counter {
     }
 }
 
-/// The health of the sensor, by its newest message.
+/// The health of the sensor according to its newest message.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct HealthStatus {
     triggers: Counter,
     network: Counter,
     processing: Counter,
     temperature_c: Option<f64>,
-    /// By the newest message; `None` if it does not contain it.
+    /// The state in the newest message; `None` if the message does not contain it.
     state: Option<i64>,
     scanning: bool,
 }
 
 impl HealthStatus {
-    /// What is lost from now on counts.
+    /// Counts losses from now on.
     pub(super) fn begin_scan(&mut self) {
         for counter in [&mut self.triggers, &mut self.network, &mut self.processing] {
             counter.lost_count = 0;
@@ -127,7 +127,7 @@ impl HealthStatus {
         self.scanning = true;
     }
 
-    /// What is lost from now on does not count.
+    /// Stops counting losses.
     pub(super) fn end_scan(&mut self) {
         self.scanning = false;
     }
@@ -136,12 +136,12 @@ impl HealthStatus {
         self.temperature_c
     }
 
-    /// By the newest message the sensor does not run.
+    /// Whether the sensor is not running, by the newest message.
     pub(super) fn is_stopped(&self) -> bool {
         self.state != Some(RUNNING)
     }
 
-    /// Takes a message.
+    /// Handles a message.
     pub(super) fn take(&mut self, health: &Health<'_>) {
         self.state = None;
         for found in health.iter() {
@@ -156,7 +156,7 @@ impl HealthStatus {
         }
     }
 
-    /// What was lost since the scan began, the first in the order of the way that a profile goes.
+    /// The loss since the scan began, if any; the earliest stage in the path of a profile first.
     pub(super) fn fault(&self) -> Option<ScanFault> {
         match (self.triggers.lost_count, self.processing.lost_count, self.network.lost_count) {
             (0, 0, 0) => None,
@@ -175,14 +175,14 @@ mod tests {
     fn heard(status: &mut HealthStatus, id: u32, value: i64) {
         let mut bytes = Vec::new();
         Health::encode(0, &[Indicator { id, instance: 0, value }], &mut bytes);
-        match decode(&bytes).expect("whole").message {
+        match decode(&bytes).expect("complete").message {
             Message::Health(health) => status.take(&health),
             other => panic!("{other:?}"),
         }
     }
 
     #[test]
-    fn only_what_is_lost_during_the_scan_counts() {
+    fn only_losses_during_the_scan_count() {
         let mut status = HealthStatus::default();
         heard(&mut status, indicator::NETWORK_DROPS, 7);
         status.begin_scan();
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn a_counter_that_begins_anew_at_the_start_hides_nothing() {
+    fn a_counter_that_is_reset_at_the_start_hides_no_loss() {
         let mut status = HealthStatus::default();
         heard(&mut status, indicator::TRIGGER_DROPS, 7);
         status.begin_scan();

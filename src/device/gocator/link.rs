@@ -1,10 +1,10 @@
-//! The sensor behind its protocol: control, data and health, each with its deadlines. What goes wrong on a channel closes it;
-//! what goes wrong in a scan ends the scan.
+//! The adaptor of the sensor: control, data and health channels, each with its deadlines. A failure of a channel closes it; a
+//! failure during a scan ends the scan.
 //!
 //! ```text
-//! connect: control, version, identity, state, health     (the laser stays as it is; where it is on, health is not waited for)
-//! start:   data; stop if it still runs; start
-//! receive: data -> profiles, health -> drops; quiet for too long -> ask the state
+//! connect: control, version, identity, state, health     (the laser is not switched; if it is on, health is not awaited)
+//! start:   data; stop if it is still running; start
+//! receive: data -> profiles, health -> losses; no data for too long -> read the state
 //! stop:    stop, also a scan of another client; after a complete scan, one more health message
 //! ```
 
@@ -19,52 +19,52 @@ use crate::device::error::DeviceError;
 use crate::device::error::Pending;
 use crate::device::sensor::{Profile, ProfileSensor, SensorDeadlines, SensorReading};
 
-/// A Gocator; nothing is connected before it is asked to.
+/// A Gocator. It connects only when it is requested to.
 #[derive(Debug)]
 pub struct Gocator {
     peer: Peer,
     checked: Checked,
     identity: Option<Identity>,
-    /// Taken in hand while a request is under way.
+    /// Taken out while a request is under way.
     control: Option<Control>,
     health: Option<HealthLink>,
     scan: Option<RunningScan>,
-    /// The laser may be on: we started the sensor, or found it running.
+    /// Whether the laser may be on: the sensor was started by this adaptor, or found running.
     may_run: bool,
 }
 
-/// A sensor of these settings; connects nothing.
+/// A sensor with these settings that is not connected yet.
 ///
 /// # Errors
-/// [`SettingsError`] if they cannot be used.
+/// [`SettingsError`] if they are not valid.
 pub fn open(name: &str, settings: &Settings) -> Result<Box<dyn ProfileSensor>, SettingsError> {
     Gocator::new(name, settings).map(|sensor| Box::new(sensor) as Box<dyn ProfileSensor>)
 }
 
 impl Gocator {
-    /// A sensor of these settings; connects nothing.
+    /// A sensor with these settings that is not connected yet.
     ///
     /// # Errors
-    /// [`SettingsError`] if they cannot be used.
+    /// [`SettingsError`] if they are not valid.
     pub fn new(name: &str, settings: &Settings) -> Result<Self, SettingsError> {
         let checked = settings.checked()?;
         let peer = Peer { device: name.to_owned(), host: settings.host.clone() };
         Ok(Self { peer, checked, identity: None, control: None, health: None, scan: None, may_run: false })
     }
 
-    /// The sensor's clock, µs: its ticks are 1.024 of them.
+    /// The time of the sensor's clock, µs; 1.024 of its ticks are a microsecond.
     ///
     /// # Errors
-    /// [`DeviceError`] where it does not answer.
+    /// [`DeviceError`] if it does not answer.
     pub async fn clock_us(&mut self) -> Result<f64, DeviceError> {
         let ticks = self.ticks(Command::Timestamp).await?;
         Ok(u64::from_le_bytes(ticks) as f64 / 1.024)
     }
 
-    /// Ticks of the encoder now.
+    /// The present encoder position in ticks.
     ///
     /// # Errors
-    /// [`DeviceError`] where it does not answer.
+    /// [`DeviceError`] if it does not answer.
     pub async fn encoder_ticks(&mut self) -> Result<i64, DeviceError> {
         self.ticks(Command::Encoder).await.map(i64::from_le_bytes)
     }
@@ -91,8 +91,7 @@ impl Gocator {
         self.control.take().ok_or_else(|| self.peer.lost(&"not connected"))
     }
 
-    /// The control channel is kept only where the sensor has answered: an answer that comes late would pass for that of
-    /// the next request.
+    /// Keeps the control channel only if the sensor has answered, because a late answer would be attributed to the next request.
     fn keep<T>(&mut self, control: Control, answer: Result<T, DeviceError>) -> Result<T, DeviceError> {
         if matches!(answer, Ok(_) | Err(DeviceError::Rejected { .. })) {
             self.control = Some(control);
@@ -122,7 +121,7 @@ impl Gocator {
         }
         let state = control.state().await?;
         self.note_state(state);
-        // A laser that is on has to be switched off before anything else, and a health message may take a second to come.
+        // A laser that is on has to be switched off before anything else, and a health message may take a second to arrive.
         let health = match HealthLink::open(&self.peer, &self.checked.settings, state != SensorState::Running).await {
             Ok(health) => health,
             Err(error) => {
@@ -137,7 +136,7 @@ impl Gocator {
         self.reading(state)
     }
 
-    /// A sensor that runs has its laser on, whichever client started it.
+    /// A running sensor has its laser on, whichever client started it.
     fn note_state(&mut self, state: SensorState) {
         self.may_run |= state == SensorState::Running;
     }
@@ -149,7 +148,7 @@ impl Gocator {
         self.reading(state)
     }
 
-    /// Takes the messages of the health channel; if it is lost, it stays lost until the next connect.
+    /// Handles the messages of the health channel. If the channel fails, it remains closed until the next connect.
     fn catch_up(&mut self) -> Result<(), DeviceError> {
         let health = self.health.as_mut().ok_or_else(|| self.peer.lost(&"the health channel is not connected"))?;
         let heard = health.catch_up();
@@ -169,7 +168,7 @@ impl Gocator {
         }
         let mut scan = RunningScan::open(&self.peer, &self.checked, profiles_count).await?;
         if let Some(health) = self.health.as_mut() {
-            // The counters of an earlier message distinguish drops before the scan from drops during it.
+            // The counters of an earlier message distinguish losses before the scan from losses during it.
             health.hear_first().await?;
             health.status.begin_scan();
         }
@@ -180,7 +179,7 @@ impl Gocator {
                 scan.begin();
                 self.scan = Some(scan);
             }
-            // It has refused, and did nothing.
+            // The sensor has refused, and is not running.
             Err(DeviceError::Rejected { .. }) => self.may_run = false,
             Err(_) => {}
         }
@@ -200,7 +199,7 @@ impl Gocator {
         if scan.is_complete() {
             return Err(DeviceError::Unsupported {
                 device: self.peer.device.clone(),
-                what: "receive more profiles than were asked for".to_owned(),
+                what: "receive more profiles than were requested".to_owned(),
             });
         }
         let Some(health) = self.health.as_mut() else {
@@ -213,14 +212,14 @@ impl Gocator {
         };
         let state = self.state().await;
         let scan = self.scan.as_mut().ok_or_else(|| self.peer.lost(&"no scan"))?;
-        // A sensor that has stopped by itself will send no more; one that runs may hang, or wait for its trigger.
+        // A sensor that has stopped by itself sends no more profiles; one that is running may hang, or wait for its trigger.
         Err(scan.fail(match state? {
             SensorState::Ready => DeviceError::ScanFault { device: self.peer.device.clone(), fault: scan.incomplete() },
             _ => self.peer.silent(quiet.within),
         }))
     }
 
-    /// Switches the laser off first, over a new control channel where the old one is gone.
+    /// Switches the laser off first, over a new control channel if the old one was lost.
     async fn stop_scan(&mut self) -> Result<(), DeviceError> {
         let scan = self.scan.take();
         let (scanned, whole) = (scan.is_some(), scan.is_some_and(|scan| scan.is_complete()));
@@ -234,14 +233,14 @@ impl Gocator {
         if self.control.is_none() {
             self.control = Some(Control::open(&self.peer, &self.checked.settings).await?);
         }
-        // What came before the stop says nothing about the end; what comes with its answer does, and is waited for below.
+        // Health messages from before the stop do not show the end of the scan; those after its reply do, and are awaited below.
         let mut heard = self.health.as_mut().map_or(Ok(()), HealthLink::catch_up);
         self.ask(Command::Stop).await?;
         self.may_run = false;
         let Some(health) = self.health.as_mut() else {
             return Err(self.peer.lost(&"the health channel is not connected"));
         };
-        // The first message after the end reports losses at the end; after a cancelled scan they do not matter.
+        // The first message after the end reports losses at the end; after a cancelled scan they are irrelevant.
         if heard.is_ok() {
             heard = if whole { health.hear_until(HealthStatus::is_stopped).await } else { health.catch_up() };
         }
@@ -280,7 +279,7 @@ impl ProfileSensor for Gocator {
         Box::pin(self.stop_scan())
     }
 
-    /// The sums of what each request may wait for, one after the other.
+    /// The sums of the deadlines of successive requests.
     fn deadlines(&self) -> SensorDeadlines {
         let Deadlines { connect_ms, reply_ms, start_stop_ms, first_profile_ms, health_ms, .. } =
             self.checked.settings.deadlines;

@@ -1,4 +1,4 @@
-//! Gocator laser profile sensors, firmware 4 to 6, by their native protocol, without the maker's library.
+//! Gocator laser profile sensors, firmware 4 to 6, by their native protocol, without the manufacturer's library.
 //!
 //! ```text
 //! codec (bytes, pure) <- channel <- control, health, running <- link: a ProfileSensor
@@ -6,7 +6,7 @@
 //!                     <- server: a simulated sensor with the same protocol
 //! ```
 //!
-//! Tested with bytes that the maker's own library wrote, never with hardware: docs/gocator.md.
+//! Tested with bytes that the manufacturer's own library wrote, never with hardware: docs/gocator.md.
 
 mod assembly;
 mod channel;
@@ -24,7 +24,7 @@ pub use link::{Gocator, open};
 pub use settings::{Deadlines, Settings, SettingsError};
 pub use travel::{Travel, TravelError};
 
-/// The way into the private parts for the fuzz targets.
+/// Access to private parts for the fuzz targets.
 #[cfg(fuzzing)]
 pub mod fuzzing {
     use super::assembly::Assembly;
@@ -33,7 +33,7 @@ pub mod fuzzing {
     use super::{Placement, Travel};
     use crate::device::Profile;
 
-    /// The profiles that a stream of frames shows, up to the first message that is no part of a scan.
+    /// The profiles in a stream of frames, up to the first message that does not belong to a scan.
     pub fn assemble(
         stream: &[u8],
         frame_bytes_max: usize,

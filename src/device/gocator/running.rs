@@ -1,4 +1,4 @@
-//! A scan that runs: the data channel, read as fast as data come, and its deadlines.
+//! A running scan: the data channel, which is read as fast as data arrive, and its deadlines.
 
 use super::assembly::{Assembly, AssemblyError};
 use super::channel::{Channel, Peer};
@@ -11,7 +11,7 @@ use std::pin::Pin;
 use std::time::Duration;
 use tokio::time::{Sleep, sleep};
 
-/// Something to wait for that may take too long.
+/// A deadline that is renewed by each event.
 #[derive(Debug)]
 struct Patience {
     within: Duration,
@@ -24,7 +24,7 @@ impl Patience {
     }
 }
 
-/// A scan that runs.
+/// A running scan.
 #[derive(Debug)]
 pub(super) struct RunningScan {
     channel: Channel,
@@ -32,17 +32,17 @@ pub(super) struct RunningScan {
     next_within: Duration,
     profiles: Patience,
     health: Patience,
-    /// The error that ended it.
+    /// The error that ended the scan.
     failed: Option<DeviceError>,
 }
 
-/// Nothing came for too long.
+/// No profile was received within the deadline.
 pub(super) struct ProfileTimeout {
     pub(super) within: Duration,
 }
 
 impl RunningScan {
-    /// Connects before the sensor is started: frames that no client receives are lost.
+    /// Connects before the sensor is started, because frames without a client are lost.
     pub(super) async fn open(peer: &Peer, checked: &Checked, profiles_count: u64) -> Result<Self, DeviceError> {
         let Checked { settings, travel, placement } = checked;
         let deadlines = settings.deadlines;
@@ -58,7 +58,7 @@ impl RunningScan {
         })
     }
 
-    /// From now on it is waited for.
+    /// Starts the deadlines.
     pub(super) fn begin(&mut self) {
         self.profiles = Patience::new(self.profiles.within);
         self.health = Patience::new(self.health.within);
@@ -72,7 +72,7 @@ impl RunningScan {
         self.failed.clone()
     }
 
-    /// The scan is over by this.
+    /// Ends the scan with this error, unless it has already ended with another one.
     pub(super) fn fail(&mut self, error: DeviceError) -> DeviceError {
         self.failed.get_or_insert(error).clone()
     }
@@ -81,7 +81,7 @@ impl RunningScan {
         self.assembly.incomplete()
     }
 
-    /// The next profiles. Nothing is lost where it is dropped on the way.
+    /// Waits for the next profiles. It can be dropped at any time without losing data.
     pub(super) async fn next(
         &mut self,
         health: &mut HealthLink,
@@ -108,7 +108,7 @@ impl RunningScan {
         }
     }
 
-    /// The profiles of the frames that were received. With a fault none is returned, because the scan is incomplete.
+    /// The profiles of the received frames. After a fault it returns none, because the scan is incomplete.
     fn take_all(&mut self) -> Result<Vec<Profile>, DeviceError> {
         let Self { channel, assembly, .. } = self;
         let peer = channel.peer.clone();

@@ -1,4 +1,4 @@
-//! What is configured of a Gocator, and what is refused before anything is connected. Lengths in mm, times in ms.
+//! The settings of a Gocator, which are checked before connecting. Lengths in mm, times in ms.
 
 use super::extrinsic::{Extrinsic, ExtrinsicError, Placement};
 use super::travel::{Travel, TravelError};
@@ -9,11 +9,11 @@ use std::time::Duration;
 const FRAME_MB_MAX: u32 = 256;
 const DEADLINE_MS_MAX: u32 = 3_600_000;
 
-/// Where the sensor is, how it sits, and how long is waited for it.
+/// The address, the mounting and the deadlines of the sensor.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
-    /// Name or address; the maker's own is 192.168.1.10.
+    /// Host name or address; the manufacturer's default is 192.168.1.10.
     pub host: String,
     /// Port of the control channel.
     pub control_port: u16,
@@ -21,16 +21,16 @@ pub struct Settings {
     pub data_port: u16,
     /// Port of the health channel.
     pub health_port: u16,
-    /// Another sensor is refused; absent, any is taken.
+    /// Serial number; another sensor is refused. If it is missing, any sensor is accepted.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub serial: Option<u32>,
-    /// How the x of a profile is determined; has to be stated.
+    /// The determination of x for each profile; required.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub travel: Option<Travel>,
-    /// How the sensor sits; has to be stated.
+    /// The mounting of the sensor; required.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub extrinsic: Option<Extrinsic>,
-    /// How long is waited for what.
+    /// The deadlines.
     pub deadlines: Deadlines,
     /// Largest frame; a surface of 3389 × 4033 points has 27 MB.
     pub frame_mb_max: u32,
@@ -52,21 +52,21 @@ impl Default for Settings {
     }
 }
 
-/// How long is waited, ms.
+/// The deadlines, ms.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Deadlines {
-    /// For a connection.
+    /// Time for connecting.
     pub connect_ms: u32,
-    /// For an answer.
+    /// Time for a reply.
     pub reply_ms: u32,
-    /// For the answer to start and stop: the sensor may take seconds.
+    /// Time for the reply to start and stop: the sensor may take seconds.
     pub start_stop_ms: u32,
-    /// For the first profile after the start: the stage has to come up, and a surface comes at its end.
+    /// Time until the first profile after the start: the stage has to accelerate, and a surface is sent at the end of the scan.
     pub first_profile_ms: u32,
-    /// From profile to profile.
+    /// Time between two profiles.
     pub next_profile_ms: u32,
-    /// From health message to health message, of which the sensor sends one about every second.
+    /// Time between two health messages, of which the sensor sends one about every second.
     pub health_ms: u32,
 }
 
@@ -90,39 +90,39 @@ pub(super) fn duration(ms: u32) -> Duration {
 /// Why settings cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SettingsError {
-    /// No host.
+    /// The host is empty.
     #[error("host must name the sensor, e.g. 192.168.1.10")]
     NoHost,
-    /// A port of 0.
+    /// A port is 0.
     #[error("{field} must be between 1 and 65535")]
     Port {
-        /// Which.
+        /// Name of the setting.
         field: &'static str,
     },
-    /// No rule for the travel.
+    /// The rule for the travel is missing.
     #[error(
         "travel must be stated, e.g. travel = {{ by = \"encoder\", mm_per_tick = 0.01 }} or travel = {{ by = \"time\", speed_mm_s = 50.0 }}"
     )]
     NoTravel,
-    /// It cannot be used.
+    /// The rule for the travel is not valid.
     #[error(transparent)]
     Travel(#[from] TravelError),
-    /// No extrinsic.
+    /// The extrinsic is missing.
     #[error(
         "extrinsic must be stated: sensor_x, sensor_y and sensor_z in the rail frame, mirrored, and translation_mm; no mounting is assumed"
     )]
     NoExtrinsic,
-    /// It cannot be used.
+    /// The extrinsic is not valid.
     #[error("extrinsic: {0}")]
     Extrinsic(#[from] ExtrinsicError),
-    /// A number out of its range.
+    /// A number is out of its range.
     #[error("{field} must be between 1 and {most}, got {value}")]
     OutOfRange {
-        /// Which.
+        /// Name of the setting.
         field: &'static str,
         /// Its value.
         value: u32,
-        /// Most.
+        /// Greatest allowed value.
         most: u32,
     },
 }
@@ -136,10 +136,10 @@ pub(super) struct Checked {
 }
 
 impl Settings {
-    /// Whether they can be used.
+    /// Checks the settings.
     ///
     /// # Errors
-    /// [`SettingsError`] names the first that cannot.
+    /// [`SettingsError`] names the first invalid setting.
     pub fn check(&self) -> Result<(), SettingsError> {
         self.checked().map(|_| ())
     }
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn the_documented_form_is_read_and_what_is_not_said_has_the_default() {
+    fn the_documented_settings_are_parsed_and_missing_ones_have_defaults() {
         let settings = read(DOCUMENT).expect("valid");
         assert_eq!(settings.check(), Ok(()));
         assert_eq!((settings.control_port, settings.data_port, settings.health_port), (3190, 3196, 3194));
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn a_word_that_is_not_known_is_refused_wherever_it_stands() {
+    fn an_unknown_key_or_word_is_refused_everywhere() {
         for (found, replaced) in [
             ("host =", "hosts ="),
             ("mm_per_tick", "mm_per_ticks"),
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn neither_mounting_nor_travel_is_ever_assumed() {
+    fn mounting_and_travel_are_required() {
         assert_eq!(Settings::default().check(), Err(SettingsError::NoTravel));
         let travel = Some(Travel::Time { speed_mm_s: 1.0, start_mm: 0.0 });
         assert_eq!(Settings { travel, ..Settings::default() }.check(), Err(SettingsError::NoExtrinsic));

@@ -1,30 +1,30 @@
-//! How far the stage had come when a frame was taken, by the frame's stamp.
+//! The position of the stage when a frame was taken, from the frame's stamp.
 
 use super::codec::Stamp;
 use crate::device::error::ScanFault;
 use serde::{Deserialize, Serialize};
 
-/// Ticks of the sensor's clock in a second: 1.024 a microsecond.
+/// Ticks of the sensor's clock per second: 1.024 per microsecond.
 const CLOCK_HZ: f64 = 1.024e6;
 
-/// How the place of a frame on the rail is determined.
+/// How the position of a frame on the rail is determined.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "by", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Travel {
-    /// The encoder that is wired to the sensor.
+    /// By the encoder that is connected to the sensor.
     Encoder {
-        /// Travel along x for one tick; negative where the encoder counts against x.
+        /// Travel along x per tick; negative if the encoder counts against x.
         mm_per_tick: f64,
-        /// x of the first profile, or of `zero_ticks` where that is given.
+        /// x of the first profile, or of `zero_ticks` if that is given.
         #[serde(default)]
         start_mm: f64,
-        /// Ticks at `start_mm`, for an encoder that was referenced; absent, each scan counts from its first profile.
+        /// Ticks at `start_mm`, for a referenced encoder; if it is missing, each scan counts from its first profile.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         zero_ticks: Option<i64>,
     },
-    /// The sensor's clock, for a stage of even speed.
+    /// By the sensor's clock, for a stage of constant speed.
     Time {
-        /// Along x; negative where the stage goes against x.
+        /// Speed along x; negative if the stage moves against x.
         speed_mm_s: f64,
         /// x of the first profile.
         #[serde(default)]
@@ -32,18 +32,18 @@ pub enum Travel {
     },
 }
 
-/// Why a rule for the travel is none.
+/// Why a rule for the travel is not valid.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum TravelError {
-    /// It is zero or not finite.
+    /// A number is zero or not finite.
     #[error("travel: {field} must be a finite number other than 0, got {value}")]
     NoStep {
-        /// Which.
+        /// Name of the field.
         field: &'static str,
         /// Its value.
         value: f64,
     },
-    /// It is not finite.
+    /// The start is not finite.
     #[error("travel: start_mm must be a finite number, got {value}")]
     Start {
         /// Its value.
@@ -52,10 +52,10 @@ pub enum TravelError {
 }
 
 impl Travel {
-    /// Whether it can be used.
+    /// Checks the rule.
     ///
     /// # Errors
-    /// [`TravelError`] names the field that cannot.
+    /// [`TravelError`] names the invalid field.
     pub fn check(&self) -> Result<(), TravelError> {
         let (field, value, start_mm) = match *self {
             Self::Encoder { mm_per_tick, start_mm, .. } => ("mm_per_tick", mm_per_tick, start_mm),
@@ -67,7 +67,7 @@ impl Travel {
         if start_mm.is_finite() { Ok(()) } else { Err(TravelError::Start { value: start_mm }) }
     }
 
-    /// x of a scan's first profile, mm; `None` where only the encoder knows.
+    /// x of the first profile of a scan, mm; `None` if it depends on the encoder.
     pub(super) fn start_mm(&self) -> Option<f64> {
         match *self {
             Self::Encoder { start_mm, zero_ticks: None, .. } | Self::Time { start_mm, .. } => Some(start_mm),
@@ -76,7 +76,7 @@ impl Travel {
     }
 }
 
-/// The travel of one scan's frames.
+/// Determines the travel of the frames of one scan.
 #[derive(Debug)]
 pub(super) struct Odometer {
     travel: Travel,
@@ -96,7 +96,7 @@ impl Odometer {
         Self { travel, seen: None }
     }
 
-    /// Where the stage was, mm along the rail.
+    /// The position of the stage, mm along the rail.
     pub(super) fn at(&mut self, stamp: &Stamp) -> Result<f64, Stuck> {
         let seen = match self.seen {
             None => Seen { first: *stamp, last: *stamp, direction: 0 },
@@ -134,7 +134,7 @@ fn ticks_between(from: i64, to: i64) -> i128 {
     i128::from(to) - i128::from(from)
 }
 
-/// Why a frame has no place.
+/// Why the position of a frame is not known.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub(super) enum Stuck {
     #[error(transparent)]
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn an_encoder_that_counts_down_carries_the_stage_up() {
+    fn a_decreasing_encoder_with_a_negative_scale_gives_increasing_travel() {
         let travel = Travel::Encoder { mm_per_tick: -0.01, start_mm: 5.0, zero_ticks: None };
         assert_eq!(along(travel, &[(100, 0), (50, 0), (-100, 0)]), [Ok(5.0), Ok(5.5), Ok(7.0)]);
         let travel = Travel::Encoder { mm_per_tick: -0.01, start_mm: 5.0, zero_ticks: Some(0) };
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn an_encoder_that_stands_or_turns_back_is_a_fault() {
+    fn an_encoder_that_stops_or_reverses_is_a_fault() {
         let travel = Travel::Encoder { mm_per_tick: 0.5, start_mm: 0.0, zero_ticks: None };
         let reversed = |from, to| Err(ScanFault::EncoderReversed { from, to }.into());
         assert_eq!(along(travel, &[(3, 0), (4, 0), (4, 0)])[2], reversed(4, 4));

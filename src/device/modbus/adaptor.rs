@@ -1,6 +1,6 @@
 //! The adaptors of a manipulator and of the linear stage behind a PLC that speaks Modbus TCP. The stage is a block of the same map,
 //! of which only axis x is used; its trait does not report the result of a command, so the adaptor waits until the device has
-//! seen each command.
+//! received each command.
 
 use std::time::Duration;
 
@@ -17,7 +17,7 @@ use super::link::Block;
 use super::status::{Head, StatusRegisters};
 use crate::device::clock::now;
 
-/// A manipulator's adaptor.
+/// The adaptor of a manipulator.
 pub struct ModbusManipulator {
     block: Block,
     gate: FenceGate,
@@ -51,22 +51,22 @@ impl Manipulator for ModbusManipulator {
     }
 }
 
-/// Between two looks at whether the device has seen a command; a PLC's cycle is about this.
+/// Interval between two readings while waiting for the device to receive a command, about the cycle of a PLC.
 const LOOK: Duration = Duration::from_millis(5);
 
-/// The stage's adaptor.
+/// The adaptor of the stage.
 pub struct ModbusStage {
     block: Block,
     gate: FenceGate,
     watchdog: Duration,
     seen_within: Duration,
-    /// The newest sequence number that was sent, or that the device had seen when we came.
+    /// The newest sequence number that was sent, or that the device had received before this adaptor connected.
     sequence: u16,
-    /// By the newest reading.
+    /// Whether the stage is disabled, by the newest reading.
     disabled: bool,
 }
 
-/// A stage's status with what became of the newest command.
+/// The status of a stage with the result of the newest command.
 type Status = (Head, AxisReading);
 
 impl ModbusStage {
@@ -76,7 +76,7 @@ impl ModbusStage {
 
     async fn command(&mut self, fence: u64, action: Action) -> Result<(), DeviceError> {
         self.gate.admit(self.block.name(), fence)?;
-        // Spent even where it is not sent: no number may ever stand for two commands.
+        // The number counts as used even if the command is not sent, because no two commands may have the same number.
         self.sequence = next(self.sequence);
         let command = Command { sequence: self.sequence, fence, watchdog: self.watchdog, action };
         self.block.command(&command).await?;
@@ -135,7 +135,7 @@ impl Stage for ModbusStage {
         let only_x = |x| Axes { x, ..Axes::default() };
         let axes = Axes { x: true, ..Axes::default() };
         Box::pin(async move {
-            // A stage has no command of its own for this: a client that may move it may also switch its drive on.
+            // The stage trait has no command for this: a client that may move the stage may also enable its drive.
             if self.disabled {
                 self.command(fence, Action::Enable).await?;
                 self.disabled = false;

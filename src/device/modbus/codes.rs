@@ -1,5 +1,5 @@
-//! The numbers that a device gives to modes, results and commands, beside those of states: tables, because every maker has his
-//! own.
+//! The numbers that a device uses for modes, results and commands. They are tables, as those of the states, because they differ
+//! between manufacturers.
 
 use super::error::LayoutError;
 use crate::device::manipulator::{CommandResult, Mode};
@@ -7,17 +7,17 @@ use crate::device::states::States;
 use crate::device::states::different;
 use serde::{Deserialize, Serialize};
 
-/// All tables of a device.
+/// All code tables of a device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Codes {
-    /// Of the device's state, and of each axis.
+    /// The numbers of the states of the device and of each axis.
     pub states: States,
     /// The numbers of the modes.
     pub modes: ModeCodes,
-    /// Of what became of a command.
+    /// The numbers of the results of commands.
     pub results: ResultCodes,
-    /// Of commands.
+    /// The numbers of the commands.
     pub commands: CommandCodes,
 }
 
@@ -46,7 +46,7 @@ impl ModeCodes {
         ]
     }
 
-    /// The mode of a number.
+    /// The mode with this number.
     #[must_use]
     pub fn mode(self, code: u16) -> Option<Mode> {
         found(self.pairs(), code)
@@ -94,7 +94,7 @@ impl ResultCodes {
         ]
     }
 
-    /// The result of a number.
+    /// The result with this number.
     #[must_use]
     pub fn result(self, code: u16) -> Option<CommandResult> {
         found(self.pairs(), code)
@@ -148,7 +148,7 @@ impl CommandCodes {
 
 impl Codes {
     /// # Errors
-    /// [`LayoutError::SameCode`] where a number means two things.
+    /// [`LayoutError::SameCode`] if a number has two meanings.
     pub(super) fn check(&self) -> Result<(), LayoutError> {
         let table = |table: &'static str| move |cause| LayoutError::SameCode { table, cause };
         self.states.check().map_err(table("codes.states"))?;
@@ -167,7 +167,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_number_that_means_two_things_is_refused() {
+    fn a_number_with_two_meanings_is_refused() {
         let mut codes = Codes::default();
         assert_eq!(codes.check(), Ok(()));
         codes.commands.halt = 5;

@@ -1,5 +1,5 @@
-//! A [`Command`] as the registers of the command block, and back for the simulated device. Radians inside, degrees on the
-//! wire; what the registers cannot carry is refused before anything is sent. Pure.
+//! Encodes a [`Command`] as the registers of the command block, and decodes it for the simulated device. Angles are in radians
+//! inside and in degrees in the registers; values that the registers cannot represent are refused before anything is sent. Pure.
 
 use super::error::MapError;
 use super::layout::{CommandMap, Layout};
@@ -9,7 +9,7 @@ use crate::device::manipulator::{Action, Command};
 use crate::motion::{Axes, Axis, Position};
 use std::time::Duration;
 
-/// The registers of a command, all of the block.
+/// All registers of the block for a command.
 pub(super) fn encode(layout: &Layout, command: &Command, heartbeat: u16) -> Result<Vec<u16>, MapError> {
     if command.sequence == 0 {
         return Err(MapError::NoSequence);
@@ -28,7 +28,7 @@ pub(super) fn encode(layout: &Layout, command: &Command, heartbeat: u16) -> Resu
     if let Some(at) = map.watchdog_ms {
         image.put(at, watchdog_ms(command.watchdog)?);
     }
-    // The heartbeat is also written alone, so the CRC must not depend on it.
+    // The heartbeat is also written by itself, so the CRC must not depend on it.
     if let Some(at) = map.crc {
         image.put(at, crc_of(map, &image.registers));
     }
@@ -40,9 +40,9 @@ pub(super) fn encode(layout: &Layout, command: &Command, heartbeat: u16) -> Resu
     Ok(image.registers)
 }
 
-/// The command in registers, with as many bits of the fencing token as they have.
+/// Decodes a command, with as many bits of the fencing token as the registers have.
 ///
-/// The watchdog is `default_watchdog` where the map has none.
+/// The watchdog is `default_watchdog` if the map has no register for it.
 pub(super) fn decode(layout: &Layout, registers: &[u16], default_watchdog: Duration) -> Result<Command, MapError> {
     let map = &layout.command;
     let word = |at: u16| registers.get(usize::from(at)).copied().ok_or(MapError::Missing { at });
@@ -121,7 +121,7 @@ fn numbers(layout: &Layout, registers: &[u16], what: &'static str, places: Axes<
     Ok(values)
 }
 
-/// Over the registers before the CRC, the heartbeat taken as 0.
+/// The CRC of the registers before it, with 0 in place of the heartbeat.
 fn crc_of(map: &CommandMap, registers: &[u16]) -> u16 {
     let upto = usize::from(map.crc.unwrap_or(0));
     let heartbeat = usize::from(map.heartbeat);
@@ -147,7 +147,7 @@ const fn axes_of(action: &Action) -> Axes<bool> {
     }
 }
 
-/// Whether the action needs an armed device: those that move it, or enable it.
+/// Whether the action needs an armed device, because it moves or enables the device.
 const fn may_move(action: &Action) -> bool {
     match action {
         Action::Enable | Action::Home { .. } | Action::MoveTo { .. } => true,
@@ -188,11 +188,11 @@ mod tests {
         }
     }
 
-    /// 12.5 = 0x41480000, -1 = 0xBF800000, 90 = 1.40625 * 2^6 = 0x42B40000, 25 = 0x41C80000, 10 = 0x41200000; the mask of
-    /// x and c is 1001b; 500 = 0x1F4. The CRC was calculated apart, with pymodbus 3.16.1 (FramerRTU.compute_CRC, bytes
-    /// swapped), over the 42 bytes of registers 0 to 20 with 0 as heartbeat.
+    /// 12.5 = 0x41480000, -1 = 0xBF800000, 90 = 1.40625 * 2^6 = 0x42B40000, 25 = 0x41C80000, 10 = 0x41200000; the mask of x and c
+    /// is 1001b; 500 = 0x1F4. The CRC was calculated independently with pymodbus 3.16.1 (FramerRTU.compute_CRC, bytes swapped) over
+    /// the 42 bytes of registers 0 to 20 with 0 as heartbeat.
     #[test]
-    fn a_move_lies_in_the_registers_of_map_v1() {
+    fn a_move_is_encoded_in_the_registers_of_map_v1() {
         let registers = encode(&Layout::default(), &command(to_x_and_c()), 99).expect("fits");
         let (targets, speeds) = ([0x4148, 0, 0, 0, 0xBF80, 0, 0x42B4, 0], [0x41C8, 0, 0, 0, 0, 0, 0x4120, 0]);
         assert_eq!(registers[0..4], [99, 5, 9, 1]);
@@ -205,7 +205,7 @@ mod tests {
     const CRC_BY_PYMODBUS: u16 = 0xA9CE;
 
     #[test]
-    fn what_holds_a_machine_still_asks_nobody_to_be_armed() {
+    fn only_commands_that_move_or_enable_are_armed() {
         for (action, code, flags) in
             [(Action::Enable, 1, 1), (Action::Disable, 2, 0), (Action::Reset, 3, 0), (Action::Halt, 6, 0)]
         {
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_registers_cannot_carry_is_refused() {
+    fn a_value_that_does_not_fit_into_the_registers_is_refused() {
         let refused = |change: fn(&mut Command)| {
             let mut command = command(to_x_and_c());
             change(&mut command);
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_changed_register_under_the_crc_is_noticed_and_a_new_heartbeat_is_none() {
+    fn the_crc_detects_a_changed_register_and_ignores_the_heartbeat() {
         let layout = Layout::default();
         let whole = encode(&layout, &command(to_x_and_c()), 1).expect("fits");
         for at in 1..=20 {
@@ -255,9 +255,9 @@ mod tests {
     }
 
     proptest! {
-        /// Half a step of single precision at 500 is 1.6e-5, half a count is 5e-4 mm or 5e-5 degrees.
+        /// Half a unit of single precision at 500 is 1.6e-5, half a count is 5e-4 mm or 5e-5 degrees.
         #[test]
-        fn commands_come_back(
+        fn commands_are_recovered_from_their_registers(
             layout in any_layout(), sequence in 1_u16.., fence: u16, ms in 1_u16..,
             bits in 0_u8..16, targets: [i16; 4], speeds: [u16; 4],
         ) {
@@ -270,7 +270,7 @@ mod tests {
             let watchdog = Duration::from_millis(ms.into());
             let sent = Command { sequence, fence: fence.into(), watchdog, action: Action::MoveTo { axes, targets, speeds } };
             let registers = encode(&layout, &sent, 3).expect("fits");
-            let back = decode(&layout, &registers, WATCHDOG).expect("whole");
+            let back = decode(&layout, &registers, WATCHDOG).expect("complete");
             prop_assert_eq!((back.sequence, back.fence, back.watchdog), (sequence, fence.into(), watchdog));
             let Action::MoveTo { axes: came, targets: to, speeds: at } = back.action else { panic!("a move") };
             prop_assert_eq!(came, axes);
@@ -281,7 +281,7 @@ mod tests {
         }
 
         #[test]
-        fn any_registers_are_a_finite_command_or_an_error(
+        fn any_registers_decode_to_a_finite_command_or_an_error(
             layout in any_layout(), registers in prop::collection::vec(any::<u16>(), 0..40), crc: bool,
         ) {
             let mut layout = layout;

@@ -1,9 +1,9 @@
-//! Why a register map cannot be used, and why registers cannot be understood.
+//! The errors of an invalid register map, and of registers that cannot be decoded.
 
 use crate::device::states::SameCode;
 use crate::motion::Axis;
 
-/// Why a register map is refused, with the names that the configuration gives its fields.
+/// Why a register map is refused. The messages use the names of the fields in the configuration.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LayoutError {
     /// More registers than one request can carry.
@@ -11,19 +11,19 @@ pub enum LayoutError {
     Count {
         /// `status` or `command`.
         block: &'static str,
-        /// Registers.
+        /// Number of registers.
         count: u16,
-        /// What the protocol allows.
+        /// The limit of the protocol.
         most: u16,
     },
-    /// The block does not fit into the 65536 registers that there are.
+    /// The block ends beyond the last of the 65536 registers.
     #[error("{block}: {count} registers from {from} on end beyond register 65535")]
     BeyondLast {
         /// `status` or `command`.
         block: &'static str,
         /// First register.
         from: u32,
-        /// Registers.
+        /// Number of registers.
         count: u16,
     },
     /// A field is not within its block.
@@ -33,43 +33,43 @@ pub enum LayoutError {
         field: String,
         /// Its offset.
         at: u16,
-        /// Registers of the block.
+        /// Number of registers of the block.
         count: u16,
     },
     /// Two fields share a register.
     #[error("{first} and {second} both use offset {at}")]
     Overlap {
-        /// One.
+        /// One field.
         first: String,
-        /// The other.
+        /// The other field.
         second: String,
-        /// The offset that they share.
+        /// Their common offset.
         at: u16,
     },
-    /// The command block lies on the status block, in the same kind of registers.
-    #[error("the command block lies on the status block; move command.base, or read the status by function 4")]
+    /// The command block overlaps the status block in the same kind of registers.
+    #[error("the command block overlaps the status block; move command.base, or read the status by function 4")]
     BlocksOverlap,
-    /// The device may act on a command before all of it is there.
-    #[error("command.sequence must be the last register in use; {field} lies behind it")]
+    /// The device could execute a command before it is complete.
+    #[error("command.sequence must be the last register in use; {field} is after it")]
     SequenceNotLast {
-        /// What lies behind it.
+        /// The field after the sequence number.
         field: String,
     },
-    /// One number of two that belong together.
+    /// Only one of the two snapshot counters is given.
     #[error("status.snapshot and status.snapshot_copy are given together or not at all")]
     HalfSnapshot,
-    /// Two words for the same number.
+    /// Two words have the same number.
     #[error("{table}: {cause}")]
     SameCode {
-        /// Which table.
+        /// The table.
         table: &'static str,
-        /// Which words.
+        /// The words and their number.
         cause: SameCode,
     },
     /// A register has 16 bits.
     #[error("{table}: {field} is bit {bit}; a register has bits 0 to 15")]
     BitOutside {
-        /// Which table.
+        /// The table.
         table: &'static str,
         /// Its name.
         field: String,
@@ -79,43 +79,43 @@ pub enum LayoutError {
     /// Two flags share a bit.
     #[error("{table}: {first} and {second} are both bit {bit}")]
     SameBit {
-        /// Which table.
+        /// The table.
         table: &'static str,
-        /// One.
+        /// One flag.
         first: String,
-        /// The other.
+        /// The other flag.
         second: String,
-        /// The bit.
+        /// Their common bit.
         bit: u8,
     },
-    /// A scale that turns everything into nothing.
+    /// A scale that is not within its range.
     #[error("numbers: the scale of {unit} is {scale}; it must be above 0 and at most 1")]
     Scale {
         /// `mm` or `deg`.
         unit: &'static str,
-        /// As given.
+        /// The given scale.
         scale: f64,
     },
 }
 
-/// Why registers are no state or no command, or why a command cannot be put into registers.
+/// Why registers are not a valid status or command, or why a command cannot be encoded.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum MapError {
-    /// Fewer registers came than the map has.
+    /// Fewer registers were received than the map has.
     #[error("register {at} is missing")]
     Missing {
         /// Offset in the block.
         at: u16,
     },
     /// Another map, another device, or another word order.
-    #[error("the magic is {found:#06x}, not {expected:#06x}; is the base right, and the device?")]
+    #[error("the magic is {found:#06x}, not {expected:#06x}; check the base and the address")]
     Magic {
-        /// Read.
+        /// The value that was read.
         found: u16,
-        /// As configured.
+        /// The configured value.
         expected: u16,
     },
-    /// The device has written while it was read.
+    /// The device has written the block while it was read.
     #[error("torn read: snapshot {first} and its copy {second} differ")]
     Torn {
         /// The counter.
@@ -123,59 +123,59 @@ pub enum MapError {
         /// Its copy.
         second: u16,
     },
-    /// A number that the table of codes does not have.
+    /// The table of codes does not contain this number.
     #[error("{what} {code} is not in the table")]
     Code {
-        /// Of what.
+        /// The kind of code.
         what: &'static str,
-        /// As read.
+        /// The value that was read.
         code: u16,
     },
-    /// Not a number, or one that is not possible.
-    #[error("axis {} has {what} {value} {}; is the word order right?", axis.name(), axis.unit())]
+    /// The value is not a number, or is not possible.
+    #[error("axis {} has {what} {value} {}; check the word order", axis.name(), axis.unit())]
     Value {
-        /// Which.
+        /// The axis.
         axis: Axis,
-        /// Of what.
+        /// The kind of value.
         what: &'static str,
-        /// As read, in the units of the wire.
+        /// The value that was read, in the units of the registers.
         value: f64,
     },
-    /// Limits the wrong way round.
-    #[error("axis {} has limits {lower} to {upper} {}; is the word order right?", axis.name(), axis.unit())]
+    /// The lower limit is above the upper one.
+    #[error("axis {} has limits {lower} to {upper} {}; check the word order", axis.name(), axis.unit())]
     Limits {
-        /// Which.
+        /// The axis.
         axis: Axis,
-        /// As read, in the units of the wire.
+        /// The value that was read, in the units of the registers.
         lower: f64,
-        /// As read, in the units of the wire.
+        /// The value that was read, in the units of the registers.
         upper: f64,
     },
-    /// A number that the registers cannot carry.
+    /// The registers cannot represent this value.
     #[error("{what} {value} of axis {} does not fit into the registers", axis.name())]
     Unfit {
-        /// Which.
+        /// The axis.
         axis: Axis,
         /// Target or speed.
         what: &'static str,
-        /// In the units of the wire.
+        /// The value, in the units of the registers.
         value: f64,
     },
-    /// 0 means that there was no command.
+    /// The sequence number is 0, which means that there was no command.
     #[error("a command needs a sequence number from 1 to 65535")]
     NoSequence,
-    /// A device without a watchdog would move on without us.
-    #[error("a watchdog of {ms} ms; it must be 1 to 65535 ms")]
+    /// A device without a watchdog would continue to move after a lost link.
+    #[error("the watchdog is {ms} ms; it must be 1 to 65535 ms")]
     Watchdog {
-        /// As asked.
+        /// The requested time.
         ms: u128,
     },
-    /// The command has changed on its way.
+    /// The command was changed during the transmission.
     #[error("the CRC of the command is {found:#06x}, not {expected:#06x}")]
     Crc {
-        /// As written.
+        /// The CRC in the registers.
         found: u16,
-        /// Of what was written.
+        /// The calculated CRC.
         expected: u16,
     },
 }

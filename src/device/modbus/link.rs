@@ -1,10 +1,10 @@
-//! One Modbus TCP connection to a device: one request at a time, each by a deadline. After a deadline that has passed, a broken
-//! transport or an answer to another request the connection is closed: a late answer must never be taken for that of a later
+//! One Modbus TCP connection to a device, with one request at a time, each with a deadline. After a missed deadline, a broken
+//! transport or an answer to another request the connection is closed, because a late answer must never be attributed to a later
 //! request. No request is sent again here.
 //!
-//! A [`Block`] is the registers of one device over such a link: its status read as a whole, our heartbeat, and commands written
-//! once. The heartbeat of the device must count: a communication processor may answer for a program that has stopped, and its
-//! registers then stay as they are.
+//! A [`Block`] is the registers of one device over such a link: its status, which is read in one request, the heartbeat of coaxis,
+//! and commands, which are written once. The heartbeat of the device must change: a communication processor may answer for a
+//! program that has stopped, and its registers then remain constant.
 
 use std::borrow::Cow;
 use std::fmt::Debug;
@@ -30,19 +30,19 @@ pub trait Transport: AsyncRead + AsyncWrite + Send + Unpin + Debug {}
 
 impl<T: AsyncRead + AsyncWrite + Send + Unpin + Debug> Transport for T {}
 
-/// Makes a new connection.
+/// Opens a new connection.
 pub type Dial = Box<dyn FnMut() -> Pending<'static, io::Result<Box<dyn Transport>>> + Send>;
 
-/// How long what may take.
+/// The deadlines of a link.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Deadlines {
-    /// To connect.
+    /// Time for connecting.
     pub(super) connect: Duration,
-    /// For one reading or one command, with all requests that it takes.
+    /// Time for one reading or one command, with all of its requests.
     pub(super) reply: Duration,
 }
 
-/// A connection, or none.
+/// The connection, if there is one.
 pub(super) struct Link {
     name: String,
     dial: Dial,
@@ -60,17 +60,17 @@ impl Link {
         &self.name
     }
 
-    /// When what begins now has to be over.
+    /// The deadline of a call that begins now.
     pub(super) fn deadline(&self) -> Instant {
         now() + self.deadlines.reply
     }
 
-    /// Ends the connection; where there is none, harmless.
+    /// Closes the connection, if there is one.
     pub(super) fn drop_connection(&mut self) {
         self.context = None;
     }
 
-    /// A new connection, in place of any before.
+    /// Opens a new connection in place of the previous one.
     pub(super) async fn connect(&mut self) -> Result<(), DeviceError> {
         self.drop_connection();
         let within = self.deadlines.connect;
@@ -82,7 +82,7 @@ impl Link {
         Ok(())
     }
 
-    /// Registers from `at` on.
+    /// Reads registers from `at` on.
     pub(super) async fn read(
         &mut self,
         function: StatusFunction,
@@ -100,7 +100,9 @@ impl Link {
             {
                 Ok(words)
             }
-            Ok(response) => Err(self.implausible(format!("{count} registers were asked for, it sent {response:?}"))),
+            Ok(response) => {
+                Err(self.implausible(format!("{count} registers were requested, the device sent {response:?}")))
+            }
             Err(exception) => {
                 Err(self.implausible(format!("exception to reading {count} registers at {at}: {exception}")))
             }
@@ -111,7 +113,9 @@ impl Link {
     pub(super) async fn write_one(&mut self, at: u16, word: u16, deadline: Instant) -> Result<(), DeviceError> {
         match self.call(Request::WriteSingleRegister(at, word), deadline).await? {
             Ok(Response::WriteSingleRegister(there, written)) if (there, written) == (at, word) => Ok(()),
-            Ok(response) => Err(self.implausible(format!("{word} was written to {at}, it says {response:?}"))),
+            Ok(response) => {
+                Err(self.implausible(format!("{word} was written to {at}, the device answered {response:?}")))
+            }
             Err(exception) => Err(self.implausible(format!("exception to writing register {at}: {exception}"))),
         }
     }
@@ -122,9 +126,10 @@ impl Link {
             Ok(Response::WriteMultipleRegisters(there, count)) if there == at && usize::from(count) == words.len() => {
                 Ok(())
             }
-            Ok(response) => {
-                Err(self.implausible(format!("{} registers were written to {at}, it says {response:?}", words.len())))
-            }
+            Ok(response) => Err(self.implausible(format!(
+                "{} registers were written to {at}, the device answered {response:?}",
+                words.len()
+            ))),
             Err(exception) if nothing_was_done(exception) => {
                 Err(DeviceError::Rejected { device: self.name.clone(), code: u8::from(exception).into() })
             }
@@ -132,14 +137,14 @@ impl Link {
         }
     }
 
-    /// An implausible answer ends the connection, too: further bytes may belong to it.
+    /// Closes the connection after an implausible answer, because further bytes may belong to it.
     pub(super) fn implausible(&mut self, what: String) -> DeviceError {
         self.drop_connection();
         DeviceError::Implausible { device: self.name.clone(), what }
     }
 
-    /// One request and its answer. The connection is put back only after a whole answer to this request, so whoever drops
-    /// this half-way drops the connection with it.
+    /// Sends one request and receives its answer. The connection is put back only after a complete answer to this request, so that
+    /// dropping this future half-way also drops the connection.
     async fn call(
         &mut self,
         request: Request<'_>,
@@ -160,7 +165,7 @@ impl Link {
     }
 
     fn lost(&self, error: &io::Error) -> DeviceError {
-        // At the end of the stream the client asks the system for an error, which then has none.
+        // At the end of the stream the client asks the system for an error, but there is none.
         let cause = if error.raw_os_error() == Some(0) {
             "the device has closed the connection".to_owned()
         } else {
@@ -170,8 +175,8 @@ impl Link {
     }
 }
 
-/// Exceptions that come before anything is done (Modbus application protocol V1.1b3, 7). Others, as of a gateway that hears
-/// nothing from the device behind it, leave it open.
+/// Exceptions that mean that nothing was executed (Modbus application protocol V1.1b3, 7). Others, e.g. of a gateway that gets no
+/// answer from the device behind it, leave this unknown.
 const fn nothing_was_done(exception: ExceptionCode) -> bool {
     matches!(
         exception,
@@ -182,10 +187,11 @@ const fn nothing_was_done(exception: ExceptionCode) -> bool {
     )
 }
 
-/// Before a torn status is read again: at once it would be as torn, because a PLC writes it in a cycle of some ms.
+/// Pause before a torn status is read again. An immediate reading would also be torn, because a PLC writes the block in a cycle of
+/// some ms.
 const TORN_PAUSE: Duration = Duration::from_millis(5);
 
-/// A device's block of registers.
+/// The block of registers of a device.
 pub(super) struct Block {
     link: Link,
     layout: Layout,
@@ -204,14 +210,14 @@ impl Block {
         self.link.name()
     }
 
-    /// Connects and reads. Writes nothing.
+    /// Connects and reads. It writes nothing.
     pub(super) async fn connect<T>(&mut self, decode: Decode<T>) -> Result<T, DeviceError> {
         self.link.connect().await?;
         let deadline = self.link.deadline();
         self.status(decode, deadline).await
     }
 
-    /// Beats, and reads.
+    /// Writes the heartbeat and reads.
     pub(super) async fn read<T>(&mut self, decode: Decode<T>) -> Result<T, DeviceError> {
         let deadline = self.link.deadline();
         self.heartbeat = self.heartbeat.wrapping_add(1);
@@ -225,14 +231,14 @@ impl Block {
         let heartbeat = self.heartbeat.wrapping_add(1);
         let registers = encode(&self.layout, command, heartbeat).map_err(|error| DeviceError::Unsupported {
             device: self.name().to_owned(),
-            what: format!("be told this: {error}"),
+            what: format!("encode this command: {error}"),
         })?;
         self.heartbeat = heartbeat;
         let deadline = self.link.deadline();
         self.link.write(self.layout.command.base + self.base, &registers, deadline).await
     }
 
-    /// Reads the status until it is whole, a few times.
+    /// Reads the status, and repeats this a few times if it is torn.
     async fn status<T>(&mut self, decode: Decode<T>, deadline: Instant) -> Result<T, DeviceError> {
         let map = self.layout.status;
         let mut torn_count = 0;
@@ -256,7 +262,7 @@ impl Block {
     fn alive(&mut self, heartbeat: u16) -> Result<(), DeviceError> {
         self.pulse.stands(heartbeat, now()).map_or(Ok(()), |age| {
             let what = format!(
-                "its heartbeat has stood at {heartbeat} for {} ms; does the device's program run?",
+                "its heartbeat has been {heartbeat} for {} ms; check that the device's program is running",
                 age.as_millis()
             );
             Err(self.link.implausible(what))
@@ -267,7 +273,7 @@ impl Block {
 /// Converts a status block.
 pub(super) type Decode<T> = fn(StatusRegisters<'_>) -> Result<T, MapError>;
 
-/// The last heartbeat, and since when it has this value. Kept across connections.
+/// The last heartbeat, and since when it has had this value. It is kept across connections.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pulse {
     stale: Duration,
@@ -279,7 +285,7 @@ impl Pulse {
         Self { stale, seen: None }
     }
 
-    /// For how long it has stayed the same, if that is too long.
+    /// How long it has stayed the same, if that is too long.
     pub(super) fn stands(&mut self, heartbeat: u16, now: Instant) -> Option<Duration> {
         match self.seen {
             Some((last, since)) if last == heartbeat => Some(now - since).filter(|age| *age > self.stale),

@@ -1,5 +1,5 @@
-//! Manipulators and the linear stage behind a PLC that speaks Modbus TCP. The register map (`layout`, data) gives the place of each field;
-//! `words`, `status` and `command` convert registers into readings and commands, pure; `link` has the connection;
+//! Manipulators and the linear stage behind a PLC that speaks Modbus TCP. The register map (`layout`, data) gives the position of
+//! each field; `words`, `status` and `command` convert registers into readings and commands, pure; `link` has the connection;
 //! `server` is the other side, for a simulated PLC.
 //!
 //! ```text

@@ -1,6 +1,6 @@
-//! The PLC side of the map, for a simulated PLC: controllers as blocks of registers. Device number n has base 256 n under the
-//! unit ids 0, 1 and 255, and base 0 under unit id n + 1; a single device has base 0 under all. In: requests; out: responses.
-//! A [`Reading`] becomes the registers of the status block.
+//! The PLC side of the map, for a simulated PLC: controllers as blocks of registers. Device n has base 256 n under the unit ids 0,
+//! 1 and 255, and base 0 under unit id n + 1; a single device has base 0 under every unit id. Input: requests; output: responses. A
+//! [`Reading`] becomes the registers of the status block.
 
 use std::future::{Ready, ready};
 use std::io;
@@ -23,9 +23,9 @@ use super::error::MapError;
 use super::layout::{CommandMap, Layout, StatusFunction};
 use crate::device::clock::now;
 
-/// From a device's block to the next one's.
+/// Distance between the blocks of two devices.
 const BLOCK_STEP: u16 = 256;
-/// Where a map has no register for it.
+/// The watchdog time if the map has no register for it.
 const WATCHDOG: Duration = Duration::from_millis(500);
 
 /// A simulated PLC.
@@ -52,7 +52,7 @@ impl Plc {
         Self { layout, started: now(), devices: Mutex::new(controllers.into_iter().map(device).collect()) }
     }
 
-    /// Looks at a device, or changes it, at the PLC's time.
+    /// Accesses a device at the PLC's time.
     pub fn with<T>(&self, device: usize, act: impl FnOnce(&mut Controller, Duration) -> T) -> Option<T> {
         let mut devices = self.devices.lock().unwrap_or_else(PoisonError::into_inner);
         devices.get_mut(device).map(|device| act(&mut device.controller, self.time()))
@@ -61,8 +61,8 @@ impl Plc {
     /// Answers one request.
     ///
     /// # Errors
-    /// The exception of the protocol: functions other than 3, 4, 6 and 16; registers outside of a block; commands that
-    /// cannot be understood.
+    /// The exception of the protocol: functions other than 3, 4, 6 and 16; registers outside a block; commands that cannot be
+    /// decoded.
     pub fn answer(&self, unit: u8, request: &Request<'_>) -> Result<Response, ExceptionCode> {
         match request {
             Request::ReadInputRegisters(at, count) => {
@@ -124,7 +124,7 @@ impl Device {
         status_image(layout, &self.controller.reading(time), extras)
     }
 
-    /// Takes registers over. Those that make no command stay away from the controller, and what was there remains.
+    /// Writes registers. If they do not form a valid command, the controller does not receive it and the previous registers remain.
     fn write(&mut self, layout: &Layout, range: Range<usize>, words: &[u16], time: Duration) -> Result<(), MapError> {
         let CommandMap { heartbeat, sequence, .. } = layout.command;
         let mut registers = self.command.clone();
@@ -141,7 +141,7 @@ impl Device {
     }
 }
 
-/// Which device, and the register as counted from its base.
+/// The index of the device, and the register relative to its base.
 const fn place(unit: u8, at: u16, devices_count: usize) -> (usize, u16) {
     match unit {
         _ if devices_count == 1 => (0, at),
@@ -150,7 +150,7 @@ const fn place(unit: u8, at: u16, devices_count: usize) -> (usize, u16) {
     }
 }
 
-/// Where `count` registers from `at` on lie in a block; none where they do not.
+/// The range of `count` registers from `at` on in a block; `None` if they are not in the block.
 fn within(at: u16, count: u16, base: u16, block_count: u16) -> Option<Range<usize>> {
     let first = usize::from(at.checked_sub(base)?);
     let end = first + usize::from(count);
@@ -177,26 +177,28 @@ pub async fn serve(listener: TcpListener, plc: Arc<Plc>) -> io::Result<()> {
         let plc = Arc::clone(&plc);
         async move {
             tracing::debug!(%address, "a Modbus client has connected");
-            // Without it answers are late, not wrong.
+            // Without this option answers may be delayed, but are not wrong.
             let _ = stream.set_nodelay(true);
             Ok(Some((plc, stream)))
         }
     };
-    tcp::Server::new(listener).serve(&connected, |error| tracing::debug!(%error, "a Modbus client is gone")).await
+    tcp::Server::new(listener)
+        .serve(&connected, |error| tracing::debug!(%error, "a Modbus client has disconnected"))
+        .await
 }
 
-/// What a device shows besides its state.
+/// Values of the status block besides the state.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Extras {
-    /// Our heartbeat, as it came.
+    /// The heartbeat of coaxis as it was received.
     pub(super) heartbeat_echo: u16,
-    /// Since it started.
+    /// Time since the start.
     pub(super) uptime_ms: u32,
-    /// Counts the images.
+    /// Counter of the status images.
     pub(super) snapshot: u16,
 }
 
-/// The registers; what they cannot carry is 0, and a state without a number shows as a fault.
+/// Encodes the registers. A value that they cannot represent is 0, and a state without a number is shown as a fault.
 pub(super) fn status_image(layout: &Layout, reading: &Reading, extras: Extras) -> Vec<u16> {
     let map = &layout.status;
     let mut image = Image { layout, registers: vec![0; usize::from(map.count)] };

@@ -18,19 +18,19 @@ use tokio::net::TcpStream;
 pub struct Settings {
     /// Host and port.
     pub address: String,
-    /// Unit id; PLCs that are no gateways take any.
+    /// Unit id; PLCs that are not gateways accept any.
     pub unit_id: u8,
     /// Moves both blocks of the layout: 0 for the first device of a PLC, 256 for the second.
     pub base: u16,
-    /// How long connecting may take.
+    /// Longest time for connecting.
     pub connect_timeout_ms: u32,
-    /// How long one reading or one command may take.
+    /// Longest time for one reading or one command.
     pub reply_timeout_ms: u32,
-    /// How long the device's heartbeat may stay the same.
+    /// Longest time for which the device's heartbeat may stay the same.
     pub heartbeat_stale_ms: u32,
-    /// How often a torn status is read again.
+    /// Number of times that a torn status is read again.
     pub torn_reads_max: u8,
-    /// How long a stage goes on moving without our heartbeat. Manipulators get this time with each command.
+    /// How long a stage continues to move without a heartbeat of coaxis. Manipulators get this time with each command.
     pub stage_watchdog_ms: u32,
     /// The register map.
     pub layout: Layout,
@@ -44,7 +44,7 @@ impl Default for Settings {
             base: 0,
             connect_timeout_ms: 1000,
             reply_timeout_ms: 200,
-            // A device counts at least twice a second.
+            // A device counts at least twice per second.
             heartbeat_stale_ms: 600,
             torn_reads_max: 5,
             stage_watchdog_ms: 300,
@@ -53,25 +53,25 @@ impl Default for Settings {
     }
 }
 
-/// Why settings are refused.
+/// Why the settings are refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SettingsError {
-    /// No host with a port.
+    /// The address is not a host with a port.
     #[error("modbus.address = {address:?}; it must be HOST:PORT, for example 192.168.0.10:502")]
     Address {
-        /// As given.
+        /// The given address.
         address: String,
     },
-    /// A number outside of its range.
+    /// A number is out of its range.
     #[error("modbus.{name} = {value}; it must be {least} to {most}")]
     Range {
-        /// Which.
+        /// Name of the setting.
         name: &'static str,
-        /// As given.
+        /// The given value.
         value: u32,
-        /// Least.
+        /// Least allowed value.
         least: u32,
-        /// Most.
+        /// Greatest allowed value.
         most: u32,
     },
     /// The register map cannot be used.
@@ -81,7 +81,7 @@ pub enum SettingsError {
 
 impl Settings {
     /// # Errors
-    /// [`SettingsError`], the first that is found.
+    /// The first [`SettingsError`] that is found.
     pub fn check(&self) -> Result<(), SettingsError> {
         let port = self.address.rsplit_once(':').filter(|(host, _)| !host.is_empty()).map(|(_, port)| port);
         if !port.is_some_and(|port| port.parse::<u16>().is_ok_and(|port| port > 0)) {
@@ -89,11 +89,11 @@ impl Settings {
         }
         let ranges = [
             ("connect_timeout_ms", self.connect_timeout_ms, 10, 60_000),
-            // With a longer time a lost link would be noticed too late to stop the device.
+            // With a longer time, a lost link would be detected too late to stop the device.
             ("reply_timeout_ms", self.reply_timeout_ms, 5, 300),
             ("heartbeat_stale_ms", self.heartbeat_stale_ms, 20, 5_000),
             ("torn_reads_max", self.torn_reads_max.into(), 0, 20),
-            // Like that of the manipulators: a device that moves stops within half a second.
+            // As for the manipulators, so that a moving device stops within half a second.
             ("stage_watchdog_ms", self.stage_watchdog_ms, 1, 400),
         ];
         if let Some((name, value, least, most)) =
@@ -114,7 +114,7 @@ impl Settings {
     /// A manipulator over any transport.
     ///
     /// # Errors
-    /// [`SettingsError`] where they do not pass [`Settings::check`].
+    /// [`SettingsError`] if the settings do not pass [`Settings::check`].
     pub fn manipulator(&self, name: &str, dial: Dial) -> Result<ModbusManipulator, SettingsError> {
         Ok(ModbusManipulator::new(self.block(name, dial)?))
     }
@@ -122,13 +122,13 @@ impl Settings {
     /// A stage over any transport.
     ///
     /// # Errors
-    /// [`SettingsError`] where they do not pass [`Settings::check`].
+    /// [`SettingsError`] if the settings do not pass [`Settings::check`].
     pub fn stage(&self, name: &str, dial: Dial) -> Result<ModbusStage, SettingsError> {
         Ok(ModbusStage::new(self.block(name, dial)?, ms(self.stage_watchdog_ms), ms(self.reply_timeout_ms)))
     }
 }
 
-/// A manipulator over TCP; not connected yet.
+/// A manipulator over TCP that is not connected yet.
 ///
 /// # Errors
 /// [`SettingsError`] if the settings cannot be used.
@@ -136,7 +136,7 @@ pub fn open(name: &str, settings: &Settings) -> Result<Box<dyn Manipulator>, Set
     Ok(Box::new(settings.manipulator(name, dial_tcp(&settings.address))?))
 }
 
-/// A stage over TCP; not connected yet.
+/// A stage over TCP that is not connected yet.
 ///
 /// # Errors
 /// [`SettingsError`] if the settings cannot be used.
@@ -151,7 +151,7 @@ fn dial_tcp(address: &str) -> Dial {
         Box::pin(async move {
             let said = |error: io::Error| io::Error::new(error.kind(), format!("no connection to {address}: {error}"));
             let stream = TcpStream::connect(&address).await.map_err(said)?;
-            // A set-point must not wait for a fuller packet.
+            // A set-point must not wait until a packet is full.
             stream.set_nodelay(true)?;
             Ok(Box::new(stream) as Box<dyn Transport>)
         })

@@ -1,18 +1,19 @@
-//! The registers of the status block as a [`Reading`], and back for the simulated device. Everything is checked: codes are in
-//! their tables, numbers are finite, limits and speeds can be true. Radians inside, degrees on the wire. Pure.
+//! Decodes the registers of the status block as a [`Reading`], and encodes it for the simulated device. Everything is checked:
+//! codes are in their tables, numbers are finite, limits and speeds are plausible. Angles are in radians inside and in degrees in
+//! the registers. Pure.
 
 use super::error::MapError;
 use super::layout::{Layout, StatusMap};
 use crate::device::manipulator::{Acknowledged, AxisReading, AxisState, Mode, Reading, Safety};
 use crate::motion::{Axes, Axis};
 
-/// Beyond this no axis of this world is: mm, degrees. Positions may be many turns.
+/// Greatest plausible position, mm or degrees. Positions may be many revolutions.
 const POSITION_MAX: f64 = 1e6;
-/// What a limit or a speed can be, in mm or degrees (and those per second), where it is not zero. In a wrong word order
-/// numbers become tiny or huge, which this notices.
+/// Plausible limits and speeds, in mm or degrees (and these per second), if they are not zero. In a wrong word order numbers become
+/// tiny or huge, which this check detects.
 const LIMIT_RANGE: std::ops::RangeInclusive<f64> = 1e-3..=1e5;
 
-/// The status of the whole device.
+/// The status of the device without its axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Head {
     pub(super) state: AxisState,
@@ -23,7 +24,7 @@ pub(super) struct Head {
     pub(super) heartbeat: u16,
 }
 
-/// A status block as it was read.
+/// The registers of a status block.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct StatusRegisters<'a> {
     pub(super) layout: &'a Layout,
@@ -31,7 +32,7 @@ pub(super) struct StatusRegisters<'a> {
 }
 
 impl StatusRegisters<'_> {
-    /// The whole state.
+    /// Decodes the complete state.
     pub(super) fn reading(self) -> Result<Reading, MapError> {
         let head = self.head()?;
         let axes =
@@ -40,7 +41,7 @@ impl StatusRegisters<'_> {
         Ok(Reading { state, mode, safety, acknowledged, fault_code, heartbeat, axes })
     }
 
-    /// The status of the whole device; checks first whether the block is complete and of this map.
+    /// Decodes the status of the device, after checking that the block is complete and belongs to this map.
     pub(super) fn head(self) -> Result<Head, MapError> {
         let map = &self.layout.status;
         self.whole(map)?;
@@ -87,7 +88,7 @@ impl StatusRegisters<'_> {
         })
     }
 
-    /// One axis.
+    /// Decodes one axis.
     pub(super) fn axis(self, axis: Axis) -> Result<AxisReading, MapError> {
         let map = &self.layout.status;
         let (lower, upper) = (self.limit(axis, "lower limit", map.lower)?, self.limit(axis, "upper limit", map.upper)?);
@@ -156,8 +157,8 @@ mod tests {
     use proptest::prelude::*;
     use std::f64::consts::{FRAC_PI_2, PI};
 
-    /// A status of map v1 by hand. x: 12.5 = 0x41480000 (told 12.5), limits -200 = 0xC3480000 and 200 = 0x43480000, speed
-    /// 50 = 0x42480000; the others stand at 0 with the same limits and speed, c at 90 degrees = 0x42B40000.
+    /// A status of map v1, encoded by hand. x: position and commanded position 12.5 = 0x41480000, limits -200 = 0xC3480000 and 200
+    /// = 0x43480000, speed 50 = 0x42480000; the others are at 0 with the same limits and speed, c at 90 degrees = 0x42B40000.
     fn by_hand() -> Vec<u16> {
         let mut registers = vec![0; 64];
         registers[0..8].copy_from_slice(&[0x4D01, 77, 0, 2, 0b1111, 6, 41, 2]);
@@ -177,8 +178,8 @@ mod tests {
     }
 
     #[test]
-    fn a_status_of_map_v1_is_what_it_says() {
-        let reading = read(&by_hand()).expect("whole");
+    fn a_status_of_map_v1_is_decoded() {
+        let reading = read(&by_hand()).expect("complete");
         assert_eq!((reading.state, reading.mode, reading.heartbeat), (AxisState::DiscreteMotion, Mode::Automatic, 77));
         assert_eq!(reading.acknowledged, Acknowledged { sequence: 41, result: CommandResult::Running });
         assert!(reading.safety.allows_motion());
@@ -191,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_true_is_said_by_name() {
+    fn an_implausible_value_is_reported_by_name() {
         let refused = |change: fn(&mut Vec<u16>)| {
             let mut registers = by_hand();
             change(&mut registers);
@@ -204,14 +205,14 @@ mod tests {
         assert_eq!(refused(|r| r.truncate(40)), MapError::Missing { at: 62 });
         let limits = MapError::Limits { axis: Axis::Y, lower: 200.0, upper: 200.0 };
         assert_eq!(refused(|r| r[34] = 0x4348), limits);
-        // 0x7FC00000 is no number.
+        // 0x7FC00000 is NaN.
         assert!(matches!(refused(|r| r[18] = 0x7FC0), MapError::Value { axis: Axis::Y, what: "position", .. }));
         assert!(matches!(refused(|r| r[48] = 0), MapError::Value { axis: Axis::X, what: "greatest speed", .. }));
     }
 
     #[test]
-    fn every_wrong_word_order_is_noticed() {
-        let reading = read(&by_hand()).expect("whole");
+    fn every_wrong_word_order_is_detected() {
+        let reading = read(&by_hand()).expect("complete");
         for written in WordOrder::ALL {
             let device = Layout { word_order: written, ..Layout::default() };
             let registers = status_image(&device, &reading, Extras::default());
@@ -223,9 +224,9 @@ mod tests {
         }
     }
 
-    /// A move of one axis only: nothing but zeros but for its own limits, and those on one side of zero.
+    /// A device that moves only one axis: all values are zero except the limits of that axis, which are on one side of zero.
     #[test]
-    fn limits_from_zero_up_do_not_hide_a_wrong_word_order() {
+    fn limits_on_one_side_of_zero_do_not_hide_a_wrong_word_order() {
         let mut registers = by_hand();
         for axis in 0..4 {
             registers[32 + 2 * axis] = 0;
@@ -239,10 +240,10 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_registers_are_a_reading_that_can_be_or_an_error(
+        fn any_registers_decode_to_a_plausible_reading_or_an_error(
             mut registers in prop::collection::vec(any::<u16>(), 0..70), patch: bool,
         ) {
-            // Without a patch nearly all fail at the magic, and nothing behind it would be looked at.
+            // Without a patch nearly all inputs fail at the magic number, and the rest of the decoder would not be tested.
             if patch && registers.len() >= 64 {
                 let good = by_hand();
                 for at in (0..15).chain(32..64) {
@@ -257,14 +258,14 @@ mod tests {
             }
         }
 
-        /// Half a step of single precision at 1000 is 3e-5, half a count 5e-4 mm.
+        /// Half a unit of single precision at 1000 is 3e-5, half a count is 5e-4 mm.
         #[test]
-        fn readings_come_back(
+        fn readings_are_recovered_from_their_registers(
             values: [i16; 8], homed: [bool; 4], bits: u16, order in 0_usize..4, whole: bool, heartbeat: u16, fault: u32,
         ) {
             let numbers = if whole { Numbers::I32(Scales::default()) } else { Numbers::F32 };
             let layout = Layout { word_order: WordOrder::ALL[order], numbers, ..Layout::default() };
-            let mut reading = read(&by_hand()).expect("whole");
+            let mut reading = read(&by_hand()).expect("complete");
             (reading.heartbeat, reading.fault_code) = (heartbeat, fault);
             for (at, axis) in Axis::ALL.into_iter().enumerate() {
                 let own = reading.axes.get_mut(axis);
@@ -274,12 +275,12 @@ mod tests {
                 (own.fault, own.limit_hit) = (bits >> (at + 4) & 1 == 1, bits >> (at + 8) & 1 == 1);
             }
             let registers = status_image(&layout, &reading, Extras { snapshot: bits, ..Extras::default() });
-            let mut back = StatusRegisters { layout: &layout, registers: &registers }.reading().expect("whole");
+            let mut back = StatusRegisters { layout: &layout, registers: &registers }.reading().expect("complete");
             for axis in Axis::ALL {
                 let (own, came) = (*reading.axes.get(axis), back.axes.get_mut(axis));
                 for (own, came) in [(own.actual, &mut came.actual), (own.commanded, &mut came.commanded),
                     (own.lower, &mut came.lower), (own.upper, &mut came.upper), (own.speed, &mut came.speed)] {
-                    prop_assert!((own - *came).abs() < 6e-4, "{own} came as {came}");
+                    prop_assert!((own - *came).abs() < 6e-4, "{own} was decoded as {came}");
                     *came = own;
                 }
             }

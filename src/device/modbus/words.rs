@@ -8,7 +8,7 @@ use crate::motion::Axis;
 
 use super::error::LayoutError;
 
-/// Where the four bytes of a number are; A is its highest.
+/// The order of the four bytes of a number; A is the most significant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum WordOrder {
@@ -17,14 +17,14 @@ pub enum WordOrder {
     Abcd,
     /// Low word first.
     Cdab,
-    /// High word first, bytes swapped in each.
+    /// High word first, bytes swapped in each word.
     Badc,
-    /// Low word first, bytes swapped in each.
+    /// Low word first, bytes swapped in each word.
     Dcba,
 }
 
 impl WordOrder {
-    /// All.
+    /// All word orders.
     pub const ALL: [Self; 4] = [Self::Abcd, Self::Cdab, Self::Badc, Self::Dcba];
 
     /// The two registers of a number's bits.
@@ -54,18 +54,18 @@ impl WordOrder {
     }
 }
 
-/// The number format of positions, limits and speeds. On the wire they are mm and degrees (and those per second).
+/// The number format of positions, limits and speeds. In the registers they are in mm and degrees (and these per second).
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Numbers {
-    /// IEEE 754 single: 0.00012 mm fine at 2 m.
+    /// IEEE 754 single precision: a resolution of 0.00012 mm at 2 m.
     #[default]
     F32,
-    /// A whole number of these.
+    /// A whole number of counts.
     I32(Scales),
 }
 
-/// What one count of a whole number is.
+/// The size of one count of a whole number.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Scales {
@@ -99,7 +99,7 @@ impl Numbers {
         wrong.map_or(Ok(()), |(unit, scale)| Err(LayoutError::Scale { unit, scale }))
     }
 
-    /// The bits of a value in the units of the wire; none where it has none.
+    /// The bits of a value in the units of the registers; `None` if the value cannot be represented.
     #[must_use]
     #[expect(
         clippy::cast_possible_truncation,
@@ -116,7 +116,7 @@ impl Numbers {
         }
     }
 
-    /// The value of bits, in the units of the wire; may be no number.
+    /// The value of bits in the units of the registers; it may be NaN.
     #[must_use]
     pub fn value(self, axis: Axis, bits: u32) -> f64 {
         match self {
@@ -138,10 +138,10 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// 12.5 = 1.1001b * 2^3: sign 0, exponent 130 = 10000010b, fraction 1001 and zeros: 0x41480000.
-    /// -0.15625 = -1.01b * 2^-3: 0xBE200000. 1.1 is the nearest single 0x3F8CCCCD, with four different bytes.
+    /// 12.5 = 1.1001b * 2^3: sign 0, exponent 130 = 10000010b, fraction 1001 and zeros: 0x41480000. -0.15625 = -1.01b * 2^-3:
+    /// 0xBE200000. The nearest single-precision number to 1.1 is 0x3F8CCCCD, which has four different bytes.
     #[test]
-    fn every_word_order_is_what_its_letters_say() {
+    fn every_word_order_matches_its_letters() {
         let made = |value: f64, order: WordOrder| order.registers(Numbers::F32.bits(Axis::X, value).expect("finite"));
         assert_eq!(made(12.5, WordOrder::Abcd), [0x4148, 0x0000]);
         assert_eq!(made(12.5, WordOrder::Cdab), [0x0000, 0x4148]);
@@ -154,9 +154,9 @@ mod tests {
         assert_eq!(made(1.1, WordOrder::Dcba), [0xCDCC, 0x8C3F]);
     }
 
-    /// 12.5 mm are 12500 = 0x30D4 counts of 1 µm; -1 mm is two's complement of 1000 = 0x3E8: 0xFFFFFC18.
+    /// 12.5 mm are 12500 = 0x30D4 counts of 1 µm; -1 mm is the two's complement of 1000 = 0x3E8: 0xFFFFFC18.
     #[test]
-    fn whole_numbers_are_counts_of_their_scale() {
+    fn integers_are_counts_of_their_scale() {
         let numbers = Numbers::I32(Scales::default());
         assert_eq!(numbers.bits(Axis::X, 12.5), Some(0x30D4));
         assert_eq!(numbers.bits(Axis::Z, -1.0), Some(0xFFFF_FC18));
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_has_no_bits() {
+    fn a_value_out_of_range_has_no_bits() {
         for value in [f64::NAN, f64::INFINITY, 1e39] {
             assert_eq!(Numbers::F32.bits(Axis::X, value), None);
             assert_eq!(Numbers::I32(Scales::default()).bits(Axis::X, value), None);
@@ -175,14 +175,14 @@ mod tests {
 
     proptest! {
         #[test]
-        fn bits_come_back_from_every_order(bits: u32) {
+        fn bits_are_recovered_in_every_word_order(bits: u32) {
             for order in WordOrder::ALL {
                 prop_assert_eq!(order.bits(order.registers(bits)), bits);
             }
         }
 
         #[test]
-        fn whole_numbers_come_back_exactly(counts: i32) {
+        fn integers_are_recovered_exactly(counts: i32) {
             let numbers = Numbers::I32(Scales::default());
             for axis in Axis::ALL {
                 let bits = counts.cast_unsigned();
@@ -197,13 +197,13 @@ mod crc_tests {
     use super::*;
 
     #[test]
-    fn the_published_frame_has_its_crc() {
+    fn the_crc_of_the_published_frame_is_reproduced() {
         // Modbus over serial line, V1.02, example: the frame 02 07 ends with 41 12, low byte first.
         assert_eq!(crc16([0x0207]), 0x1241);
     }
 
     #[test]
-    fn one_changed_bit_changes_it() {
+    fn one_changed_bit_changes_the_crc() {
         let registers = [0_u16, 5, 0xF, 1, 0x4148, 0];
         let whole = crc16(registers);
         for bit in 0..registers.len() * 16 {

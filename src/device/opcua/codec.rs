@@ -1,5 +1,5 @@
-//! What the values of the nodes mean: a [`Reading`] from those of the status, those of the command from a [`Command`].
-//! Millimetres and degrees on the wire, millimetres and radians inside. Pure.
+//! Converts the values of the nodes: those of the status into a [`Reading`], and a [`Command`] into those of the command. OPC UA
+//! values are in millimetres and degrees, coaxis uses millimetres and radians. Pure.
 
 use super::layout::Node;
 use super::nodes::{Answer, UnexpectedValue};
@@ -11,11 +11,11 @@ use crate::motion::{Axes, Axis, Position};
 use opcua::types::{DataValue, DateTime, Variant};
 use std::time::Duration;
 
-/// The device changed its status while it was read; read again.
+/// The device changed its status while it was read, so that it must be read again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Torn;
 
-/// Whether the answer is of one moment: its counter is even, and the same at both ends.
+/// Checks that the answer belongs to one moment: its counter is even, and the same at both ends.
 pub(super) fn whole(values: &[(Node, DataValue)]) -> Result<Result<(), Torn>, UnexpectedValue> {
     let (Some(first), Some(last)) = (values.first(), values.last()) else {
         return Err(UnexpectedValue::Missing(Node::Snapshot));
@@ -25,17 +25,17 @@ pub(super) fn whole(values: &[(Node, DataValue)]) -> Result<Result<(), Torn>, Un
     Ok(if first == last && first.is_multiple_of(2) { Ok(()) } else { Err(Torn) })
 }
 
-/// How long ago the device gave its heartbeat, by the server's own clock at `answered`.
+/// The age of the device's heartbeat at `answered`, by the server's own clock.
 pub(super) fn age(values: &[(Node, DataValue)], answered: &DateTime) -> Result<Duration, UnexpectedValue> {
     let node = Node::Heartbeat;
     let given = Answer::new(values).raw(node)?.source_timestamp.filter(|stamp| !stamp.is_null());
     let given = given.ok_or(UnexpectedValue::Type { node, wanted: "stamped with the time of its source" })?;
-    // Ticks are 100 ns. A stamp of the future is a clock that was set, and no age.
+    // Ticks are 100 ns. A time stamp in the future means that the clock was set, and counts as age zero.
     let ticks = answered.ticks().saturating_sub(given.ticks()).max(0).unsigned_abs();
     Ok(Duration::from_micros(ticks / 10))
 }
 
-/// The reading that the values make.
+/// Decodes the reading from the values.
 ///
 /// # Errors
 /// [`UnexpectedValue`] names the first value that cannot be used.
@@ -129,14 +129,14 @@ fn result(code: u16) -> Result<CommandResult, UnexpectedValue> {
     }
 }
 
-/// A command that no device may be given: in words, for "cannot …".
+/// A command that must not be sent, with the reason as text for "cannot …".
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct NotEncodable(pub(super) &'static str);
 
-/// The values that the command writes, in the order of [`Node::COMMAND`]; nothing of the command before remains.
+/// The values that the command writes, in the order of [`Node::COMMAND`]; they replace all values of the previous command.
 ///
 /// # Errors
-/// [`NotEncodable`] where a number is none.
+/// [`NotEncodable`] if a number is not finite.
 pub(super) fn command(command: &Command) -> Result<[(Node, Variant); 7], NotEncodable> {
     if command.sequence == 0 {
         return Err(NotEncodable("take a command without a number"));

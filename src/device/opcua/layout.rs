@@ -1,18 +1,18 @@
-//! Where a PLC keeps what we read and write: a browse path for each value, below the manipulator's own node. Positions lie as
-//! OPC 40010-1 (robotics) has them; what that leaves out, commands above all, lies below `Status` and `Command`. Takes a node's
-//! meaning, gives its path.
+//! The nodes that the adaptor reads and writes: a browse path for each value, below the manipulator's own node. Positions follow
+//! OPC 40010-1 (robotics); values that this does not define, above all commands, are below `Status` and `Command`. Input: the
+//! meaning of a node. Output: its path.
 //!
-//! A path is written `alias:Name/alias:Name/…`; the alias stands for a namespace's URI, none for OPC UA's own. Indices of
-//! namespaces are nowhere: a server may give them anew at every start.
+//! A path is written `alias:Name/alias:Name/…`; the alias stands for the URI of a namespace, and a missing alias for OPC UA's own
+//! namespace. Namespace indices are not used, because a server may assign new ones at every start.
 
 use crate::motion::Axis;
 
-/// Something that is read or written, by what it means.
+/// A value that is read or written, by its meaning.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum Node {
-    /// Counts before and after every change of the status; odd between.
+    /// Counter that increases before and after every change of the status; it is odd during a change.
     Snapshot,
-    /// Counts while the device lives.
+    /// Counter that increases while the device is running.
     Heartbeat,
     /// State of the device, by the code table.
     State,
@@ -20,15 +20,15 @@ pub(super) enum Node {
     Mode,
     /// Bits of the safety functions.
     Safety,
-    /// Newest command seen.
+    /// Sequence number of the newest command that was received.
     AckSequence,
-    /// What became of it.
+    /// Result of that command.
     Result,
-    /// The device's own code.
+    /// Fault code of the device.
     FaultCode,
     /// State of every axis, by the code table.
     AxisStates,
-    /// References known.
+    /// Axes whose reference is known.
     Homed,
     /// Axes at their targets.
     InPosition,
@@ -40,33 +40,33 @@ pub(super) enum Node {
     Commanded,
     /// Greatest speeds.
     MaxVelocities,
-    /// Where an axis is.
+    /// Actual position of an axis.
     Actual(Axis),
-    /// Its limits: the range of [`Node::Actual`].
+    /// Limits of an axis: the range of [`Node::Actual`].
     Range(Axis),
-    /// Its unit: that of [`Node::Actual`].
+    /// Unit of an axis: that of [`Node::Actual`].
     Unit(Axis),
-    /// Our sign of life.
+    /// Heartbeat of coaxis.
     Pulse,
     /// Fencing token of the lease.
     Fence,
-    /// How long the device moves on without our sign of life.
+    /// How long the device continues to move without a heartbeat of coaxis.
     WatchdogMs,
-    /// What to do.
+    /// Code of the command.
     Code,
-    /// Which axes.
+    /// Axes of the command.
     Mask,
-    /// Where to.
+    /// Target positions.
     Targets,
-    /// How fast at most.
+    /// Greatest speeds of the command.
     Velocities,
-    /// The command's number; the device acts when it changes.
+    /// Sequence number of the command; the device executes the command when it changes.
     Sequence,
 }
 
 use Node::*;
 
-/// Whole-device values of the status, in the order in which they are read.
+/// Status values of the device and of all axes together, in the order in which they are read.
 const STATUS: [Node; 15] = [
     Snapshot,
     Heartbeat,
@@ -86,22 +86,22 @@ const STATUS: [Node; 15] = [
 ];
 
 impl Node {
-    /// What a command writes, in this order: the number comes last, since the device acts on it.
+    /// The nodes that a command writes, in this order: the sequence number is last, because the device then executes the command.
     pub(super) const COMMAND: [Self; 7] = [Fence, WatchdogMs, Code, Mask, Targets, Velocities, Sequence];
 
-    /// What one reading reads, in this order: the snapshot's counter stands at both ends.
+    /// The nodes that one reading reads, in this order: the snapshot counter is both first and last.
     pub(super) fn reading() -> impl Iterator<Item = Self> {
         let axes = Axis::ALL.into_iter().flat_map(|axis| [Actual(axis), Range(axis)]);
         STATUS.into_iter().chain(axes).chain([Snapshot])
     }
 
-    /// Every node there is, each once.
+    /// Every node once.
     pub(super) fn all() -> impl Iterator<Item = Self> {
         let axes = Axis::ALL.into_iter().flat_map(|axis| [Actual(axis), Range(axis), Unit(axis)]);
         STATUS.into_iter().chain(axes).chain([Pulse]).chain(Self::COMMAND)
     }
 
-    /// The name by which the configuration may move it elsewhere.
+    /// The name by which the configuration may assign it another path.
     pub(super) fn key(self) -> String {
         match self {
             Actual(axis) => format!("axes.{}.actual_position", axis.name()),
@@ -114,7 +114,7 @@ impl Node {
         }
     }
 
-    /// Its path below the manipulator's node, unless the configuration gives another.
+    /// Its path below the manipulator's node, unless the configuration gives another one.
     pub(super) fn path(self) -> String {
         let axis = |axis: Axis| {
             format!("robotics:Axes/own:{}/di:ParameterSet/robotics:ActualPosition", axis.name().to_uppercase())
@@ -176,16 +176,16 @@ fn snake(word: &str) -> String {
 /// One step of a browse path.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Step<'a> {
-    /// Alias of the namespace; none is OPC UA's own.
+    /// Alias of the namespace; `None` for OPC UA's own.
     pub(super) alias: Option<&'a str>,
     /// Browse name.
     pub(super) name: &'a str,
 }
 
-/// The most steps that a path may have: as deep as anything should lie.
+/// The greatest number of steps in a path.
 const STEPS_MAX: usize = 32;
 
-/// The steps of a written path, or nothing where it is no path.
+/// The steps of a path in text form; `None` if it is not a path.
 pub(super) fn steps(path: &str) -> Option<Vec<Step<'_>>> {
     let steps: Option<Vec<_>> = path
         .split('/')
@@ -204,7 +204,7 @@ mod tests {
     use std::collections::HashSet;
 
     #[test]
-    fn every_node_has_its_own_name_and_its_own_path() {
+    fn every_node_has_a_unique_name_and_path() {
         let keys: HashSet<_> = Node::all().map(Node::key).collect();
         let paths: HashSet<_> = Node::all().map(Node::path).collect();
         assert_eq!((keys.len(), paths.len()), (Node::all().count(), Node::all().count()));
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn the_number_of_a_command_is_written_last_and_a_reading_is_framed_by_its_counter() {
+    fn a_commands_number_is_written_last_and_a_reading_has_its_counter_at_both_ends() {
         assert_eq!(Node::COMMAND.last(), Some(&Node::Sequence));
         let reading: Vec<_> = Node::reading().collect();
         assert_eq!((reading.first(), reading.last()), (Some(&Node::Snapshot), Some(&Node::Snapshot)));
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_with_an_empty_step_is_none() {
+    fn a_path_with_an_empty_step_is_refused() {
         assert_eq!(steps("di:Set/Value").map(|steps| steps.len()), Some(2));
         for wrong in ["", "/", "di:", ":Name", "di:Set//own:M1", "di:Set/"] {
             assert_eq!(steps(wrong), None, "{wrong}");

@@ -1,5 +1,5 @@
-//! The manipulator at the other end of a session. Every call has a deadline; what fails or is given up half-way costs the
-//! session, and only [`Manipulator::connect`] makes a new one. Nothing is ever sent twice.
+//! A manipulator over an OPC UA session. Every call has a deadline; a call that fails or is dropped half-way closes the session,
+//! and only [`Manipulator::connect`] opens a new one. Nothing is ever sent twice.
 
 use super::codec::{self, NotEncodable};
 use super::layout::Node;
@@ -16,11 +16,11 @@ use std::fmt::Display;
 use std::time::Duration;
 use tokio::time::{Instant, sleep, timeout};
 
-/// A torn reading is read again, this often in all.
+/// Greatest number of attempts at a reading that is torn.
 const READINGS_MAX: u32 = 4;
-/// Until a device that changed meanwhile has done with it.
+/// Pause before the next attempt, so that the device can complete its change.
 const TORN_WAIT: Duration = Duration::from_millis(2);
-/// Longest wait for a farewell to a server that still answers.
+/// Longest wait for closing a session with a server that still answers.
 const FAREWELL: Duration = Duration::from_millis(200);
 
 /// A manipulator behind an OPC UA server.
@@ -29,14 +29,14 @@ pub struct OpcuaManipulator {
     settings: Settings,
     gate: FenceGate,
     open: Option<Open>,
-    /// Our own sign of life; counts.
+    /// The heartbeat of coaxis, a counter.
     pulse: u16,
-    /// The device's heartbeat, and since when it has that value.
+    /// The device's heartbeat, and since when it has had that value.
     heartbeat: Option<(u16, Instant)>,
 }
 
 impl OpcuaManipulator {
-    /// Connects nothing yet.
+    /// An adaptor that is not connected yet.
     ///
     /// # Errors
     /// [`SettingRefusal`] names the setting that cannot be used.
@@ -64,7 +64,7 @@ impl OpcuaManipulator {
         DeviceError::Implausible { device: self.name.clone(), what: what.to_string() }
     }
 
-    /// In the words of the contract.
+    /// Converts a failure into an error of the contract.
     fn error(&self, failure: &Failure, within: Duration) -> DeviceError {
         match failure {
             Failure::Said { status, .. } if *status == StatusCode::BadTimeout => self.silent(within),
@@ -75,7 +75,7 @@ impl OpcuaManipulator {
         }
     }
 
-    /// Takes the session, so that it is dropped if the caller stops waiting.
+    /// Takes the session out of the adaptor, so that it is dropped if the caller stops waiting.
     fn take(&mut self) -> Result<Open, DeviceError> {
         self.open.take().ok_or_else(|| self.lost(&"not connected"))
     }
@@ -87,7 +87,7 @@ impl OpcuaManipulator {
         }
         let within = self.settings.connect_within();
         let settings = self.settings.clone();
-        // To make a key takes seconds, once, and is no fault of the device: outside its deadline.
+        // Creating a key takes seconds, happens once, and is not a fault of the device, so it is not part of its deadline.
         let made = tokio::task::spawn_blocking(move || client(&settings)).await;
         let mut client = made.map_err(|error| self.lost(&error))?.map_err(|failure| self.error(&failure, within))?;
         let opened = timeout(within, async {
@@ -119,7 +119,7 @@ impl OpcuaManipulator {
         Ok(reading)
     }
 
-    /// The device is alive if its heartbeat is recent and counts.
+    /// Checks that the device is running: its heartbeat is recent and changes.
     fn hear(&mut self, age: Duration, heartbeat: u16) -> Result<(), DeviceError> {
         let stale = self.settings.stale_after();
         let now = now();
@@ -144,24 +144,25 @@ impl OpcuaManipulator {
         self.judge(&results)
     }
 
-    /// A command has arrived whole, or not at all, or its sender must not go on as if nothing had happened.
+    /// Evaluates the results of writing a command. If the server refused a part of it, the device must not be commanded any
+    /// further.
     fn judge(&self, results: &[StatusCode]) -> Result<(), DeviceError> {
         let refused = Node::COMMAND.into_iter().zip(results).find(|(_, status)| **status != StatusCode::Good);
         match (refused, results.last()) {
             (None, _) => Ok(()),
-            // Without its number the device does not act.
+            // Without the sequence number the device does not execute the command.
             (Some(_), Some(number)) if number.is_bad() => {
                 Err(DeviceError::Rejected { device: self.name.clone(), code: number.bits() })
             }
             (Some((node, status)), _) => Err(self.implausible(&format_args!(
-                "the command was taken without {}, which the server answered {status}",
+                "the command was accepted without {}, for which the server answered {status}",
                 node.key()
             ))),
         }
     }
 }
 
-/// Writes the heartbeat, then reads every value in one call, again if the device changed them meanwhile.
+/// Writes the heartbeat, then reads every value in one call, and reads again if the device changed them meanwhile.
 async fn exchange(open: &Open, pulse: u16) -> Result<Result<Values, UnexpectedValue>, Failure> {
     let wanted: Vec<_> = Node::reading().map(|node| (node, AttributeId::Value)).collect();
     let heard = open.write(&[(Node::Pulse, Variant::UInt16(pulse))]).await?;

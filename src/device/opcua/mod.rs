@@ -1,5 +1,6 @@
-//! Manipulators behind an OPC UA server, as most PLCs have one. `settings` and `layout` say where things are, `codec` what they
-//! mean (pure), `session` and `link` talk, `server` is the other side, for trying without a machine.
+//! Manipulators behind an OPC UA server, which most PLCs have. `settings` and `layout` give the places of the nodes, `codec`
+//! converts their values (pure), `session` and `link` communicate, and `server` is the other side, for trying coaxis without a
+//! machine.
 //!
 //! ```text
 //! Settings -> layout (browse paths) -> session (connected, node ids) -> link (Manipulator)
@@ -24,7 +25,7 @@ pub use settings::{SettingRefusal, Settings};
 
 use super::manipulator::Manipulator;
 
-/// A manipulator that is reached over OPC UA. Connects nothing yet.
+/// A manipulator that is reached over OPC UA. It is not connected yet.
 ///
 /// # Errors
 /// [`SettingRefusal`] names the setting that cannot be used.
@@ -32,7 +33,7 @@ pub fn open(name: &str, settings: &Settings) -> Result<Box<dyn Manipulator>, Set
     Ok(Box::new(OpcuaManipulator::new(name, settings)?))
 }
 
-/// The way into the private parts for the fuzz targets.
+/// Access to private parts for the fuzz targets.
 #[cfg(fuzzing)]
 pub mod fuzzing {
     use super::server::plc;
@@ -40,8 +41,8 @@ pub mod fuzzing {
     use crate::device::{Reading, States};
     use opcua::types::{BinaryDecodable, ContextOwned, DataValue, DateTime};
 
-    /// What is read from an answer in which values are replaced by those of `bytes`: the number of the value, then the value in
-    /// OPC UA's binary encoding, and so on.
+    /// Reads an answer in which values are replaced by those of `bytes`: the index of a value, the value in OPC UA's binary
+    /// encoding, and so on.
     pub fn read(mut bytes: &[u8], valid: &Reading) -> Option<Reading> {
         let codes = States::default().codes();
         let value = |node| plc::value(node, valid, 8, codes).map(|value| (node, DataValue::from(value)));

@@ -1,7 +1,7 @@
-//! Checks the values of nodes: type, length and quality. Everything that comes from a server is checked here before it is used.
+//! Checks the values of nodes: type, length and quality. Every value from a server is checked here before it is used.
 //!
-//! Once, on connecting, it is also checked whether the positions have the expected units, and whether commands can be written as
-//! this adaptor writes them: a command of which the server refuses one half and accepts the other would be worse than none. Pure.
+//! Once, on connecting, it also checks whether the positions have the expected units, and whether commands can be written as this
+//! adaptor writes them, because the server must not accept one half of a command and refuse the other. Pure.
 
 use opcua::types::{AttributeId, DataTypeId, DataValue, EUInformation, NodeId, Range, StatusCode, Variant};
 
@@ -9,36 +9,36 @@ use crate::motion::Axis;
 
 use super::layout::Node;
 
-/// Why a value is none.
+/// Why a value is not usable.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub(super) enum UnexpectedValue {
-    /// The answer is shorter than the question.
+    /// The answer has fewer values than requested.
     #[error("{} is missing in the answer", .0.key())]
     Missing(Node),
-    /// The server does not stand by it.
+    /// The server does not report good quality.
     #[error("{} has the quality {quality}", node.key())]
     Quality {
-        /// Which.
+        /// The node.
         node: Node,
-        /// As the server gives it.
+        /// The quality that the server reports.
         quality: StatusCode,
     },
-    /// Another type, or another length.
+    /// The value has another type or length.
     #[error("{} is not {wanted}", node.key())]
     Type {
-        /// Which.
+        /// The node.
         node: Node,
-        /// In words.
+        /// The expected type, as text.
         wanted: &'static str,
     },
-    /// Of the right type, and impossible.
+    /// The value has the right type but is not possible.
     #[error("{} is {value}, which {why}", node.key())]
     Value {
-        /// Which.
+        /// The node.
         node: Node,
-        /// As read.
+        /// The value that was read.
         value: String,
-        /// What is wrong with it.
+        /// Why it is not possible.
         why: &'static str,
     },
 }
@@ -53,7 +53,7 @@ impl<'a> Answer<'a> {
         Self { values }
     }
 
-    /// The first value of a node, whatever its quality.
+    /// The first value of a node, of any quality.
     pub(super) fn raw(&self, node: Node) -> Result<&'a DataValue, UnexpectedValue> {
         self.values.iter().find(|(of, _)| *of == node).map(|(_, value)| value).ok_or(UnexpectedValue::Missing(node))
     }
@@ -62,19 +62,19 @@ impl<'a> Answer<'a> {
         variant(node, self.raw(node)?)
     }
 
-    /// A count that fits 16 bits, of whatever integer type.
+    /// A count that fits into 16 bits, of any integer type.
     pub(super) fn word(&self, node: Node) -> Result<u16, UnexpectedValue> {
         let wanted = "a whole number of 16 bits";
         whole(self.good(node)?).and_then(|value| value.try_into().ok()).ok_or(UnexpectedValue::Type { node, wanted })
     }
 
-    /// A count that fits 32 bits, of whatever integer type.
+    /// A count that fits into 32 bits, of any integer type.
     pub(super) fn double_word(&self, node: Node) -> Result<u32, UnexpectedValue> {
         let wanted = "a whole number of 32 bits";
         whole(self.good(node)?).and_then(|value| value.try_into().ok()).ok_or(UnexpectedValue::Type { node, wanted })
     }
 
-    /// A count that fits 64 bits and is not negative, of whatever integer type.
+    /// A non-negative count that fits into 64 bits, of any integer type.
     pub(super) fn long(&self, node: Node) -> Result<u64, UnexpectedValue> {
         let wanted = UnexpectedValue::Type { node, wanted: "a whole number of 64 bits" };
         match self.good(node)? {
@@ -100,7 +100,7 @@ impl<'a> Answer<'a> {
         self.four(node, "four whole numbers of 16 bits", |value| whole(value)?.try_into().ok())
     }
 
-    /// Four truths.
+    /// Four Booleans.
     pub(super) fn truths(&self, node: Node) -> Result<[bool; 4], UnexpectedValue> {
         self.four(node, "four truth values", |value| match value {
             Variant::Boolean(truth) => Some(*truth),
@@ -108,7 +108,7 @@ impl<'a> Answer<'a> {
         })
     }
 
-    /// A range, its ends finite and in order.
+    /// A range whose ends are finite and in order.
     pub(super) fn range(&self, node: Node) -> Result<(f64, f64), UnexpectedValue> {
         let wrong = UnexpectedValue::Type { node, wanted: "a range" };
         let Variant::ExtensionObject(object) = self.good(node)? else { return Err(wrong) };
@@ -134,7 +134,7 @@ impl<'a> Answer<'a> {
     }
 }
 
-/// A value of good quality. Good with a reservation, such as "overridden" or "clamped", is not accepted.
+/// A value of good quality. Good quality with a qualifier, such as "overridden" or "clamped", is not accepted.
 pub(super) fn variant(node: Node, value: &DataValue) -> Result<&Variant, UnexpectedValue> {
     let quality = value.status.unwrap_or(StatusCode::Good);
     if quality != StatusCode::Good {
@@ -173,9 +173,9 @@ fn finite(node: Node, value: f64) -> Result<f64, UnexpectedValue> {
     }
 }
 
-/// CEFACT's code of the millimetre, "MMT", as OPC UA counts it.
+/// CEFACT's code of the millimetre, "MMT", as OPC UA encodes it.
 pub(super) const MILLIMETRE: i32 = 0x4D_4D54;
-/// CEFACT's code of the degree, "DD", as OPC UA counts it.
+/// CEFACT's code of the degree, "DD", as OPC UA encodes it.
 pub(super) const DEGREE: i32 = 0x4444;
 
 /// The unit that an axis must have.
@@ -186,12 +186,12 @@ pub(super) const fn unit(axis: Axis) -> i32 {
     }
 }
 
-/// What [`units`] wants to know.
+/// The attributes that [`units`] needs.
 pub(super) fn asked_of_units() -> Vec<(Node, AttributeId)> {
     Axis::ALL.map(|axis| (Node::Unit(axis), AttributeId::Value)).into()
 }
 
-/// Whether every axis has its unit.
+/// Checks that every axis has its unit.
 pub(super) fn units(values: &[(Node, DataValue)]) -> Result<(), UnexpectedValue> {
     let answer = Answer::new(values);
     for axis in Axis::ALL {
@@ -207,18 +207,18 @@ pub(super) fn units(values: &[(Node, DataValue)]) -> Result<(), UnexpectedValue>
     Ok(())
 }
 
-/// Everything that we write.
+/// Every node that the adaptor writes.
 fn written() -> impl Iterator<Item = Node> {
     Node::COMMAND.into_iter().chain([Node::Pulse])
 }
 
-/// What [`writable`] wants to know.
+/// The attributes that [`writable`] needs.
 pub(super) fn asked_of_commands() -> Vec<(Node, AttributeId)> {
     let attributes = [AttributeId::DataType, AttributeId::ValueRank, AttributeId::UserAccessLevel];
     written().flat_map(|node| attributes.map(|attribute| (node, attribute))).collect()
 }
 
-/// The type that a node must have, and whether it has four values.
+/// The type that a node must have, and whether it is an array of four values.
 pub(super) const fn kind(node: Node) -> (DataTypeId, bool) {
     match node {
         Node::Fence => (DataTypeId::UInt64, false),
@@ -228,10 +228,10 @@ pub(super) const fn kind(node: Node) -> (DataTypeId, bool) {
     }
 }
 
-/// Bit of the access level that lets a value be written.
+/// Bit of the access level that allows writing a value.
 const CURRENT_WRITE: u8 = 2;
 
-/// Whether every node of a command takes what we would write to it.
+/// Checks that every node of a command accepts the values that the adaptor would write.
 pub(super) fn writable(values: &[(Node, DataValue)]) -> Result<(), UnexpectedValue> {
     let mut answers = values.iter();
     for node in written() {
@@ -249,7 +249,7 @@ pub(super) fn writable(values: &[(Node, DataValue)]) -> Result<(), UnexpectedVal
                 why: "docs/opcua.md has otherwise",
             });
         }
-        // -1 is one value, 1 a list; -3, -2 and 0 leave it open.
+        // -1 is a scalar, 1 a one-dimensional array; -3, -2 and 0 do not specify this.
         if !matches!((rank, array), (Variant::Int32(-3..=-1), false) | (Variant::Int32(-3 | -2 | 0 | 1), true)) {
             let why = if array { "is no list" } else { "is a list" };
             return Err(UnexpectedValue::Value { node, value: format!("of rank {rank}"), why });

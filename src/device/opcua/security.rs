@@ -1,5 +1,5 @@
-//! The identities of server and client, and how their messages are protected. The certificate of the server is pinned: exactly one
-//! is accepted, and it comes from a file that the operator has placed there, never from the network.
+//! The identities of server and client, and the protection of their messages. The certificate of the server is pinned: exactly one
+//! is accepted, and it comes from a file that the operator has installed, never from the network.
 
 use opcua::client::{IdentityToken, Password};
 use opcua::crypto::{CertificateStore, SecurityPolicy, X509};
@@ -10,27 +10,27 @@ use std::path::{Path, PathBuf};
 
 use std::{env, fs};
 
-/// Security settings that cannot be used. Never contains a password.
+/// Invalid security settings. The messages never contain a password.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SecurityError {
-    /// Encryption without a trusted certificate.
+    /// Encryption is configured without a trusted certificate.
     #[error("security.policy needs security.server_certificate: the file of the one certificate that is accepted")]
     NobodyTrusted,
-    /// A certificate that would not be used.
+    /// A certificate is configured that would not be used.
     #[error("security.server_certificate needs a security.policy other than none")]
     TrustWithoutPolicy,
-    /// A password over an open line.
+    /// A password would be sent without encryption.
     #[error("security.user needs a security.policy other than none: the password would be readable on the network")]
     OpenPassword,
-    /// A user without a password, or a password without a user.
+    /// A user has no password, or a password has no user.
     #[error(
-        "security.user goes with exactly one of security.password_file and security.password_variable, and they with it"
+        "security.user needs exactly one of security.password_file and security.password_variable, and these need security.user"
     )]
     Password,
     /// The password cannot be read.
     #[error("the password cannot be read from {place}: {cause}")]
     PasswordUnreadable {
-        /// File or variable.
+        /// The file or variable.
         place: String,
         /// The cause.
         cause: String,
@@ -38,20 +38,20 @@ pub enum SecurityError {
     /// The certificate cannot be read.
     #[error("the server's certificate cannot be read from {}: {cause}", file.display())]
     CertificateUnreadable {
-        /// As configured.
+        /// The configured file.
         file: PathBuf,
         /// The cause.
         cause: String,
     },
 }
 
-/// Where our key lies in the service's data folder.
+/// Folder of the client's key in the service's data folder.
 const PKI_FOLDER: &str = "opcua";
 /// The greatest size of a password file.
 const PASSWORD_BYTES_MAX: usize = 1024;
 
 impl Policy {
-    /// As the library knows it.
+    /// The policy as the library defines it.
     pub(super) const fn library(self) -> SecurityPolicy {
         match self {
             Self::None => SecurityPolicy::None,
@@ -86,17 +86,17 @@ impl Security {
         }
     }
 
-    /// Keeps our key below this folder where the configuration names no other.
+    /// Keeps the client's key below this folder if the configuration names no other.
     pub fn keep_below(&mut self, data: &Path) {
         self.pki.get_or_insert_with(|| data.join(PKI_FOLDER));
     }
 
-    /// The folder of our key.
+    /// The folder of the client's key.
     pub(super) fn pki(&self) -> PathBuf {
         self.pki.clone().unwrap_or_else(|| Path::new("data").join(PKI_FOLDER))
     }
 
-    /// The identity of the client. Read again for every connection, so that a new password needs no restart.
+    /// The identity of the client. It is read again for every connection, so that a new password needs no restart.
     pub(super) fn identity(&self) -> Result<IdentityToken, SecurityError> {
         let Some(user) = &self.user else { return Ok(IdentityToken::Anonymous) };
         Ok(IdentityToken::UserName(user.clone(), Password(self.password()?)))
@@ -119,7 +119,7 @@ impl Security {
         Ok(line.to_owned())
     }
 
-    /// The one certificate that is accepted; none where messages are open.
+    /// The only accepted certificate; `None` if messages are not encrypted.
     pub(super) fn trusted(&self) -> Result<Option<X509>, SecurityError> {
         self.server_certificate.as_deref().map(read_certificate).transpose()
     }
@@ -130,31 +130,31 @@ fn read_certificate(file: &Path) -> Result<X509, SecurityError> {
         .map_err(|cause| SecurityError::CertificateUnreadable { file: file.to_path_buf(), cause })
 }
 
-/// How messages are protected, and the identity of the client.
+/// The protection of messages, and the identity of the client.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Security {
-    /// How messages are signed and encrypted.
+    /// Signing and encryption of messages.
     pub policy: Policy,
-    /// The server's certificate, .der or .pem. No other is accepted. Needed where there is a policy.
+    /// The server's certificate, .der or .pem. No other is accepted. It is required with a policy other than none.
     pub server_certificate: Option<PathBuf>,
-    /// Name by which we log in; anonymous where there is none.
+    /// User name; if it is missing, the client is anonymous.
     pub user: Option<String>,
     /// File with the password, one line.
     pub password_file: Option<PathBuf>,
-    /// Variable of the environment with the password.
+    /// Environment variable with the password.
     pub password_variable: Option<String>,
-    /// Folder of our own key and certificate (own/cert.der, which the server must trust); made where it is missing. The
-    /// service's data folder has one unless configured otherwise.
+    /// Folder of the client's key and certificate (own/cert.der, which the server must trust); created if it is missing. By default
+    /// it is in the service's data folder.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pki: Option<PathBuf>,
 }
 
-/// How messages are signed and encrypted.
+/// Signing and encryption of messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Policy {
-    /// Not at all.
+    /// Neither signed nor encrypted.
     #[default]
     None,
     /// Signed and encrypted.
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn half_a_security_is_none() {
+    fn incomplete_security_settings_are_refused() {
         assert_eq!((Security::default().check(), secured().check()), (Ok(()), Ok(())));
         let cases = [
             (Security { server_certificate: None, ..secured() }, SecurityError::NobodyTrusted),
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn a_password_that_cannot_be_read_is_named_by_its_place() {
+    fn an_unreadable_password_is_reported_with_its_source() {
         let nowhere = Security { password_variable: Some("COAXIS_NO_SUCH_VARIABLE".into()), ..secured() };
         let trouble = nowhere.identity().expect_err("no password").to_string();
         assert!(trouble.contains("COAXIS_NO_SUCH_VARIABLE"), "{trouble}");

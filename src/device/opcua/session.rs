@@ -1,8 +1,9 @@
-//! One session with the server: opened in one attempt (our key, the server's certificate, the endpoint), finds the nodes by their
-//! browse paths, and reads and writes lists of them in one service call each. After its first failure it is not used again.
+//! One session with the server. It is opened in one attempt (the client's key, the server's certificate, the endpoint), finds the
+//! nodes by their browse paths, and reads or writes a list of them in one service call. After its first failure it is not used
+//! again.
 //!
-//! The client library would reconnect, and repeat its requests. Both are switched off: no retries, no reconnects, and the event
-//! loop of the library is aborted with the session, so that no waiting request is sent later.
+//! The client library would reconnect and repeat its requests. Both are switched off: there are no retries and no reconnects, and
+//! the event loop of the library is aborted with the session, so that no waiting request is sent later.
 
 use std::collections::HashMap;
 use std::fs::DirBuilder;
@@ -29,29 +30,29 @@ pub(super) enum Failure {
     /// An error of the library or of the server.
     #[error("{cause}")]
     Said {
-        /// OPC UA's code.
+        /// Status code of OPC UA.
         status: StatusCode,
-        /// In words.
+        /// Description of the error.
         cause: String,
     },
     /// The password or the certificate cannot be read.
     #[error(transparent)]
     Security(#[from] SecurityError),
     /// The folder of keys, or a key in it, cannot be created.
-    #[error("no key and certificate of our own in {folder}: {cause}")]
+    #[error("the client's key and certificate cannot be read or created in {folder}: {cause}")]
     Keys {
         /// Folder.
         folder: String,
         /// The cause.
         cause: String,
     },
-    /// The server shows a certificate that is not the one that is trusted.
-    #[error("the server shows another certificate than the one in security.server_certificate")]
+    /// The server presents another certificate than the trusted one.
+    #[error("the server presents another certificate than the one in security.server_certificate")]
     Stranger,
-    /// The server does not know a namespace of ours.
+    /// The server does not have a required namespace.
     #[error("the server has no namespace {0}")]
     Namespace(String),
-    /// The server does not have a node.
+    /// The server does not have a required node.
     #[error("the server has no node {path} ({key}): {status}")]
     NoNode {
         /// Path.
@@ -61,12 +62,12 @@ pub(super) enum Failure {
         /// The status code of the server.
         status: StatusCode,
     },
-    /// The answer is not of the length of the question.
-    #[error("the answer has {found} values where {wanted} were asked for")]
+    /// The answer has another number of values than requested.
+    #[error("the answer has {found} values, but {wanted} were requested")]
     Length {
-        /// Values that came.
+        /// Number of received values.
         found: usize,
-        /// Values that were asked for.
+        /// Number of requested values.
         wanted: usize,
     },
 }
@@ -77,7 +78,7 @@ impl From<Error> for Failure {
     }
 }
 
-/// The task that moves the session's bytes; it ends with its owner, and the connection with it.
+/// The task that transfers the session's bytes. It ends with its owner, and closes the connection.
 pub(super) struct Pump(AbortHandle);
 
 impl Pump {
@@ -92,21 +93,21 @@ impl Drop for Pump {
     }
 }
 
-/// A session that is open, or was.
+/// An open session.
 pub(super) struct Open {
     session: Arc<Session>,
     nodes: HashMap<Node, NodeId>,
     _pump: Pump,
 }
 
-/// Values, and when the server gave them by its own clock.
+/// Values with the time at which the server provided them, by its own clock.
 pub(super) struct Values {
     pub(super) values: Vec<(Node, DataValue)>,
     pub(super) answered: DateTime,
 }
 
 impl Open {
-    /// Asks for the node ids of every path, in one call.
+    /// Requests the node ids of all paths in one call.
     pub(super) async fn find(session: Arc<Session>, pump: Pump, settings: &Settings) -> Result<Self, Failure> {
         let namespaces = namespaces(&session).await?;
         let wanted: Vec<(Node, String)> = Node::all().map(|node| (node, settings.path(node))).collect();
@@ -129,7 +130,7 @@ impl Open {
         self.nodes.get(&node).cloned().unwrap_or_else(NodeId::null)
     }
 
-    /// Attributes of nodes, in one call and in this order.
+    /// Reads attributes of nodes in one call and in this order.
     pub(super) async fn read(&self, wanted: &[(Node, AttributeId)]) -> Result<Values, Failure> {
         let nodes = wanted.iter().map(|(node, attribute)| ReadValueId::new(self.id(*node), *attribute)).collect();
         let question = Read::new(&self.session).nodes_to_read(nodes).timestamps_to_return(TimestampsToReturn::Both);
@@ -156,9 +157,9 @@ impl Open {
         Ok(results)
     }
 
-    /// Ends the session as it should be ended, so that the server need not keep it until its time is over.
+    /// Closes the session properly, so that the server need not keep it until it expires.
     pub(super) async fn close(self) {
-        // Whether the server received it makes no difference: the connection ends in any case.
+        // It makes no difference whether the server received this, because the connection is closed in any case.
         let _ = self.session.disconnect().await;
     }
 }
@@ -167,7 +168,7 @@ const fn same_length(found: usize, wanted: usize) -> Result<(), Failure> {
     if found == wanted { Ok(()) } else { Err(Failure::Length { found, wanted }) }
 }
 
-/// The server's namespaces, as it counts them today.
+/// The server's namespaces with their present indices.
 async fn namespaces(session: &Session) -> Result<NamespaceMap, Failure> {
     let node = ReadValueId::from(NodeId::from(VariableId::Server_NamespaceArray));
     let values = session.read(&[node], TimestampsToReturn::Neither, 0.0).await?;
@@ -198,7 +199,7 @@ fn browse_path(path: &str, settings: &Settings, namespaces: &NamespaceMap) -> Re
     })
 }
 
-/// The node at the end of a path. Two nodes are an error: it would be unknown which one moves.
+/// The node at the end of a path. Two nodes are an error, because it would be unknown which one moves.
 fn only_target(result: &BrowsePathResult) -> Result<NodeId, StatusCode> {
     if result.status_code.is_bad() {
         return Err(result.status_code);
@@ -212,13 +213,13 @@ fn only_target(result: &BrowsePathResult) -> Result<NodeId, StatusCode> {
     }
 }
 
-/// A secure channel is renewed after three quarters of this: work for a key, inside some reading's deadline.
+/// Lifetime of a secure channel. It is renewed after three quarters of this time, which takes part of the deadline of one reading.
 const CHANNEL_MS: u32 = 3_600_000;
 
-/// Two manipulators share a folder: one makes the key, the other finds it.
+/// Two manipulators share a folder: one creates the key, and the other one finds it.
 static MAKING: Mutex<()> = Mutex::new(());
 
-/// Makes the client: reads our key, and makes one where there is none, which takes seconds and blocks.
+/// Creates the client. It reads the client's key, or creates one if there is none, which takes seconds and blocks.
 pub(super) fn client(settings: &Settings) -> Result<Client, Failure> {
     let folder = settings.security.pki();
     let keys = |cause: String| Failure::Keys { folder: folder.display().to_string(), cause };
@@ -232,7 +233,7 @@ pub(super) fn client(settings: &Settings) -> Result<Client, Failure> {
         .session_name("coaxis")
         .pki_dir(&folder)
         .create_sample_keypair(secured)
-        // `open` has compared the certificate with the one from the file before anything is sent; the library copies it.
+        // `open` has compared the certificate with the one from the file before anything is sent; the library only copies it.
         .trust_server_certs(true)
         .verify_server_certs(false)
         .session_retry_limit(0)

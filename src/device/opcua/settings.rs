@@ -1,5 +1,5 @@
-//! How a manipulator behind OPC UA is set up: where its server is, how it is trusted, where the nodes lie, how long we wait.
-//! Takes the configuration's text, gives checked values.
+//! The settings of a manipulator behind OPC UA: its server, security, nodes and deadlines. Input: the text of the configuration.
+//! Output: checked values.
 
 use super::layout::{Node, steps};
 use super::security::{Security, SecurityError};
@@ -13,77 +13,77 @@ use std::time::Duration;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
-    /// Address of the server: `opc.tcp://host:port` and a path where it has one.
+    /// Address of the server: `opc.tcp://host:port`, followed by a path if it has one.
     pub endpoint: String,
     /// Browse path of the manipulator's node, from Objects: `alias:Name/alias:Name/…`.
     pub device: String,
     /// Namespaces by the aliases that the paths use.
     pub namespaces: BTreeMap<String, String>,
-    /// Nodes that lie elsewhere than docs/opcua.md says: name of the node, path below the manipulator's node.
+    /// Nodes at other places than docs/opcua.md gives: name of the node, path below the manipulator's node.
     pub nodes: BTreeMap<String, String>,
-    /// The numbers of the states: the table of a maker by name, or another one.
+    /// The numbers of the states: the table of a manufacturer by name, or a custom one.
     pub states: States,
     /// Encryption, and the identity of the client.
     pub security: Security,
-    /// Longest time until connected, checked and read.
+    /// Longest time for connecting, checking and the first reading.
     pub connect_ms: u64,
     /// Longest time of a reading.
     pub read_ms: u64,
-    /// Longest time until a command has arrived.
+    /// Longest time until a command has been received.
     pub send_ms: u64,
-    /// Age from which the device's heartbeat is stale, by its time stamp and by whether it counts.
+    /// Age from which the device's heartbeat is stale, by its time stamp and by the time without a change.
     pub stale_ms: u64,
     /// How long the server keeps a session without requests.
     pub session_ms: u64,
 }
 
-/// A setting that cannot be used.
+/// A setting is invalid.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SettingRefusal {
-    /// No address of an OPC UA server.
+    /// The endpoint is not the address of an OPC UA server.
     #[error("endpoint must be an address such as opc.tcp://192.168.0.10:4840, got {0:?}")]
     Endpoint(String),
-    /// No path of nodes.
+    /// The text is not a path of nodes.
     #[error("{name} must be a path such as di:DeviceSet/own:Cell, got {path:?}")]
     Path {
-        /// Of the setting.
+        /// Name of the setting.
         name: String,
-        /// As given.
+        /// The given path.
         path: String,
     },
-    /// A path uses an alias that stands for nothing.
-    #[error("{name} uses the alias {alias:?}, which namespaces does not have")]
+    /// A path uses an alias without a namespace.
+    #[error("{name} uses the alias {alias:?}, which is missing in namespaces")]
     Alias {
-        /// Of the setting.
+        /// Name of the setting.
         name: String,
-        /// As used.
+        /// The alias.
         alias: String,
     },
-    /// There is no node of that name.
+    /// There is no node of this name.
     #[error("nodes has no {0:?}; docs/opcua.md lists the names")]
     Node(String),
-    /// Two states have one number.
+    /// Two states have the same number.
     #[error("states: {0}")]
     States(#[from] SameCode),
-    /// A time outside what can work.
+    /// A time is out of its range.
     #[error("{name} must be between {least} and {most}, got {value}")]
     Time {
-        /// Of the setting.
+        /// Name of the setting.
         name: &'static str,
-        /// ms.
+        /// Least allowed value, ms.
         least: u64,
-        /// ms.
+        /// Greatest allowed value, ms.
         most: u64,
-        /// ms.
+        /// Given value, ms.
         value: u64,
     },
-    /// Security that is none.
+    /// The security settings are invalid.
     #[error(transparent)]
     Security(#[from] SecurityError),
 }
 
 impl Settings {
-    /// The defaults for a manipulator of this id: its device is named after it in capitals, as `M1`.
+    /// The defaults for a manipulator with this id; its device has the id in capitals as its name, e.g. `M1`.
     #[must_use]
     pub fn of(id: &str) -> Self {
         let namespaces = [
@@ -163,7 +163,7 @@ impl Settings {
         }
     }
 
-    /// Where a node lies, from Objects.
+    /// The path of a node from Objects.
     pub(super) fn path(&self, node: Node) -> String {
         let below = self.nodes.get(&node.key()).cloned().unwrap_or_else(|| node.path());
         format!("{}/{below}", self.device)
@@ -199,14 +199,14 @@ mod tests {
     }
 
     #[test]
-    fn the_default_holds_and_waits_for_no_reading_longer_than_the_cell_allows() {
+    fn the_defaults_are_valid_and_within_the_deadlines_of_the_cell() {
         let settings = Settings::default();
         assert_eq!(settings.check(), Ok(()));
         assert!(settings.read_ms <= 300 && settings.send_ms <= 300);
     }
 
     #[test]
-    fn what_cannot_be_is_refused_by_name() {
+    fn an_invalid_value_is_refused_by_name() {
         assert!(refused(|s| s.endpoint = "http://plc".into()).starts_with("endpoint must be"));
         assert!(refused(|s| s.endpoint = "opc.tcp://".into()).starts_with("endpoint must be"));
         assert!(refused(|s| s.device = "di:Set//x".into()).starts_with("device must be a path"));
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn a_node_may_lie_elsewhere() {
+    fn a_node_may_be_given_another_path() {
         let mut settings = Settings { device: "own:Plc".into(), ..Settings::default() };
         settings.nodes.insert("status.state".into(), "own:Db7/own:AxisState".into());
         assert_eq!(settings.check(), Ok(()));

@@ -1,5 +1,5 @@
-//! The adaptor in parts and as a whole: its codec with hostile values, and its link with our own simulated PLC on loopback. The
-//! PLC of another make is in tests/plc_opcua.rs.
+//! Tests the adaptor in parts and as a whole: its codec with hostile values, and its link with the simulated PLC of this crate on
+//! loopback. The independent PLC is in tests/plc_opcua.rs.
 
 use super::layout::Node;
 use crate::device::contract::check_manipulator;
@@ -27,7 +27,7 @@ fn limits() -> Axes<AxisLimits> {
     Axes { x: linear, y: linear, z: linear, c: turn }
 }
 
-/// A good value as a server would send it.
+/// A value of good quality, as a server would send it.
 fn good(value: impl Into<Variant>) -> DataValue {
     DataValue {
         value: Some(value.into()),
@@ -37,7 +37,7 @@ fn good(value: impl Into<Variant>) -> DataValue {
     }
 }
 
-/// Puts another value in the place of a node's.
+/// Replaces the value of a node.
 fn swap(values: &mut [(Node, DataValue)], node: Node, value: &DataValue) {
     for (_, place) in values.iter_mut().filter(|(of, _)| *of == node) {
         *place = value.clone();
@@ -60,11 +60,11 @@ fn read(values: &[(Node, DataValue)]) -> Result<Reading, String> {
 }
 
 #[test]
-fn a_reading_goes_over_the_wire_unharmed_and_turns_are_degrees_there() {
+fn a_reading_is_encoded_without_loss_with_rotations_in_degrees() {
     let sent = reading();
     let values = answer(&sent);
     let received = read(&values).expect("a reading");
-    // Degrees and back: two roundings of a double.
+    // Converting to degrees and back rounds twice.
     assert!((received.axes.c.actual - 0.1).abs() < 1e-15 && (received.axes.c.upper - 0.2).abs() < 1e-15);
     let c = received.axes.c;
     assert_eq!(Reading { axes: Axes { c, ..sent.axes }, ..sent }, received);
@@ -86,7 +86,7 @@ fn single_precision_and_other_integers_are_understood() {
 }
 
 #[test]
-fn what_cannot_be_is_refused_by_name() {
+fn an_invalid_value_is_refused_by_name() {
     let range = |low: f64, high: f64| good(ExtensionObject::from_message(Range { low, high }));
     let cases: [(Node, DataValue, &str); 16] = [
         (Node::State, good(9_u16), "status.state is 9, which is no state of the table"),
@@ -114,7 +114,7 @@ fn what_cannot_be_is_refused_by_name() {
 }
 
 #[test]
-fn a_value_that_the_server_does_not_stand_by_is_none() {
+fn a_value_without_good_quality_is_refused() {
     for quality in [StatusCode::BadSensorFailure, StatusCode::UncertainLastUsableValue, StatusCode::GoodLocalOverride] {
         for node in Node::reading().filter(|node| *node != Node::Snapshot) {
             let mut values = answer(&reading());
@@ -132,7 +132,7 @@ fn a_value_that_the_server_does_not_stand_by_is_none() {
 }
 
 #[test]
-fn an_answer_of_two_moments_is_torn() {
+fn an_answer_from_two_moments_is_torn() {
     let whole = answer(&reading());
     assert_eq!(codec::whole(&whole), Ok(Ok(())));
     for (first, last) in [(8_u32, 10_u32), (9, 9), (8, 9)] {
@@ -145,7 +145,7 @@ fn an_answer_of_two_moments_is_torn() {
 }
 
 #[test]
-fn the_age_of_the_heartbeat_is_told_by_the_servers_own_clock() {
+fn the_age_of_the_heartbeat_is_measured_by_the_servers_clock() {
     let mut values = answer(&reading());
     let answered = DateTime::ymd_hms_nano(2026, 5, 1, 12, 0, 0, 600_000_000);
     assert_eq!(codec::age(&values, &answered), Ok(Duration::from_millis(600)));
@@ -160,7 +160,7 @@ fn order(action: Action) -> Command {
 }
 
 #[test]
-fn a_command_goes_over_the_wire_unharmed_with_its_number_last() {
+fn a_command_is_encoded_without_loss_and_its_number_is_last() {
     let axes = Axes { x: true, y: false, z: false, c: true };
     let targets = Axes { x: 1.5, y: 0.0, z: 0.0, c: 0.5 };
     let moved = Action::MoveTo { axes, targets, speeds: Axes { c: 0.25, ..targets } };
@@ -174,7 +174,7 @@ fn a_command_goes_over_the_wire_unharmed_with_its_number_last() {
 }
 
 #[test]
-fn a_command_that_says_nothing_is_not_sent() {
+fn an_invalid_command_is_not_sent() {
     let axes = Axes::from_fn(|_| true);
     let nowhere = Axes { z: f64::INFINITY, ..Axes::default() };
     let speeds = Axes::from_fn(|_| 1.0);
@@ -201,7 +201,7 @@ fn an_axis_in_another_unit_is_refused() {
 }
 
 #[test]
-fn a_command_that_could_be_taken_by_halves_is_refused_before_the_first() {
+fn a_server_that_could_accept_half_a_command_is_refused_on_connecting() {
     let answers = |change: &dyn Fn(Node, AttributeId) -> Option<Variant>| -> Vec<_> {
         let value = |node: Node, attribute: AttributeId| {
             let (data_type, array) = nodes::kind(node);
@@ -254,9 +254,9 @@ fn any_variant() -> impl Strategy<Value = Variant> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 2_000, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Up to four values of an answer are anything at all: what is read keeps what readings promise.
+    /// Up to four values of an answer are arbitrary: a reading keeps the guarantees of all readings.
     #[test]
-    fn whatever_comes_is_a_true_reading_or_a_reason(
+    fn any_values_decode_to_a_valid_reading_or_an_error(
         changes in prop::collection::vec((0_usize..24, any_variant()), 1..5),
     ) {
         let mut values = answer(&reading());
@@ -319,7 +319,7 @@ fn told(sequence: u16, action: Action) -> Command {
 }
 
 #[tokio::test]
-async fn our_own_plc_and_our_adaptor_keep_the_contract() {
+async fn the_simulated_plc_and_the_adaptor_fulfil_the_contract() {
     let bench = Bench::start("contract").await;
     let mut link = bench.link(Carrier::M1);
     let report = check_manipulator(&mut link).await;
@@ -332,19 +332,19 @@ async fn our_own_plc_and_our_adaptor_keep_the_contract() {
 }
 
 #[tokio::test]
-async fn each_manipulator_hears_its_own_commands() {
+async fn each_manipulator_receives_its_own_commands() {
     let bench = Bench::start("two").await;
     let (mut m1, mut m2) = (bench.link(Carrier::M1), bench.link(Carrier::M2));
     m1.connect().await.expect("connected");
     m2.connect().await.expect("connected");
-    m2.send(&told(3, Action::Enable)).await.expect("handed over");
+    m2.send(&told(3, Action::Enable)).await.expect("sent");
     assert_eq!(m1.read().await.expect("a reading").acknowledged.sequence, 0);
     assert_eq!(m2.read().await.expect("a reading").acknowledged.sequence, 3);
     assert_eq!((bench.executed(Carrier::M1), bench.executed(Carrier::M2)), (vec![], vec![3]));
 }
 
 #[tokio::test]
-async fn without_a_connection_nothing_is_said_and_a_server_that_is_gone_is_a_link_lost() {
+async fn without_a_connection_nothing_is_sent_and_a_stopped_server_is_a_lost_link() {
     let bench = Bench::start("gone").await;
     let mut link = bench.link(Carrier::M1);
     let early = link.send(&told(1, Action::Enable)).await;
@@ -358,7 +358,7 @@ async fn without_a_connection_nothing_is_said_and_a_server_that_is_gone_is_a_lin
             }
         }
     });
-    let gone = gone.await.expect("noticed");
+    let gone = gone.await.expect("detected");
     assert!(matches!(gone, DeviceError::LinkLost { .. } | DeviceError::Silent { .. }), "{gone}");
     let after = link.send(&told(2, Action::Enable)).await;
     assert!(matches!(after, Err(DeviceError::LinkLost { .. })), "{after:?}");
@@ -366,7 +366,7 @@ async fn without_a_connection_nothing_is_said_and_a_server_that_is_gone_is_a_lin
 }
 
 #[tokio::test]
-async fn a_reading_that_is_given_up_costs_the_session() {
+async fn a_dropped_reading_closes_the_session() {
     let bench = Bench::start("dropped").await;
     let mut link = bench.link(Carrier::M1);
     link.connect().await.expect("connected");

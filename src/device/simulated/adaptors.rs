@@ -1,5 +1,5 @@
-//! The adaptors of the simulated manipulators, sensor and stage, and the link that each has to its device: latency, an answer in
-//! time or none, and the faults of links.
+//! The adaptors of the simulated manipulators, sensor and stage, and the link of each to its device with its latency, time-outs and
+//! faults.
 
 use std::time::Duration;
 
@@ -44,7 +44,7 @@ pub(super) struct Link {
     up: bool,
 }
 
-/// How an exchange goes.
+/// The course of an exchange.
 struct Exchange {
     arrives: bool,
     answer: Answer,
@@ -72,13 +72,13 @@ impl Link {
         }
     }
 
-    /// Connects, or connects again.
+    /// Connects or reconnects.
     pub(super) async fn open(&mut self) -> Result<(), DeviceError> {
         self.up = false;
         self.exchange(Step::Open, |_, _| ()).await
     }
 
-    /// Asks something; `deliver` is what the device does with it, where it arrives.
+    /// Sends a request; `deliver` is the action of the device if the request arrives.
     pub(super) async fn ask<T>(
         &mut self,
         deliver: impl FnOnce(&mut SimulatedCell, Duration) -> T,
@@ -89,7 +89,7 @@ impl Link {
         self.exchange(Step::Ask, deliver).await
     }
 
-    /// If this is dropped before the answer, the connection is closed: the answer may still arrive.
+    /// If this is dropped before the answer, the connection is closed, because the answer may still arrive.
     async fn exchange<T>(
         &mut self,
         step: Step,
@@ -168,7 +168,7 @@ impl SimulatedManipulator {
         Self { carrier, link, gate: FenceGate::default() }
     }
 
-    /// Which device of the simulated cell it is.
+    /// The device in the simulated cell.
     #[must_use]
     pub const fn device(&self) -> Device {
         Device::Manipulator(self.carrier)
@@ -184,7 +184,7 @@ impl Manipulator for SimulatedManipulator {
         Box::pin(async move {
             self.link.open().await?;
             let carrier = self.carrier;
-            // Not a heartbeat: a device that still moves stops by its watchdog, unless it is commanded again.
+            // This is not a heartbeat: a device that still moves is stopped by its watchdog, unless it is commanded again.
             self.link.ask(move |cell, now| cell.controllers.get_mut(carrier).reading(now)).await
         })
     }
@@ -208,9 +208,9 @@ impl Manipulator for SimulatedManipulator {
     }
 }
 
-/// Profiles at most in one answer.
+/// Greatest number of profiles in one answer.
 const BATCH_MAX: usize = 64;
-/// Between two requests for new profiles.
+/// Interval between two requests for new profiles.
 const LOOK: Duration = Duration::from_millis(5);
 
 /// The adaptor of the simulated profile sensor.

@@ -1,6 +1,7 @@
-//! The controller of one simulated manipulator, like that of a PLC: takes commands by sequence number, keeps its own limits and
-//! watchdog, moves its axes, and reports its state. In: commands, heartbeats and the caller's clock. Out: a [`Reading`], and a
-//! record of the commands for tests. Pure. `execution` decides which commands are permitted and executes them over time.
+//! The controller of one simulated manipulator, which behaves like a PLC: accepts commands by sequence number, enforces its own
+//! limits and watchdog, moves its axes, and reports its state. Input: commands, heartbeats and the caller's clock. Output: a
+//! [`Reading`], and a record of the commands for tests. Pure. `execution` decides which commands are permitted and executes them
+//! over time.
 //!
 //! ```text
 //! Disabled --Enable--> Standstill --MoveTo--> DiscreteMotion --arrived--> Standstill
@@ -24,14 +25,14 @@ use crate::motion::{Axes, Axis, AxisLimits, Position};
 
 use super::drives::{Mechanics, Servo};
 
-/// The codes of a simulated controller, in [`crate::device::Reading::fault_code`]: below 100 faults, which a reset acknowledges;
-/// from 100 on why the newest command was refused, until there is a newer one.
+/// The codes of a simulated controller in [`crate::device::Reading::fault_code`]. Codes below 100 are faults, which a reset
+/// acknowledges; codes from 100 on are the reason why the newest command was refused, and last until there is a newer one.
 pub mod code {
-    /// No heartbeat came for the time of the watchdog while it moved.
+    /// No heartbeat arrived within the watchdog time while it moved.
     pub const WATCHDOG: u32 = 1;
     /// An axis ran onto its limit switch.
     pub const LIMIT_SWITCH: u32 = 2;
-    /// The safety functions took the motion away.
+    /// A safety function stopped the motion.
     pub const SAFETY: u32 = 3;
     /// A target is outside of the limits, or not finite.
     pub const OUT_OF_LIMITS: u32 = 101;
@@ -58,11 +59,11 @@ pub enum CommandReceipt {
     Executed,
     /// It is refused, with a [`code`].
     Refused(u32),
-    /// Its sequence number is not newer than the last one: nothing was done.
+    /// Ignored, because its sequence number is not newer than the last one.
     Ignored,
 }
 
-/// The controller of one manipulator. `now` is the time since any fixed moment by the caller's clock; it never runs back.
+/// The controller of one manipulator. `now` is the time since a fixed moment by the caller's clock; it never decreases.
 #[derive(Debug, Clone)]
 pub struct Controller {
     settings: ControllerSettings,
@@ -86,7 +87,7 @@ pub struct Controller {
 }
 
 impl Controller {
-    /// At rest, not enabled, in automatic mode, all safety functions content.
+    /// A controller at rest, not enabled, in automatic mode, with all safety functions allowing motion.
     #[must_use]
     pub fn new(settings: ControllerSettings) -> Self {
         let servos = settings.start.map(|axis, start| Servo::at(*start, settings.limits.get(axis).acceleration));
@@ -112,7 +113,7 @@ impl Controller {
         }
     }
 
-    /// A command has arrived. It counts as a heartbeat.
+    /// Receives a command, which also counts as a heartbeat.
     pub fn take(&mut self, command: &Command, now: Duration) -> CommandReceipt {
         self.beat(now);
         if !is_newer(command.sequence, self.acknowledged.sequence) {
@@ -121,7 +122,7 @@ impl Controller {
         }
         self.refusal = self.refusal_of(&command.action).err();
         if let Some(code) = self.refusal {
-            // The motion under way goes on, but its result cannot be read any more.
+            // The motion under way continues, but its result can no longer be read.
             self.acknowledged = Acknowledged { sequence: command.sequence, result: CommandResult::Rejected };
             if matches!(code, code::OUT_OF_LIMITS | code::SPEED) {
                 self.record.out_of_limits(command);
@@ -135,13 +136,13 @@ impl Controller {
         CommandReceipt::Executed
     }
 
-    /// Takes a heartbeat.
+    /// Receives a heartbeat.
     pub fn beat(&mut self, now: Duration) {
         self.advance(now);
         self.heard = self.heard.max(now);
     }
 
-    /// Where the clamp really is by backlash and cross-coupling, in the manipulator's axes.
+    /// The true position of the clamp with backlash and cross-coupling, in the manipulator's axes.
     #[must_use]
     pub fn clamp(&mut self, now: Duration) -> Position {
         self.advance(now);
@@ -154,19 +155,19 @@ impl Controller {
         &self.record
     }
 
-    /// Refuses the next command that is newer, with this code; nothing is done then.
+    /// Refuses the next newer command with this code, without executing anything.
     pub const fn refuse_next(&mut self, code: u32) {
         self.refuse_next = Some(code);
     }
 
-    /// Runs an axis onto its limit switch: it stops, and needs a reset.
+    /// Moves an axis onto its limit switch: it stops, and needs a reset.
     pub fn hit_limit(&mut self, axis: Axis, now: Duration) {
         self.advance(now);
         *self.limit_hit.get_mut(axis) = true;
         self.fail(code::LIMIT_SWITCH);
     }
 
-    /// Blocks an axis, or frees it. The drive does not notice: it reports a motion and no fault.
+    /// Blocks or releases an axis. The drive does not detect this: it reports a motion and no fault.
     pub fn set_stuck(&mut self, axis: Axis, stuck: bool, now: Duration) {
         self.advance(now);
         *self.stuck.get_mut(axis) = stuck;
@@ -191,7 +192,7 @@ impl Controller {
     }
 }
 
-/// Entries kept of each kind; the oldest go first.
+/// Number of entries of each kind that are kept; the oldest are dropped first.
 const KEPT_MAX: usize = 4096;
 
 /// A command that was executed.
@@ -199,9 +200,9 @@ const KEPT_MAX: usize = 4096;
 pub struct Executed {
     /// Its sequence number.
     pub sequence: u16,
-    /// What was done.
+    /// The action that was executed.
     pub action: Action,
-    /// When, by the caller's clock.
+    /// The time by the caller's clock.
     pub at: Duration,
 }
 
@@ -219,13 +220,13 @@ impl Record {
         self.executed.iter()
     }
 
-    /// Sequence numbers that came again or too late, and were ignored, in order.
+    /// Sequence numbers that were repeated or too old and therefore ignored, in order.
     pub fn all_ignored(&self) -> impl ExactSizeIterator<Item = u16> {
         self.ignored.iter().copied()
     }
 
-    /// Commands with a target or a speed outside of the limits, which were refused. Whoever checks before sending leaves
-    /// this empty.
+    /// Commands with a target or a speed outside the limits, which were refused. A client that checks its commands before sending
+    /// causes none.
     pub fn all_out_of_limits(&self) -> impl ExactSizeIterator<Item = &Command> {
         self.out_of_limits.iter()
     }
@@ -256,24 +257,24 @@ fn keep<T>(kept: &mut VecDeque<T>, entry: T) {
 pub struct ControllerSettings {
     /// Its own limits.
     pub limits: Axes<AxisLimits>,
-    /// Where the axes stand at first.
+    /// Initial position of the axes.
     pub start: Position,
-    /// Whether the references are known at first.
+    /// Whether the references are initially known.
     pub homed: bool,
-    /// Simulated seconds of motion in a second of the caller's clock. Watchdog and heartbeat are not accelerated.
+    /// Simulated seconds of motion per second of the caller's clock. Watchdog and heartbeat are not accelerated.
     pub time_factor: f64,
-    /// Greatest watchdog that it grants; a command may ask for less.
+    /// Greatest watchdog time that it accepts; a command may request less.
     pub watchdog_max: Duration,
-    /// How long the finding of a reference takes, simulated s. The axes stay: distance-coded marks.
+    /// Duration of a homing, simulated s. The axes do not move, as with distance-coded reference marks.
     pub homing_s: f64,
     /// Backlash between an axis' encoder and its clamp.
     pub backlash: Axes<f64>,
-    /// Share of each linear axis' motion that the clamp shows along each of the other two.
+    /// Fraction of each linear axis' motion that the clamp shows along each of the other two.
     pub coupling_ratio: f64,
 }
 
 impl ControllerSettings {
-    /// A stiff manipulator with these limits that stands at zero, or where its limits are nearest to it.
+    /// A stiff manipulator with these limits, initially at zero or at the limit nearest to zero.
     #[must_use]
     pub fn exact(limits: Axes<AxisLimits>) -> Self {
         Self {
@@ -289,11 +290,11 @@ impl ControllerSettings {
     }
 }
 
-/// The heartbeat counts once in this time.
+/// The heartbeat counter increases once in this time.
 const BEAT: Duration = Duration::from_millis(10);
 
 impl Controller {
-    /// The reading. Does not count as a heartbeat.
+    /// The reading. It does not count as a heartbeat.
     #[must_use]
     pub fn reading(&mut self, now: Duration) -> Reading {
         self.advance(now);
@@ -341,7 +342,7 @@ impl Controller {
     }
 }
 
-/// What is under way.
+/// The motion under way.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Motion {
     Rest,
@@ -384,7 +385,7 @@ mod tests {
         controller
     }
 
-    /// Heard every 100 ms from one time to the other.
+    /// Sends a heartbeat every 100 ms from one time to the other.
     fn run(controller: &mut Controller, from_ms: u64, to_ms: u64) {
         for at in (from_ms..=to_ms).step_by(100) {
             controller.beat(ms(at));
@@ -392,7 +393,7 @@ mod tests {
     }
 
     #[test]
-    fn a_move_is_accepted_runs_and_is_done_exactly_at_its_target() {
+    fn a_move_is_accepted_executed_and_ends_exactly_at_its_target() {
         let mut controller = enabled();
         controller.take(&command(2, y_to(5.0)), ms(10));
         assert_eq!(controller.reading(ms(10)).acknowledged.result, CommandResult::Accepted);
@@ -422,10 +423,10 @@ mod tests {
     }
 
     #[test]
-    fn it_stops_by_itself_when_nobody_is_heard_and_needs_a_reset_then() {
+    fn a_controller_without_heartbeat_stops_and_needs_a_reset() {
         let mut controller = enabled();
         controller.take(&command(2, y_to(40.0)), ms(0));
-        // It notices at 400 ms, and brakes for v/a = 0.2 s.
+        // The watchdog expires at 400 ms, and braking takes v/a = 0.2 s.
         let stopped = controller.reading(ms(610));
         assert_eq!((stopped.state, stopped.fault_code), (AxisState::ErrorStop, code::WATCHDOG));
         assert_eq!(stopped.acknowledged, Acknowledged { sequence: 2, result: CommandResult::Aborted });
@@ -439,7 +440,7 @@ mod tests {
     }
 
     #[test]
-    fn what_it_must_not_do_is_refused_and_recorded() {
+    fn a_forbidden_command_is_refused_and_recorded() {
         let mut controller = Controller::new(ControllerSettings::exact(limits()));
         assert_eq!(controller.take(&command(1, y_to(1.0)), ms(0)), CommandReceipt::Refused(code::NOT_ENABLED));
         controller.take(&command(2, Action::Enable), ms(0));
@@ -456,12 +457,12 @@ mod tests {
         assert_eq!(reading.acknowledged, Acknowledged { sequence: 6, result: CommandResult::Rejected });
         assert_eq!((reading.fault_code, reading.position()), (code::SPEED, Position::default()));
         assert_eq!(controller.record().all_out_of_limits().len(), 4);
-        // Single precision on the wire is no violation.
+        // Rounding to single precision in the protocol is no violation.
         assert_eq!(controller.take(&command(7, y_to(f64::from(50.000_001_f32))), ms(1_001)), CommandReceipt::Executed);
     }
 
     #[test]
-    fn a_halt_stops_and_holds_and_a_limit_switch_latches() {
+    fn a_halt_stops_the_motion_and_a_limit_switch_latches_a_fault() {
         let mut controller = enabled();
         controller.take(&command(2, y_to(40.0)), ms(0));
         controller.take(&command(3, Action::Halt), ms(300));
@@ -476,7 +477,7 @@ mod tests {
     }
 
     #[test]
-    fn it_does_not_matter_how_often_anyone_looks() {
+    fn the_motion_does_not_depend_on_the_number_of_readings() {
         let (mut often, mut once) = (enabled(), enabled());
         for controller in [&mut often, &mut once] {
             controller.take(&command(2, y_to(40.0)), ms(3));

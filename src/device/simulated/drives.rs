@@ -1,6 +1,6 @@
-//! The mechanics of the simulated devices: a driven axis that goes to a target with limited speed and acceleration, or brakes; the
-//! backlash and the cross-coupling between the encoders of a manipulator and its clamp; and the linear stage, which moves within its
-//! limits and stops by its watchdog. Pure.
+//! The mechanics of the simulated devices: a driven axis that moves to a target with limited speed and acceleration, or brakes; the
+//! backlash and the cross-coupling between the encoders of a manipulator and its clamp; and the linear stage, which moves within
+//! its limits and is stopped by its watchdog. Pure.
 
 use std::time::Duration;
 
@@ -9,10 +9,10 @@ use crate::motion::{Axes, Position};
 
 use super::settings::StageSettings;
 
-/// How closely a target is met before the axis stands, mm or rad.
+/// An axis closer to its target than this has arrived, mm or rad.
 const AT_TARGET: f64 = 1e-9;
 
-/// An axis under way or at rest.
+/// A driven axis, moving or at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Servo {
     position: f64,
@@ -29,12 +29,12 @@ impl Servo {
         Self { position, velocity: 0.0, target: position, speed: 0.0, acceleration, braking: false }
     }
 
-    /// Where it is.
+    /// Its position.
     pub(super) const fn position(&self) -> f64 {
         self.position
     }
 
-    /// Whether it stands where it was sent.
+    /// Whether it is at rest at its target.
     pub(super) fn rests(&self) -> bool {
         self.velocity == 0.0 && !self.braking && self.position == self.target
     }
@@ -44,12 +44,12 @@ impl Servo {
         (self.target, self.speed, self.braking) = (target, speed, false);
     }
 
-    /// Comes to rest at the greatest deceleration, wherever that is.
+    /// Brakes with the greatest deceleration until it is at rest.
     pub(super) const fn brake(&mut self) {
         self.braking = true;
     }
 
-    /// It is blocked: it stands still, and goes on trying unless it brakes.
+    /// Blocks it: it stops at once, and tries to continue unless it brakes.
     pub(super) fn stick(&mut self) {
         self.velocity = 0.0;
         if self.braking {
@@ -57,7 +57,7 @@ impl Servo {
         }
     }
 
-    /// Moves on by `dt` seconds.
+    /// Advances it by `dt` seconds.
     pub(super) fn step(&mut self, dt: f64) {
         let left = self.target - self.position;
         let wanted = if self.braking { 0.0 } else { self.approach(left.abs(), dt).copysign(left) };
@@ -72,7 +72,7 @@ impl Servo {
         }
     }
 
-    /// The greatest speed from which it still comes to rest within `left`. In steps of a·dt the way is v²/2a + v·dt/2.
+    /// The greatest speed from which it still stops within `left`. In steps of a·dt the braking distance is v²/2a + v·dt/2.
     fn approach(&self, left: f64, dt: f64) -> f64 {
         let step = self.acceleration * dt;
         let braking = step * ((0.25 + 2.0 * left / (step * dt)).sqrt() - 0.5);
@@ -85,17 +85,17 @@ impl Servo {
 pub(super) struct Mechanics {
     backlash: Axes<f64>,
     coupling_ratio: f64,
-    /// Where each axis' load is: within half the backlash of its encoder.
+    /// Position of each axis' load: within half the backlash of its encoder.
     loads: Position,
 }
 
 impl Mechanics {
-    /// Every axis in the middle of its backlash.
+    /// Initially every axis is in the middle of its backlash.
     pub(super) const fn new(start: Position, backlash: Axes<f64>, coupling_ratio: f64) -> Self {
         Self { backlash, coupling_ratio, loads: start }
     }
 
-    /// The encoders have moved; the loads are pushed along once the backlash is used up.
+    /// Follows the encoders; a load moves with its encoder once the backlash is used up.
     pub(super) fn follow(&mut self, encoders: &Position) {
         self.loads = self.loads.map(|axis, load| {
             let (encoder, half) = (*encoders.get(axis), 0.5 * self.backlash.get(axis).abs());
@@ -103,7 +103,7 @@ impl Mechanics {
         });
     }
 
-    /// Where the clamp is. The linear axes are not quite square: each shows a share of the other two.
+    /// Position of the clamp. The linear axes are not exactly perpendicular, so that each shows a fraction of the other two.
     pub(super) fn clamp(&self) -> Position {
         let Axes { x, y, z, c } = self.loads;
         let share = self.coupling_ratio;
@@ -113,13 +113,13 @@ impl Mechanics {
 
 /// A step of simulated time, s.
 const STEP_S: f64 = 0.001;
-/// No heartbeat came for the time of the watchdog.
+/// No heartbeat arrived within the watchdog time.
 pub const STAGE_WATCHDOG: u32 = 1;
-/// It does not move although it should.
+/// It does not move although it is commanded to.
 pub const STAGE_STALLED: u32 = 2;
-/// A target or a speed is out of its limits; nothing was done.
+/// A target or a speed is outside the limits; nothing was executed.
 pub const STAGE_OUT_OF_LIMITS: u32 = 101;
-/// A share of one by which a limit may be passed.
+/// Relative tolerance of the limits.
 const SLACK: f64 = 1e-6;
 
 /// The stage.
@@ -150,10 +150,10 @@ impl Carriage {
         }
     }
 
-    /// Sends it somewhere. A new command acknowledges a fault.
+    /// Moves it to a target. A new command acknowledges a fault.
     ///
     /// # Errors
-    /// The stage's code, where it refuses.
+    /// The stage's code if it refuses.
     pub(super) fn go(&mut self, target_mm: f64, speed_mm_s: f64) -> Result<(), u32> {
         let StageSettings { lower_mm, upper_mm, speed_mm_s: greatest, .. } = self.settings;
         let within = (lower_mm - SLACK..=upper_mm + SLACK).contains(&target_mm);
@@ -174,8 +174,7 @@ impl Carriage {
         self.heard = self.heard.max(now);
     }
 
-    /// Blocks it until it is freed.
-    /// Freed, it comes to rest; it does not go on.
+    /// Blocks it, or releases it. After the release it stays at rest and does not continue its motion.
     pub(super) const fn stall(&mut self, stalled: bool) {
         self.stalled = stalled;
         if !stalled {
@@ -199,12 +198,12 @@ impl Carriage {
         self.servo.position()
     }
 
-    /// Targets and speeds that it should never have been sent.
+    /// The number of refused targets and speeds outside the limits.
     pub(super) const fn out_of_limits_count(&self) -> u64 {
         self.out_of_limits_count
     }
 
-    /// Makes one step towards `now`, and returns its time; `None` if it is up to date, or at rest.
+    /// Advances by one step towards `now`, and returns its time; `None` if it is up to date, or at rest.
     pub(super) fn step_towards(&mut self, now: Duration) -> Option<Duration> {
         let due = (now.as_secs_f64() * self.time_factor / STEP_S + 1e-6) as u64;
         if self.servo.rests() || self.stalled {
@@ -232,7 +231,7 @@ mod tests {
     const DT: f64 = 0.001;
 
     #[test]
-    fn it_arrives_exactly_and_in_the_time_of_a_trapezoid() {
+    fn an_axis_arrives_exactly_in_the_time_of_a_trapezoidal_profile() {
         // 30 mm at 10 mm/s and 50 mm/s²: s/v + v/a = 3.2 s.
         for target in [30.0, -30.0] {
             let mut servo = Servo::at(0.0, 50.0);
@@ -250,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn it_never_exceeds_its_speed_and_brakes_within_the_way_that_physics_gives() {
+    fn an_axis_keeps_its_speed_limit_and_its_braking_distance() {
         let mut servo = Servo::at(0.0, 50.0);
         servo.go(100.0, 10.0);
         for _ in 0..1_000 {
@@ -273,7 +272,7 @@ mod mechanics_tests {
     use super::*;
 
     #[test]
-    fn a_turn_back_loses_the_backlash_and_a_motion_on_does_not() {
+    fn only_a_reversal_of_direction_loses_the_backlash() {
         let backlash = Axes::from_fn(|_| 0.05);
         let mut clamp = Mechanics::new(Axes::default(), backlash, 0.0);
         let mut at = |y: f64| {
@@ -288,7 +287,7 @@ mod mechanics_tests {
     }
 
     #[test]
-    fn a_linear_axis_shows_its_share_in_the_two_others_and_not_in_the_turn() {
+    fn a_linear_axis_couples_into_the_two_others_but_not_into_the_rotation() {
         let mut clamp = Mechanics::new(Axes::default(), Axes::default(), 0.02);
         clamp.follow(&Axes { z: 10.0, ..Axes::default() });
         assert_eq!(clamp.clamp(), Axes { x: 0.2, y: 0.2, z: 10.0, c: 0.0 });

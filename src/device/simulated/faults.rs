@@ -1,5 +1,5 @@
-//! Faults that are injected: in which exchange with which device, and which fault. Planned, permanent, or random from a seed. In:
-//! exchanges, one after the other. Out: the fault of each.
+//! The injected faults: planned for an exchange with a device, permanent, or random from a seed. Input: the exchanges, one after
+//! the other. Output: the fault of each.
 
 use crate::device::error::ScanFault;
 use crate::motion::{Axis, Carrier, Pair};
@@ -9,13 +9,13 @@ use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// Faults that struck and are remembered; the oldest go first.
+/// Number of injected faults that are kept; the oldest are dropped first.
 const STRUCK_MAX: usize = 4096;
 
 /// A device of the simulated cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Device {
-    /// One of the two.
+    /// One of the two manipulators.
     Manipulator(Carrier),
     /// The profile sensor.
     Sensor,
@@ -26,7 +26,7 @@ pub enum Device {
 /// A fault in an exchange with a device. An exchange is a request and its answer; connecting takes two.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Fault {
-    /// The link goes down, before the device has the request or after.
+    /// The link goes down, before or after the device has received the request.
     LinkLost {
         /// The device has received the request.
         arrives: bool,
@@ -36,39 +36,39 @@ pub enum Fault {
         /// The device has received the request.
         arrives: bool,
     },
-    /// The answer comes so much later.
+    /// The answer is delayed.
     Late {
-        /// By how much.
+        /// The delay.
         by: Duration,
     },
     /// The answer is malformed; the device has received the request.
     Corrupt,
-    /// The device refuses; it did nothing.
+    /// The device refuses, and executes nothing.
     Rejected {
         /// The code of the device.
         code: u32,
     },
-    /// The connection is half open: connecting works, and nothing is answered.
+    /// The connection is half open: connecting succeeds, but no request is answered.
     HalfOpen,
-    /// An axis of the manipulator runs onto its limit switch. The exchange itself goes well.
+    /// An axis of the manipulator reaches its limit switch. The exchange itself succeeds.
     LimitHit {
-        /// Which.
+        /// The axis.
         axis: Axis,
     },
-    /// The stage stays where it is until [`super::FaultSwitch::free_stage`]. The exchange itself goes well.
+    /// The stage stops and stays until [`super::FaultSwitch::free_stage`]. The exchange itself succeeds.
     Stall,
-    /// The sensor has lost something. The next profiles that are asked for do not come.
+    /// The sensor has lost data, so that the next requested profiles are missing.
     Scan(ScanFault),
 }
 
-/// A fault that struck.
+/// A fault that was injected.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Struck {
-    /// In an exchange with this.
+    /// The device of the exchange.
     pub device: Device,
-    /// Its number, from 1.
+    /// Number of the exchange, from 1.
     pub step: u64,
-    /// What.
+    /// The fault.
     pub fault: Fault,
 }
 
@@ -87,7 +87,7 @@ struct Plan {
     held: Option<Fault>,
 }
 
-/// All faults that are to be injected.
+/// All faults that will be injected.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Faults {
     manipulators: Pair<Plan>,
@@ -136,12 +136,12 @@ impl Faults {
         &self.struck
     }
 
-    /// Counts an exchange, and returns its fault.
+    /// Counts an exchange, and returns its fault, if any.
     pub(super) fn strike(&mut self, device: Device, kind: Step) -> Option<Fault> {
         let plan = self.plan(device);
         plan.steps += 1;
         let step = plan.steps;
-        // A half-open connection is not noticed while connecting.
+        // Connecting does not reveal a half-open connection.
         let waits = kind == Step::Open && plan.next == Some(Fault::HalfOpen);
         let due = if waits { None } else { plan.next.take() };
         let due = due.or_else(|| plan.planned.remove(&step)).or_else(|| plan.held.clone());
@@ -186,7 +186,7 @@ mod tests {
     const M1: Device = Device::Manipulator(Carrier::M1);
 
     #[test]
-    fn a_planned_fault_strikes_once_at_its_step_and_only_its_device() {
+    fn a_planned_fault_occurs_once_at_its_step_and_its_device_only() {
         let mut faults = Faults::default();
         faults.at(M1, 3, Fault::Corrupt);
         let struck: Vec<_> =
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dead_peer_lets_itself_be_connected_to() {
+    fn a_half_open_connection_can_be_opened() {
         let mut faults = Faults::default();
         faults.hold(M1, Fault::HalfOpen);
         let seen = [Step::Open, Step::Ask, Step::Open, Step::Ask].map(|step| faults.strike(M1, step));
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn chance_comes_from_its_seed_and_strikes_as_often_as_asked() {
+    fn random_faults_depend_on_the_seed_and_occur_at_the_given_rate() {
         let run = |seed: u64| {
             let mut faults = Faults::default();
             faults.by_chance(seed, 0.1);

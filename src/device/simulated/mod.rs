@@ -1,16 +1,16 @@
 //! The simulated cell: devices that behave like real ones, with faults on demand, for tests and for trying coaxis without a
-//! machine. Seeded, on tokio's clock.
+//! machine. It is seeded and uses tokio's clock.
 //!
 //! ```text
 //! SimulatedManipulator x 2 --link--> Controller --mechanics--> clamps --+
-//!                                                                       part -- where it really lies
+//!                                                                       part: its true place
 //! SimulatedSensor -----------link--> Scanning, ProfileMaker <--------------------+
-//! SimulatedStage ------------link--> Carriage --rail--> where the sensor is
+//! SimulatedStage ------------link--> Carriage --rail--> position of the sensor
 //!                             |
 //!                          Faults
 //! ```
 //!
-//! What the sensor sees follows from where the clamps really are, not from what the encoders say.
+//! The profiles follow from the true positions of the clamps, not from the readings of the encoders.
 
 mod adaptors;
 mod controller;

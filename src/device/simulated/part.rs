@@ -1,32 +1,33 @@
-//! The true place of the part on its two clamps. In: where the clamps were and are. Out: its axis, ends and roll.
+//! The true place of the part on its two clamps. Input: the initial and present positions of the clamps. Output: its axis, ends and
+//! roll.
 
 use super::settings::PartSettings;
 use crate::geometry::AxisLine;
 use crate::motion::{Pair, Position};
 use nalgebra::{Rotation3, Vector3};
 
-/// The part as it lay when it was put on the clamps.
+/// The part at its initial place on the clamps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct HeldPart {
-    /// Where its axis met its two end planes.
+    /// Initial intersections of its axis with its two end planes.
     ends: [Vector3<f64>; 2],
     mounts: Pair<[f64; 3]>,
     start: Pair<Position>,
 }
 
-/// Where the part is.
+/// The place of the part.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Place {
-    /// Where its axis meets its near end plane, rail frame, mm.
+    /// Intersection of its axis with its near end plane, rail frame, mm.
     pub(super) near: Vector3<f64>,
-    /// Where its axis meets its far end plane, rail frame, mm.
+    /// Intersection of its axis with its far end plane, rail frame, mm.
     pub(super) far: Vector3<f64>,
-    /// Turned about its axis since the start, rad, from +Y towards +Z.
+    /// Rotation about its axis since the start, rad, from +Y towards +Z.
     pub(super) roll: f64,
 }
 
 impl HeldPart {
-    /// Puts the part on clamps at `start`.
+    /// Places the part on clamps at `start`.
     pub(super) fn put(part: &PartSettings, mounts: Pair<[f64; 3]>, start: Pair<Position>) -> Self {
         let axis = AxisLine {
             p: part.deflection_deg.to_radians().tan(),
@@ -40,8 +41,8 @@ impl HeldPart {
         Self { ends: [near, far], mounts, start }
     }
 
-    /// Its place when the clamps are at `now`: a rigid body that moves with the middle of the clamps and the line through them, and
-    /// is turned about that line by their mean turn. If the clamps do not hold it on its axis, the axis moves around that line.
+    /// Its place when the clamps are at `now`: a rigid body that moves with the midpoint of the clamps and the line through them,
+    /// and rotates about that line by the mean of their rotations. If it is clamped off its axis, the axis moves around that line.
     pub(super) fn at(&self, now: &Pair<Position>) -> Place {
         let ([from_1, from_2], [to_1, to_2]) = (self.clamps(&self.start), self.clamps(now));
         let rotation = attitude(to_2 - to_1, turn(now)) * attitude(from_2 - from_1, turn(&self.start)).inverse();
@@ -56,8 +57,8 @@ impl HeldPart {
     }
 }
 
-/// How the part stands in the rail frame: turned about the rail, then leant over by the smallest rotation that takes the
-/// rail to the line of the clamps.
+/// The orientation of the part in the rail frame: rotated about the rail, then tilted by the smallest rotation that takes the rail
+/// to the line of the clamps.
 fn attitude(line: Vector3<f64>, turn: f64) -> Rotation3<f64> {
     let lean = Rotation3::rotation_between(&Vector3::x(), &line).unwrap_or_default();
     lean * Rotation3::from_axis_angle(&Vector3::x_axis(), turn)
@@ -74,7 +75,7 @@ impl Place {
         AxisLine::through(self.near.into(), along.y / along.x, along.z / along.x)
     }
 
-    /// How far the plane at `x` is along the part: 0 where the axis meets the near end, 1 where it meets the far one.
+    /// Position of the plane at `x` along the part: 0 at the near end of the axis, 1 at the far end.
     pub(super) fn along(&self, x: f64) -> f64 {
         (x - self.near.x) / (self.far.x - self.near.x)
     }
@@ -90,26 +91,26 @@ mod tests {
     }
 
     #[test]
-    fn both_clamps_up_lift_it_and_one_clamp_up_tilts_it_about_the_other() {
+    fn raising_both_clamps_lifts_the_part_and_raising_one_tilts_it() {
         let straight =
             PartSettings { deflection_deg: 0.0, pitch_deg: 0.0, y_c0_mm: 0.0, z_c0_mm: 0.0, ..Default::default() };
-        // The clamps hold the axis itself.
+        // The clamps are on the axis itself.
         let held = HeldPart::put(&straight, Pair { m1: [100.0, 0.0, 0.0], m2: [700.0, 0.0, 0.0] }, Pair::default());
         let up = Axes { z: 6.0, ..Axes::default() };
         let lifted = held.at(&Pair { m1: up, m2: up }).axis();
         assert!((lifted.z0 - 6.0).abs() < 1e-12 && lifted.q.abs() < 1e-12);
         let tilted = held.at(&Pair { m1: Axes::default(), m2: up }).axis();
-        // The line through (100, 0) and (700, 6): 6/600 a millimetre, and 3 mm in its middle.
+        // The line through (100, 0) and (700, 6) rises by 6/600 per millimetre, and is at 3 mm in its middle.
         assert!((tilted.q - 0.01).abs() < 1e-12 && (tilted.at(400.0)[1] - 3.0).abs() < 1e-9, "{tilted:?}");
     }
 
     #[test]
-    fn held_off_its_axis_it_goes_round_the_line_of_the_clamps() {
+    fn a_part_clamped_off_its_axis_rotates_about_the_line_of_the_clamps() {
         let above =
             PartSettings { deflection_deg: 0.0, pitch_deg: 0.0, y_c0_mm: 0.0, z_c0_mm: 10.0, ..Default::default() };
         let held = HeldPart::put(&above, Pair { m1: [100.0, 0.0, 0.0], m2: [700.0, 0.0, 0.0] }, Pair::default());
         let quarter = Axes { c: std::f64::consts::FRAC_PI_2, ..Axes::default() };
-        // From +Y towards +Z: what was above comes to the side of -Y.
+        // From +Y towards +Z, so that the top moves to the side of -Y.
         let axis = held.at(&Pair { m1: quarter, m2: quarter }).axis();
         assert!(
             (axis.y0 + 10.0).abs() < 1e-9 && axis.z0.abs() < 1e-9 && axis.p.abs() + axis.q.abs() < 1e-12,
@@ -118,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn it_stays_as_long_as_it_is_and_turns_by_the_mean_of_both() {
+    fn the_part_keeps_its_length_and_rotates_by_the_mean_of_both_clamps() {
         let part = PartSettings::default();
         let now = Pair { m1: Axes { x: 1.0, y: 3.0, z: -2.0, c: 0.02 }, m2: Axes { x: 1.0, y: -4.0, z: 5.0, c: 0.04 } };
         let place = held(&part).at(&now);

@@ -1,5 +1,5 @@
-//! The profile sensor of the simulated cell: armed, it takes a profile each time that the stage has come one pitch further. In:
-//! where the stage is and where the part lies. Out: profiles in the rail frame.
+//! The profile sensor of the simulated cell. When it is armed, it takes a profile each time that the stage has advanced by one
+//! pitch. Input: the position of the stage and the place of the part. Output: profiles in the rail frame.
 
 use super::rail::Rail;
 use std::collections::VecDeque;
@@ -13,12 +13,12 @@ use crate::scan::synthetic::{Edge, Edges, Interference, Part, make_profile};
 use super::part::Place;
 use super::settings::{SensorSettings, Settings};
 
-/// Profiles at most in one scan, and so in memory.
+/// Greatest number of profiles in one scan, which limits the memory.
 pub(super) const PROFILES_MAX: u64 = 100_000;
 /// Streams of random numbers below this one are not used for profiles.
 const FIRST_STREAM: u64 = 16;
 
-/// A profile that was triggered and is still to be fetched.
+/// A profile that was triggered and has not been fetched yet.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Trigger {
     scan: u64,
@@ -27,7 +27,7 @@ pub(super) struct Trigger {
     place: Place,
 }
 
-/// The sensor's state.
+/// The state of the sensor.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Scanning {
     scans_count: u64,
@@ -60,14 +60,14 @@ impl Scanning {
         self.armed.is_some()
     }
 
-    /// The plane of the next profile, where the stage at `position` has reached it.
+    /// The plane of the next profile, if the stage at `position` has reached it.
     pub(super) fn due(&self, position: f64) -> Option<f64> {
         let armed = self.armed.filter(|armed| armed.next < armed.profiles_count)?;
         let (travel, way) = (position - armed.from_mm, armed.next as f64 * armed.pitch_mm);
         (travel.abs() + 1e-6 >= way).then(|| armed.from_mm + way.copysign(travel))
     }
 
-    /// Takes the profile that is due, of the part as it lies now.
+    /// Takes the next profile of the part at its present place.
     pub(super) fn trigger(&mut self, x: f64, place: Place) {
         if let Some(armed) = &mut self.armed {
             self.waiting.push_back(Trigger { scan: self.scans_count, index: armed.next, x, place });
@@ -75,14 +75,14 @@ impl Scanning {
         }
     }
 
-    /// Fetches profiles, the oldest first, at most `count_max`.
+    /// Fetches the oldest profiles, at most `count_max`.
     pub(super) fn fetch(&mut self, count_max: usize) -> Vec<Trigger> {
         let count = count_max.min(self.waiting.len());
         self.waiting.drain(..count).collect()
     }
 }
 
-/// Makes the profiles of the sensor.
+/// Generates the profiles of the sensor.
 #[derive(Debug, Clone)]
 pub(super) struct ProfileMaker {
     seed: u64,
@@ -113,7 +113,7 @@ impl ProfileMaker {
         }
     }
 
-    /// The profile of a trigger. Its random numbers depend on the seed, the scan and the index alone.
+    /// The profile of a trigger. Its random numbers depend only on the seed, the scan and the index.
     pub(super) fn profile(&self, trigger: &Trigger) -> Profile {
         let Trigger { scan, index, x, place } = *trigger;
         let mut chance = ChaCha8Rng::seed_from_u64(self.seed);
@@ -133,7 +133,7 @@ impl ProfileMaker {
         y.abs() <= field_half_width_mm && (field_z_lower_mm..=field_z_upper_mm).contains(&z)
     }
 
-    /// The part at its place. Objects on it turn with it: along the arc from +Z towards +Y, against the roll.
+    /// The part at its place. Objects on its surface rotate with it: along the arc from +Z towards +Y, opposite to the roll.
     fn part_at(&self, place: &Place) -> Part {
         let interference = self.part.interference;
         let shift = interference.shift - place.roll / self.part.arc_deg.to_radians();

@@ -1,5 +1,5 @@
 //! The settings of the simulated cell in the configuration: lengths in mm, angles in degrees. The defaults are the published
-//! situation: a part of 200 mm radius with holes and clamps on it, tilted by about a degree.
+//! situation: a part of 200 mm radius with holes and clamps, tilted by about one degree.
 
 use super::rail::{Rail, Straightness};
 use crate::motion::{Axes, Axis, AxisLimits, Pair};
@@ -10,43 +10,43 @@ use std::ops::RangeInclusive;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
-    /// Decides every random number.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// Simulated seconds of motion in a second. Links and watchdogs are not accelerated.
+    /// Simulated seconds of motion per second. Links and watchdogs are not accelerated.
     pub time_factor: f64,
-    /// From a request to its answer.
+    /// Time from a request to its answer.
     pub latency_ms: f64,
-    /// How long an adaptor waits for an answer.
+    /// Longest time that an adaptor waits for an answer.
     pub reply_within_ms: f64,
     /// The part on the manipulators.
     pub part: PartSettings,
     /// The sensor.
     pub sensor: SensorSettings,
-    /// The stage that carries the sensor.
+    /// The stage that moves the sensor.
     pub stage: StageSettings,
-    /// The manipulators, without their limits.
+    /// The manipulators, except for their limits.
     pub manipulators: ManipulatorSettings,
 }
 
-/// The part, as it lies when the cell begins.
+/// The part at its initial place.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PartSettings {
     /// Radius of the cylinder.
     pub radius_mm: f64,
-    /// From end plane to end plane.
+    /// Distance between the end planes.
     pub length_mm: f64,
-    /// Where its axis meets the near end plane, along the rail.
+    /// Where its axis intersects the near end plane, along the rail.
     pub near_end_mm: f64,
-    /// Whether holes and clamps sit on it.
+    /// Whether it has holes and clamps on its surface.
     pub interference: bool,
     /// Tilt of its axis towards +Y.
     pub deflection_deg: f64,
     /// Tilt of its axis towards +Z.
     pub pitch_deg: f64,
-    /// Where its axis meets x = 0.
+    /// Where its axis intersects x = 0.
     pub y_c0_mm: f64,
-    /// Where its axis meets x = 0.
+    /// Where its axis intersects x = 0.
     pub z_c0_mm: f64,
 }
 
@@ -54,27 +54,27 @@ pub struct PartSettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorSettings {
-    /// Points a profile.
+    /// Number of points per profile.
     pub points_count: u32,
-    /// Arc that its light reaches of a section, from above.
+    /// Arc of a section that its light reaches from above.
     pub arc_deg: f64,
-    /// It sees nothing farther than this from the middle of the rail, to either side.
+    /// Half width of its field of view on each side of the middle of the rail.
     pub field_half_width_mm: f64,
-    /// The sensor sees nothing below this,
+    /// Lower end of its field of view.
     pub field_z_lower_mm: f64,
-    /// and nothing above this.
+    /// Upper end of its field of view.
     pub field_z_upper_mm: f64,
     /// Standard deviation of the noise, in y and in z.
     pub noise_sigma_mm: f64,
     /// Correlation of a point's noise with its neighbour's, 0 to 1.
     pub noise_correlation: f64,
-    /// Share of the points that are missing.
+    /// Fraction of the points that are missing.
     pub drop_out_ratio: f64,
-    /// Share of the points that are thrown off by up to 10 mm.
+    /// Fraction of the points that are displaced by up to 10 mm.
     pub spike_ratio: f64,
-    /// It takes a profile each time that the stage has come this far.
+    /// Travel of the stage between two profiles.
     pub profile_pitch_mm: f64,
-    /// Smallest step of the encoder on the rail.
+    /// Resolution of the encoder on the rail.
     pub encoder_mm: f64,
 }
 
@@ -86,33 +86,33 @@ pub struct StageSettings {
     pub lower_mm: f64,
     /// Greatest position.
     pub upper_mm: f64,
-    /// Where it stands at first.
+    /// Initial position.
     pub start_mm: f64,
     /// Greatest speed.
     pub speed_mm_s: f64,
     /// Acceleration.
     pub acceleration_mm_s2: f64,
-    /// Farthest that it carries the sensor off a straight line, in y and in z.
+    /// Greatest deviation of the sensor from a straight line, in y and in z.
     pub straightness_mm: f64,
-    /// It stops when no heartbeat came for this long.
+    /// It stops if no heartbeat arrives for this time.
     pub watchdog_ms: f64,
 }
 
-/// Both manipulators, but for their limits.
+/// Both manipulators, except for their limits.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ManipulatorSettings {
     /// Backlash of the linear axes.
     pub backlash_mm: f64,
-    /// Backlash of the turn.
+    /// Backlash of the rotary axis.
     pub backlash_deg: f64,
-    /// Share of each linear axis' motion that shows along each of the other two.
+    /// Fraction of each linear axis' motion that shows along each of the other two.
     pub coupling_ratio: f64,
-    /// Greatest watchdog that they grant.
+    /// Greatest watchdog time that they accept.
     pub watchdog_ms: f64,
-    /// How long homing takes.
+    /// Duration of a homing.
     pub homing_s: f64,
-    /// Whether the references are known at first.
+    /// Whether the references are initially known.
     pub homed: bool,
 }
 
@@ -191,48 +191,48 @@ impl Default for ManipulatorSettings {
     }
 }
 
-/// Where a manipulator stands, and its limits, which the configuration gives for every kind of adaptor alike.
+/// The position of a manipulator and its limits, which the configuration gives for all adaptors alike.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mounting {
-    /// The clamp's place where its axes are at zero, rail frame.
+    /// Position of the clamp in the rail frame when its axes are at zero.
     pub mount_mm: [f64; 3],
-    /// mm and rad.
+    /// Limits in mm and rad.
     pub limits: Axes<AxisLimits>,
 }
 
 /// A setting that is out of its range.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SettingError {
-    /// A number.
-    #[error("{name} must be {allowed}, and is {value}")]
+    /// A number is out of its range.
+    #[error("{name} must be {allowed}, got {value}")]
     OutOfRange {
-        /// Which.
+        /// Name of the setting.
         name: &'static str,
-        /// In words.
+        /// The allowed values, as text.
         allowed: &'static str,
-        /// What it is.
+        /// Its value.
         value: f64,
     },
-    /// A lower bound that is not below its upper one.
-    #[error("{name} must begin below where it ends, and goes from {lower} to {upper}")]
+    /// A lower bound is not below its upper bound.
+    #[error("the lower bound of {name} must be below its upper bound, got {lower} and {upper}")]
     Inverted {
-        /// Which.
+        /// Name of the setting.
         name: &'static str,
-        /// Where it begins.
+        /// The lower bound.
         lower: f64,
-        /// Where it ends.
+        /// The upper bound.
         upper: f64,
     },
     /// The limits of an axis of a manipulator cannot be used.
     #[error("axis {} needs finite limits, the lower one below the upper one, and a speed and an acceleration above 0", axis.name())]
     Limits {
-        /// Which.
+        /// The axis.
         axis: Axis,
     },
-    /// The clamps are not one behind the other.
-    #[error("m2 must stand at least 1 mm beyond m1 along the rail, and stands {apart_mm} mm beyond")]
+    /// The manipulators are not in order along the rail.
+    #[error("m2 must be at least 1 mm beyond m1 along the rail, got {apart_mm} mm")]
     Mounts {
-        /// From m1 to m2.
+        /// Distance from m1 to m2.
         apart_mm: f64,
     },
 }
@@ -251,8 +251,8 @@ fn rule(name: &'static str, value: f64, (range, allowed): (RangeInclusive<f64>, 
 }
 
 impl Settings {
-    /// The straightness that a calibration of the simulated stage would give. The cell has no other error that a scan does not show:
-    /// the sensor stands at its place in the rail frame, and measures distances without a systematic error.
+    /// The straightness that a calibration of the simulated stage would state. The cell has no other error that a scan cannot show:
+    /// the sensor is at its exact place in the rail frame, and its distances have no systematic error.
     #[must_use]
     pub fn straightness(&self) -> Straightness {
         let StageSettings { lower_mm, upper_mm, straightness_mm, .. } = self.stage;
@@ -262,7 +262,7 @@ impl Settings {
     /// Checks every value against its range.
     ///
     /// # Errors
-    /// [`SettingError`] names the first that is out of range.
+    /// [`SettingError`] names the first value that is out of range.
     pub fn check(&self) -> Result<(), SettingError> {
         for (name, value, range, allowed) in self.rules() {
             if !range.contains(&value) {
@@ -322,7 +322,7 @@ fn below(name: &'static str, lower: f64, upper: f64) -> Result<(), SettingError>
     if lower < upper { Ok(()) } else { Err(SettingError::Inverted { name, lower, upper }) }
 }
 
-/// Checks the places and limits of the manipulators.
+/// Checks the positions and limits of the manipulators.
 pub(super) fn check_mountings(mountings: &Pair<Mounting>) -> Result<(), SettingError> {
     for (_, mounting) in mountings.iter() {
         for (axis, own) in mounting.limits.iter() {
@@ -342,12 +342,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_defaults_are_allowed_and_nonsense_is_named() {
+    fn the_defaults_are_valid_and_an_invalid_value_is_reported_by_name() {
         assert_eq!(Settings::default().check(), Ok(()));
         let mut wrong = Settings::default();
         wrong.sensor.profile_pitch_mm = 0.0;
         let told = wrong.check().expect_err("no pitch").to_string();
-        assert_eq!(told, "sensor.profile_pitch_mm must be between 0.01 and 1000, and is 0");
+        assert_eq!(told, "sensor.profile_pitch_mm must be between 0.01 and 1000, got 0");
         let wrong = Settings { time_factor: f64::NAN, ..Settings::default() };
         assert!(matches!(wrong.check(), Err(SettingError::OutOfRange { name: "time_factor", .. })));
         let mut wrong = Settings::default();

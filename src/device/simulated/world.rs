@@ -1,5 +1,5 @@
-//! The simulated cell itself: a part on two manipulators, a stage with a sensor above it, one simulated time for all. In: requests
-//! of the adaptors, each at its moment. Out: what the devices answer, and the truth.
+//! The simulated cell itself: a part on two manipulators, and a stage with a sensor above it, with a common simulated time. Input:
+//! the requests of the adaptors, each at its time. Output: the answers of the devices, and the true pose.
 
 use super::controller::{Controller, ControllerSettings, Record};
 use super::drives::Carriage;
@@ -15,7 +15,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// The simulated cell, cheap to share: clones are the same cell.
+/// The simulated cell. Clones share the same cell.
 #[derive(Debug, Clone)]
 pub struct World {
     began: Instant,
@@ -35,7 +35,7 @@ pub(super) struct SimulatedCell {
 }
 
 impl World {
-    /// A cell at rest: nothing enabled, the part at the place of the settings.
+    /// A cell at rest, with nothing enabled and the part at the place given by the settings.
     ///
     /// # Errors
     /// [`SettingError`] names the first setting that is out of range.
@@ -59,19 +59,19 @@ impl World {
         })
     }
 
-    /// The switch for faults.
+    /// The handle that injects faults.
     #[must_use]
     pub fn faults(&self) -> FaultSwitch {
         FaultSwitch { world: self.clone() }
     }
 
-    /// Where the part's axis really is now.
+    /// The true axis of the part at this moment.
     #[must_use]
     pub fn truth(&self) -> AxisLine {
         self.at_now(|cell, now| cell.place(now).axis())
     }
 
-    /// How far the part has really turned about its axis since the start, rad.
+    /// The true rotation of the part about its axis since the start, rad.
     #[must_use]
     pub fn true_roll(&self) -> f64 {
         self.at_now(|cell, now| cell.place(now).roll)
@@ -83,13 +83,13 @@ impl World {
         self.at_now(|cell, _| cell.controllers.get(carrier).record().clone())
     }
 
-    /// Targets and speeds that the stage should never have been sent, and refused.
+    /// The number of targets and speeds that the stage refused because they were outside its limits.
     #[must_use]
     pub fn stage_out_of_limits_count(&self) -> u64 {
         self.at_now(|cell, _| cell.carriage.out_of_limits_count())
     }
 
-    /// Presses an emergency stop, opens a guard, or the like.
+    /// Sets the states of the safety functions, e.g. presses an emergency stop or opens a guard.
     pub fn set_safety(&self, carrier: Carrier, safety: Safety) {
         self.at_now(|cell, now| cell.controllers.get_mut(carrier).set_safety(safety, now));
     }
@@ -105,13 +105,13 @@ impl World {
         self.at_now(|cell, _| cell.scanning.is_armed())
     }
 
-    /// Where a manipulator's clamp really is now.
+    /// The true position of a manipulator's clamp at this moment.
     #[must_use]
     pub fn clamp(&self, carrier: Carrier) -> Position {
         self.at_now(|cell, now| cell.controllers.get_mut(carrier).clamp(now))
     }
 
-    /// Turns a manipulator's switch for the mode.
+    /// Sets the mode switch of a manipulator.
     pub fn set_mode(&self, carrier: Carrier, mode: Mode) {
         self.at_now(|cell, now| cell.controllers.get_mut(carrier).set_mode(mode, now));
     }
@@ -126,7 +126,7 @@ impl World {
         &self.profile_maker
     }
 
-    /// Does something at this moment, after everything that has happened until now.
+    /// Executes an action at this moment, after all events until now.
     pub(super) fn at_now<T>(&self, act: impl FnOnce(&mut SimulatedCell, Duration) -> T) -> T {
         let now = now().saturating_duration_since(self.began);
         let mut cell = self.lock();
@@ -134,7 +134,7 @@ impl World {
         act(&mut cell, now)
     }
 
-    /// A panic elsewhere leaves values that are old, but not wrong.
+    /// After a panic elsewhere the values are old, but consistent.
     fn lock(&self) -> MutexGuard<'_, SimulatedCell> {
         self.cell.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -155,7 +155,7 @@ fn controller_settings(settings: &Settings, mounting: &Mounting) -> ControllerSe
 }
 
 impl SimulatedCell {
-    /// Lets everything happen until `now`, in order: a profile sees the part where it was when the profile was taken.
+    /// Simulates all events until `now` in order, so that a profile sees the part where it was when the profile was taken.
     fn advance(&mut self, now: Duration) {
         while let Some(at) = self.carriage.step_towards(now) {
             self.take_profiles(at);
@@ -217,23 +217,23 @@ impl FaultSwitch {
         self.world.lock().faults.clear(device);
     }
 
-    /// Injects random faults from `seed` into this share of all exchanges; 0 ends it.
+    /// Injects random faults from `seed` into this fraction of all exchanges; 0 ends it.
     pub fn by_chance(&self, seed: u64, ratio: f64) {
         self.world.lock().faults.by_chance(seed, ratio);
     }
 
-    /// Ends a stall. The stage stays where it is.
+    /// Ends a stall. The stage stays at its position.
     pub fn free_stage(&self) {
         self.world.at_now(|cell, _| cell.carriage.stall(false));
     }
 
-    /// Exchanges with the device so far.
+    /// The number of exchanges with the device so far.
     #[must_use]
     pub fn steps(&self, device: Device) -> u64 {
         self.world.lock().faults.steps(device)
     }
 
-    /// The faults that struck, in order.
+    /// The faults that were injected, in order.
     #[must_use]
     pub fn struck(&self) -> Vec<Struck> {
         self.world.lock().faults.struck().to_vec()

@@ -1,5 +1,5 @@
-//! Everything that was acknowledged is there after the process was killed (the test starts itself as the process to be killed), lost
-//! records are detected, and a store that cannot be written refuses writes and recovers.
+//! Everything that was acknowledged still exists after the process was killed (the test starts itself as the process to be killed),
+//! lost records are detected, and a store that cannot be written refuses writes and recovers.
 
 use super::*;
 use crate::store::database::StoreLimits;
@@ -13,7 +13,7 @@ use std::process::{Command, Stdio};
 use std::sync::Arc;
 use tokio::task::JoinSet;
 
-/// The database as it was, to be put back later.
+/// A copy of the database, to be restored later.
 fn copy_of(folder: &TempFolder) -> Vec<u8> {
     fs::read(folder.path().join("coaxis.db")).unwrap()
 }
@@ -45,7 +45,7 @@ async fn loss(store: &Store) -> Loss {
 }
 
 #[tokio::test]
-async fn a_database_that_lost_commits_is_noticed_at_the_start_and_can_be_accepted() {
+async fn a_database_that_lost_commits_is_detected_at_the_start_and_can_be_accepted() {
     let folder = TempFolder::new();
     write_and_close(&folder, &["a"]).await;
     let earlier = copy_of(&folder);
@@ -55,7 +55,7 @@ async fn a_database_that_lost_commits_is_noticed_at_the_start_and_can_be_accepte
         let store = folder.open().await;
         assert_eq!(loss(&store).await, Loss::Behind { found: 1, acknowledged: 3 });
         assert!(store.check_loss().is_err() && store.probe().await.is_err());
-        assert!(store.recipe("a").await.unwrap().is_some(), "what is left can be read");
+        assert!(store.recipe("a").await.unwrap().is_some(), "the remaining records must be readable");
         store.close().await;
     }
     Store::accept_loss(folder.path()).await.unwrap();
@@ -65,7 +65,7 @@ async fn a_database_that_lost_commits_is_noticed_at_the_start_and_can_be_accepte
 }
 
 #[tokio::test]
-async fn another_database_with_as_many_commits_is_noticed() {
+async fn another_database_with_the_same_number_of_commits_is_detected() {
     let (folder, other) = (TempFolder::new(), TempFolder::new());
     write_and_close(&folder, &["a", "b"]).await;
     write_and_close(&other, &["a", "c"]).await;
@@ -74,7 +74,7 @@ async fn another_database_with_as_many_commits_is_noticed() {
 }
 
 #[tokio::test]
-async fn an_empty_or_missing_database_beside_scans_is_noticed_and_no_scan_is_lost() {
+async fn an_empty_or_missing_database_beside_scans_is_detected_and_no_scan_is_lost() {
     for remove_count in [false, true] {
         let folder = TempFolder::new();
         let store = folder.open().await;
@@ -97,7 +97,7 @@ async fn an_empty_or_missing_database_beside_scans_is_noticed_and_no_scan_is_los
 }
 
 #[tokio::test]
-async fn a_database_that_is_removed_while_it_is_used_is_noticed_before_anything_is_acknowledged() {
+async fn a_database_removed_during_use_is_detected_before_a_write_is_acknowledged() {
     for name in ["coaxis.db", "coaxis.db-wal"] {
         let folder = TempFolder::new();
         let store = folder.open().await;
@@ -109,13 +109,13 @@ async fn a_database_that_is_removed_while_it_is_used_is_noticed_before_anything_
 }
 
 #[tokio::test]
-async fn a_damaged_log_is_noticed() {
+async fn a_damaged_log_is_detected() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     put(&store, "a").await.unwrap();
     let length = fs::metadata(folder.path().join("coaxis.db-wal")).unwrap().len();
     put(&store, "b").await.unwrap();
-    // As a process leaves them that is killed.
+    // The files as a killed process leaves them.
     let copies = ["coaxis.db", "coaxis.db-wal", "coaxis.commits"]
         .map(|name| (name, fs::read(folder.path().join(name)).unwrap()));
     drop(store);
@@ -131,7 +131,7 @@ async fn a_damaged_log_is_noticed() {
 }
 
 #[tokio::test]
-async fn a_count_that_was_not_written_completely_or_not_any_more_is_no_loss() {
+async fn an_incomplete_or_outdated_commit_count_is_not_a_loss() {
     let folder = TempFolder::new();
     write_and_close(&folder, &["a", "b"]).await;
     let count = folder.path().join("coaxis.commits");
@@ -149,7 +149,7 @@ async fn a_count_that_was_not_written_completely_or_not_any_more_is_no_loss() {
     write_and_close(&folder, &["d"]).await;
 }
 
-/// Set in the process to be killed: its folder and the number of its round.
+/// Set in the process that will be killed: its folder and the number of its round.
 const VICTIM: [&str; 2] = ["COAXIS_TEST_CRASH_FOLDER", "COAXIS_TEST_CRASH_ROUND"];
 const ACKNOWLEDGED: &str = "acknowledged ";
 
@@ -157,7 +157,7 @@ const ACKNOWLEDGED: &str = "acknowledged ";
 fn acknowledged_records_and_scans_survive_being_killed() {
     let folder = TempFolder::new();
     let mut acknowledged = BTreeSet::new();
-    // Killed after so many answers, in the middle of whatever eight clients are then doing.
+    // Killed after this number of answers, while eight clients are writing.
     for (round, answers) in [1, 2, 3, 5, 8, 13, 21, 34, 55, 89].into_iter().enumerate() {
         acknowledged.extend(kill_after(answers, round, &folder));
         let runtime = tokio::runtime::Runtime::new().unwrap();
@@ -166,7 +166,7 @@ fn acknowledged_records_and_scans_survive_being_killed() {
     assert!(acknowledged.len() >= 231);
 }
 
-/// What the process had acknowledged when it was gone.
+/// Kills the process and returns what it had acknowledged.
 fn kill_after(answers: usize, round: usize, folder: &TempFolder) -> Vec<String> {
     let (_crate, module) = module_path!().split_once("::").unwrap();
     let mut victim = Command::new(env::current_exe().unwrap())
@@ -181,7 +181,7 @@ fn kill_after(answers: usize, round: usize, folder: &TempFolder) -> Vec<String> 
     let mut acknowledged = Vec::new();
     let mut line = String::new();
     while output.read_line(&mut line).unwrap() > 0 {
-        // The last line may be cut.
+        // The last line may be incomplete.
         if let Some(id) = line.strip_prefix(ACKNOWLEDGED).and_then(|rest| rest.strip_suffix('\n')) {
             acknowledged.push(id.to_owned());
         }
@@ -210,11 +210,11 @@ async fn expect_all(acknowledged: &BTreeSet<String>, folder: &TempFolder) {
     store.close().await;
 }
 
-/// Does nothing unless it is started to be killed.
+/// Does nothing unless it is started as the process to be killed.
 #[test]
 fn victim() {
     let [Ok(folder), Ok(round)] = VICTIM.map(env::var) else { return };
-    // The test harness has begun a line.
+    // The test harness has already begun a line.
     writeln!(io::stdout()).unwrap();
     tokio::runtime::Runtime::new().unwrap().block_on(async {
         let store = Arc::new(Store::open(Path::new(&folder)).await.unwrap());
@@ -226,7 +226,7 @@ fn victim() {
     });
 }
 
-/// A new scan for each measurement; its content is the measurement's id. Ends with the reader of its answers.
+/// Inserts a new scan for each measurement; its content is the measurement's id. Ends when the reader of the answers is gone.
 async fn measure_forever(store: Arc<Store>, name: String) {
     for number in 0.. {
         let id = format!("{name}-{number}");
@@ -241,7 +241,7 @@ async fn measure_forever(store: Arc<Store>, name: String) {
     }
 }
 
-/// A statement of the test's own, on the connection that writes.
+/// A statement of the test, executed on the connection that writes.
 pub(super) struct Statement(pub(super) &'static str);
 
 impl Write for Statement {
@@ -253,12 +253,12 @@ impl Write for Statement {
     }
 }
 
-/// 100 kB.
+/// A measurement of 100 kB.
 fn large(number: i64) -> NewMeasurement {
     NewMeasurement { profiles: vec![0; 100_000], ..new_measurement(&format!("m-{number}"), number) }
 }
 
-/// Has room for its tables and one large measurement.
+/// A store with space for its tables and one large measurement.
 async fn small_store(folder: &TempFolder) -> Store {
     let limits = StoreLimits { database_bytes_max: Some(250_000) };
     let store = Store::open_within(folder.path(), limits).await.unwrap();
@@ -267,7 +267,7 @@ async fn small_store(folder: &TempFolder) -> Store {
 }
 
 #[tokio::test]
-async fn a_full_database_refuses_writes_reads_on_and_recovers() {
+async fn a_full_database_refuses_writes_stays_readable_and_recovers() {
     let folder = TempFolder::new();
     let store = small_store(&folder).await;
     for number in 1..5 {
@@ -282,7 +282,7 @@ async fn a_full_database_refuses_writes_reads_on_and_recovers() {
 }
 
 #[tokio::test]
-async fn a_small_write_is_done_though_a_large_one_beside_it_finds_no_room() {
+async fn a_small_write_succeeds_although_a_large_one_in_its_commit_does_not_fit() {
     let folder = TempFolder::new();
     let store = small_store(&folder).await;
     let (large, small) =
@@ -295,14 +295,14 @@ async fn a_small_write_is_done_though_a_large_one_beside_it_finds_no_room() {
 async fn after_a_failure_the_database_is_opened_again() {
     let folder = TempFolder::new();
     let store = folder.open().await;
-    // Its own commit is counted, which is a write already.
+    // The commit of this statement is counted, which is already a write.
     let error = store.writer.write(Statement("PRAGMA query_only = ON")).await.unwrap_err();
     assert!(matches!(error, StoreError::Unavailable(_)), "{error:?}");
     assert_eq!(store.insert_measurement(new_measurement("m-1", 1)).await.unwrap(), Inserted::New);
 }
 
 #[tokio::test]
-async fn a_refused_write_does_not_harm_those_that_share_its_commit() {
+async fn a_refused_write_does_not_affect_others_in_its_commit() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     let orphan = || NewMeasurement { scan: None, ..new_measurement("m-1", 1) };
@@ -319,7 +319,7 @@ async fn a_refused_write_does_not_harm_those_that_share_its_commit() {
 }
 
 #[tokio::test]
-async fn a_caller_that_goes_away_does_not_halve_its_write() {
+async fn a_write_completes_when_its_caller_is_dropped() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     tokio::select! {
@@ -333,7 +333,7 @@ async fn a_caller_that_goes_away_does_not_halve_its_write() {
 }
 
 #[tokio::test]
-async fn writes_that_wait_are_finished_before_closing_and_later_ones_refused() {
+async fn waiting_writes_finish_before_closing_and_later_ones_are_refused() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     let (waiting, ()) = tokio::join!(store.insert_measurement(new_measurement("m-1", 1)), store.close());
@@ -345,7 +345,7 @@ async fn writes_that_wait_are_finished_before_closing_and_later_ones_refused() {
 }
 
 #[tokio::test]
-async fn a_folder_that_vanished_is_told_by_probe_and_by_scans_until_it_is_back() {
+async fn a_missing_folder_is_reported_until_it_exists_again() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     store.probe().await.unwrap();
@@ -359,10 +359,10 @@ async fn a_folder_that_vanished_is_told_by_probe_and_by_scans_until_it_is_back()
 }
 
 #[tokio::test]
-async fn a_scan_that_finds_no_place_leaves_nothing_and_can_be_sent_again() {
+async fn a_scan_that_cannot_be_stored_leaves_no_file_and_can_be_sent_again() {
     let folder = TempFolder::new();
     let store = folder.open().await;
-    // SHA-256 of no bytes begins with e3.
+    // The SHA-256 of an empty file begins with e3.
     let shelf = folder.path().join("scans/e3");
     fs::write(&shelf, b"in the way").unwrap();
     let scan = store.begin_scan(10).await.unwrap().complete().await.unwrap();
@@ -375,7 +375,7 @@ async fn a_scan_that_finds_no_place_leaves_nothing_and_can_be_sent_again() {
 }
 
 #[test]
-fn a_full_disk_and_a_full_quota_have_one_name() {
+fn a_full_disk_and_a_full_quota_have_the_same_code() {
     for kind in [io::ErrorKind::StorageFull, io::ErrorKind::QuotaExceeded] {
         assert!(matches!(StoreError::of_file("scans")(kind.into()), StoreError::Full));
     }

@@ -1,4 +1,4 @@
-//! What the store promises, seen from outside: a file per promise. Rows are made here, on folders of their own.
+//! The guarantees of the store, tested from outside, one file for each. The tests create their rows in folders of their own.
 
 mod durability;
 mod records;
@@ -16,7 +16,7 @@ use jiff::Timestamp;
 use super::repository::Store;
 use super::{CompleteScan, MeasurementRow, NewMeasurement, RequestKey, ScanRow};
 
-/// A folder of one test, removed at its end.
+/// The folder of a test, removed at its end.
 struct TempFolder(PathBuf);
 
 impl TempFolder {
@@ -36,7 +36,7 @@ impl TempFolder {
         &self.0
     }
 
-    /// Ids of the scans that have their place.
+    /// Ids of the scans in their final place.
     fn scan_ids(&self) -> Vec<String> {
         let names = |folder: PathBuf| {
             fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap())
@@ -45,7 +45,7 @@ impl TempFolder {
         shelves.flat_map(|shelf| names(self.0.join("scans").join(shelf))).map(|name| format!("s-{name}")).collect()
     }
 
-    /// Names of the scans that are still coming in.
+    /// File names of the scans that are still being received.
     fn incoming(&self) -> Vec<String> {
         let entries = fs::read_dir(self.0.join("scans/tmp")).unwrap();
         entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
@@ -54,7 +54,7 @@ impl TempFolder {
 
 impl Drop for TempFolder {
     fn drop(&mut self) {
-        // A store that was not closed takes its log away by itself, perhaps just between our listing and our removing.
+        // A store that was not closed removes its log by itself, perhaps between listing and removing the files here.
         let _ = (0..100).find(|_| fs::remove_dir_all(&self.0).is_ok());
     }
 }
@@ -80,7 +80,7 @@ fn scan_row(digit: char) -> ScanRow {
     }
 }
 
-/// The row of a scan that has come in.
+/// The row of a received scan.
 fn row_of(scan: &CompleteScan) -> ScanRow {
     ScanRow { id: scan.id(), bytes_count: scan.bytes_count(), ..scan_row('a') }
 }
@@ -97,7 +97,7 @@ fn measurement_row(id: &str, second: i64) -> MeasurementRow {
     }
 }
 
-/// A measurement of scan `a`, which comes along.
+/// A measurement of scan `a`, which is inserted with it.
 fn new_measurement(id: &str, second: i64) -> NewMeasurement {
     NewMeasurement {
         row: measurement_row(id, second),

@@ -1,5 +1,5 @@
-//! Records: inserted once per request, read back and listed by pages in the order of their commits; jobs are recorded before anything
-//! is sent, and those that were under way when the process ended are ended at the next start.
+//! Records: inserted once per request, read back and listed by pages in the order of their commits; jobs are recorded before
+//! anything is sent, and the next start ends those that were under way when the process ended.
 
 use super::*;
 
@@ -36,7 +36,7 @@ async fn records_survive_closing_and_opening() {
 }
 
 #[tokio::test]
-async fn a_scan_keeps_the_row_of_the_first_time() {
+async fn a_repeated_scan_keeps_its_first_row() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     let first = ScanRow { points_count: None, description: Some("part 4.ply".into()), ..scan_row('b') };
@@ -93,7 +93,7 @@ async fn a_measurement_needs_its_scan_and_an_id_of_its_own() {
 }
 
 #[tokio::test]
-async fn a_recipe_is_put_only_where_its_precondition_holds() {
+async fn a_recipe_is_stored_only_if_its_precondition_is_met() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     let put = |document, second, precondition| store.put_recipe("flange", document, at(second), precondition);
@@ -116,7 +116,7 @@ async fn a_recipe_is_put_only_where_its_precondition_holds() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn of_simultaneous_replacements_of_one_revision_one_wins() {
+async fn one_of_several_simultaneous_replacements_of_a_revision_succeeds() {
     let folder = TempFolder::new();
     let store = std::sync::Arc::new(folder.open().await);
     store.put_recipe("flange", "", at(0), Precondition::None).await.unwrap();
@@ -132,7 +132,7 @@ async fn of_simultaneous_replacements_of_one_revision_one_wins() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn sixty_four_clients_write_and_read_without_meeting_a_lock() {
+async fn sixty_four_clients_write_and_read_without_lock_errors() {
     let folder = TempFolder::new();
     let store = std::sync::Arc::new(folder.open().await);
     let mut clients = JoinSet::new();
@@ -151,7 +151,7 @@ async fn sixty_four_clients_write_and_read_without_meeting_a_lock() {
     assert_eq!(store.counts().await.unwrap().measurements_count, 640);
 }
 
-/// Verdicts and recipes in cycles of different length, four rows to a second, ids in no order of time.
+/// Verdicts and recipes in cycles of different length, four rows per second, ids in random order.
 fn varied(number: i64) -> NewMeasurement {
     let mut new = new_measurement(&format!("m-{:04}", number * 389 % 1000), number / 4);
     new.row.verdict = if number % 3 == 0 { "refused".into() } else { "accepted".into() };
@@ -168,7 +168,7 @@ async fn insert_varied(store: &Store, count: i64) -> Vec<MeasurementRow> {
 }
 
 #[tokio::test]
-async fn paging_neither_skips_nor_repeats_while_rows_are_added() {
+async fn pages_neither_skip_nor_repeat_rows_while_rows_are_added() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     let expected = insert_varied(&store, 1000).await;
@@ -187,7 +187,7 @@ async fn paging_neither_skips_nor_repeats_while_rows_are_added() {
 }
 
 #[tokio::test]
-async fn a_filter_keeps_what_meets_all_its_conditions() {
+async fn a_filter_lists_the_rows_that_meet_all_conditions() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     let all = insert_varied(&store, 120).await;
@@ -229,7 +229,7 @@ async fn no_list_is_sorted_by_the_database() {
 }
 
 #[tokio::test]
-async fn scans_and_recipes_are_listed_newest_first_too() {
+async fn scans_and_recipes_are_listed_newest_first() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     for (second, digit) in "0123456789".chars().enumerate() {
@@ -261,7 +261,7 @@ async fn a_page_has_at_least_one_row_and_a_bounded_number() {
 }
 
 #[tokio::test]
-async fn the_order_of_a_list_is_that_of_the_commits_although_the_clock_goes_back() {
+async fn lists_follow_the_order_of_the_commits_although_the_clock_is_set_back() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     for (number, second) in [5, 3_600, -3_600, 4].into_iter().enumerate() {
@@ -282,7 +282,7 @@ async fn the_order_of_a_list_is_that_of_the_commits_although_the_clock_goes_back
 }
 
 #[tokio::test]
-async fn a_row_with_a_damaged_text_or_time_hides_none_of_the_others() {
+async fn a_row_with_a_damaged_text_or_time_does_not_hide_other_rows() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     for number in 0..3 {
@@ -297,7 +297,7 @@ async fn a_row_with_a_damaged_text_or_time_hides_none_of_the_others() {
 }
 
 #[test]
-fn only_cursors_of_our_own_making_are_read() {
+fn only_cursors_written_by_the_store_are_accepted() {
     let cursor = Cursor::new(5);
     assert_eq!(Cursor::parse(&cursor.to_string()).unwrap(), cursor);
     let text = cursor.to_string();
@@ -343,7 +343,7 @@ async fn insert(store: &Store, row: JobRow) -> InsertedJob {
 }
 
 #[tokio::test]
-async fn a_job_has_one_end_and_the_first_stays() {
+async fn a_job_keeps_its_first_end() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     assert_eq!(insert(&store, job("v-1", 1)).await, InsertedJob::New);
@@ -372,12 +372,12 @@ async fn a_request_and_a_plan_start_one_job() {
     assert_eq!(store.insert_plan(plan("p-2")).await.unwrap(), InsertedPlan::New);
     let plans = store.plans(&Page { limit: 10, before: None }).await.unwrap().rows;
     let executed: Vec<_> = plans.iter().map(|listed| (listed.plan.id.as_str(), listed.job_id.as_deref())).collect();
-    assert_eq!(executed, [("p-2", None), ("p-1", Some("v-1"))], "one query finds the jobs of all");
+    assert_eq!(executed, [("p-2", None), ("p-1", Some("v-1"))], "one query must find the jobs of all plans");
     assert_eq!(store.job_by_request("r").await.unwrap(), Some(first));
 }
 
 #[tokio::test]
-async fn a_job_that_was_refused_frees_its_request_and_its_plan() {
+async fn a_refused_job_frees_its_request_and_its_plan() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     store.insert_plan(plan("p-1")).await.unwrap();
@@ -389,7 +389,7 @@ async fn a_job_that_was_refused_frees_its_request_and_its_plan() {
 }
 
 #[tokio::test]
-async fn what_was_under_way_when_a_process_died_is_ended_by_the_next() {
+async fn jobs_of_an_ended_process_are_ended_by_the_next_one() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     insert(&store, job("v-1", 1)).await;
@@ -412,7 +412,7 @@ async fn what_was_under_way_when_a_process_died_is_ended_by_the_next() {
 }
 
 #[tokio::test]
-async fn a_measurement_ends_its_job_in_the_same_moment() {
+async fn a_measurement_ends_its_job_in_the_same_transaction() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     insert(&store, JobRow { kind: "scan".into(), ..job("m-1", 1) }).await;

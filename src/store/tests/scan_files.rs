@@ -1,5 +1,5 @@
-//! Files of scans: complete or absent, readable while they are written, and stored together with their row or not at all, whatever
-//! fails in between.
+//! Files of scans: complete or absent, readable while they are written, and stored together with their row or not at all, at
+//! whatever step a failure occurs.
 
 use super::*;
 use crate::store::rows::hex;
@@ -7,7 +7,7 @@ use crate::store::{Inserted, StoreError};
 use sha2::{Digest, Sha256};
 use std::io::{ErrorKind, Read as _};
 
-/// Bytes that do not repeat with the length of a block.
+/// Bytes whose pattern does not repeat with the length of a block.
 fn content(length: usize) -> Vec<u8> {
     (0..length).map(|index| (index % 251) as u8).collect()
 }
@@ -24,7 +24,7 @@ async fn store_scan(store: &Store, bytes: &[u8], piece: usize) -> ScanRow {
 }
 
 #[tokio::test]
-async fn a_scan_comes_out_as_it_went_in_whatever_the_pieces() {
+async fn a_scan_is_stored_unchanged_for_any_size_of_pieces() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     let block = 256 * 1024;
@@ -43,7 +43,7 @@ async fn a_scan_comes_out_as_it_went_in_whatever_the_pieces() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn the_same_bytes_are_one_file_even_when_sent_at_once() {
+async fn the_same_bytes_sent_simultaneously_are_one_file() {
     let folder = TempFolder::new();
     let store = std::sync::Arc::new(folder.open().await);
     let mut clients = tokio::task::JoinSet::new();
@@ -58,7 +58,7 @@ async fn the_same_bytes_are_one_file_even_when_sent_at_once() {
 }
 
 #[tokio::test]
-async fn a_file_cut_short_is_mended_by_the_same_bytes() {
+async fn a_truncated_file_is_repaired_by_the_same_bytes() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     let stored = store_scan(&store, &content(1000), 1000).await;
@@ -69,7 +69,7 @@ async fn a_file_cut_short_is_mended_by_the_same_bytes() {
 }
 
 #[tokio::test]
-async fn a_damaged_file_is_not_handed_out_and_the_same_bytes_repair_it() {
+async fn a_damaged_file_is_not_opened_and_the_same_bytes_repair_it() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     let stored = store_scan(&store, &content(1000), 1000).await;
@@ -94,7 +94,7 @@ async fn a_damaged_file_is_not_handed_out_and_the_same_bytes_repair_it() {
 }
 
 #[tokio::test]
-async fn a_few_files_are_compared_at_a_time_however_many_are_asked_for() {
+async fn only_a_few_files_are_compared_at_the_same_time() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     let stored = store_scan(&store, &content(1000), 1000).await;
@@ -103,7 +103,7 @@ async fn a_few_files_are_compared_at_a_time_however_many_are_asked_for() {
     let opened = store.open_scan(&stored.id);
     tokio::pin!(opened);
     let soon = std::time::Duration::from_millis(50);
-    assert!(tokio::time::timeout(soon, &mut opened).await.is_err(), "all turns are taken");
+    assert!(tokio::time::timeout(soon, &mut opened).await.is_err(), "all permits are in use");
     drop(turns);
     assert!(opened.await.unwrap().is_some());
     assert_eq!(store.comparing.available_permits(), turns_count as usize);
@@ -116,7 +116,7 @@ async fn a_scan_whose_commit_failed_can_be_kept_with_the_same_file_later() {
     let mut writer = store.begin_scan(100).await.unwrap();
     writer.write(b"points").await.unwrap();
     let scan = std::sync::Arc::new(writer.complete().await.unwrap());
-    // The file has its place already when the count of the transaction fails.
+    // The file is already in its final place when the count of the transaction fails.
     let refuse =
         "CREATE TRIGGER refuse BEFORE UPDATE ON commits WHEN NEW.count > 1 BEGIN SELECT RAISE(ABORT, 'no'); END";
     store.writer.write(super::durability::Statement(refuse)).await.unwrap();
@@ -131,7 +131,7 @@ async fn a_scan_whose_commit_failed_can_be_kept_with_the_same_file_later() {
 }
 
 #[tokio::test]
-async fn what_is_not_a_scans_id_never_becomes_a_path() {
+async fn a_text_that_is_not_a_scan_id_has_no_path() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     let upper = scan_id('A');
@@ -147,23 +147,23 @@ async fn what_is_not_a_scans_id_never_becomes_a_path() {
 }
 
 #[test]
-fn an_abandoned_scan_leaves_nothing() {
+fn an_abandoned_scan_leaves_no_file() {
     let folder = TempFolder::new();
     let runtime = tokio::runtime::Runtime::new().unwrap();
     runtime.block_on(async {
         let store = folder.open().await;
         let mut writer = store.begin_scan(u64::MAX).await.unwrap();
         assert_eq!(folder.incoming().len(), 1);
-        // Blocks are still being written when it is dropped.
+        // Blocks are still being written when the writer is dropped.
         writer.write(&content(3_000_000)).await.unwrap();
     });
-    // Ends when the blocking threads have.
+    // Waits for the blocking threads.
     drop(runtime);
     assert!(folder.incoming().is_empty());
 }
 
 #[tokio::test]
-async fn a_scan_beyond_its_limit_is_refused_and_leaves_nothing() {
+async fn a_scan_beyond_its_limit_is_refused_and_leaves_no_file() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     let mut writer = store.begin_scan(1000).await.unwrap();
@@ -174,7 +174,7 @@ async fn a_scan_beyond_its_limit_is_refused_and_leaves_nothing() {
 }
 
 #[tokio::test]
-async fn what_an_earlier_process_left_unfinished_is_swept_away() {
+async fn unfinished_files_of_an_earlier_process_are_removed() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     let stored = store_scan(&store, b"whole", 5).await;
@@ -190,7 +190,7 @@ const BLOCK: usize = 256 * 1024;
 
 /// Bytes that do not repeat with the length of a block.
 #[tokio::test]
-async fn what_is_there_is_read_before_the_end_and_the_rest_after_it() {
+async fn available_bytes_are_read_before_the_file_is_complete() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     let bytes = content(3 * BLOCK + 17);
@@ -217,13 +217,13 @@ async fn what_is_there_is_read_before_the_end_and_the_rest_after_it() {
     assert_eq!(rest.await.unwrap(), bytes[2 * BLOCK..]);
     let mut late = Vec::new();
     trail.follow().unwrap().read_to_end(&mut late).unwrap();
-    assert_eq!(late, bytes, "a file that is whole is followed just so");
+    assert_eq!(late, bytes, "a complete file must be followed in the same way");
     drop(scan);
     assert!(matches!(trail.follow(), Err(StoreError::FileUnavailable { .. })));
 }
 
 #[tokio::test]
-async fn a_writer_that_gives_up_ends_its_reader() {
+async fn dropping_a_writer_ends_its_reader() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     let mut writer = store.begin_scan(u64::MAX).await.unwrap();
@@ -240,7 +240,7 @@ async fn arrived(store: &Store, bytes: &[u8]) -> CompleteScan {
     writer.complete().await.unwrap()
 }
 
-/// A measurement of what has come in.
+/// A measurement of a received scan.
 fn measurement_of(scan: &CompleteScan, id: &str) -> NewMeasurement {
     let mut new = new_measurement(id, 1);
     new.row.scan_id = scan.id();
@@ -260,7 +260,7 @@ async fn a_measurement_that_is_not_inserted_leaves_no_file() {
 }
 
 #[tokio::test]
-async fn a_request_id_used_for_something_else_leaves_no_file() {
+async fn a_request_id_used_for_another_request_leaves_no_file() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     let earlier = NewMeasurement { request: request("r", "asked"), ..new_measurement("m-1", 1) };
@@ -272,13 +272,13 @@ async fn a_request_id_used_for_something_else_leaves_no_file() {
 }
 
 #[tokio::test]
-async fn a_failure_takes_no_file_that_another_row_refers_to() {
+async fn a_failure_removes_no_file_that_another_row_refers_to() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     store.insert_measurement(new_measurement("m-1", 1)).await.unwrap();
     let (kept, refused) = (arrived(&store, b"both").await, arrived(&store, b"both").await);
     let id = kept.id();
-    // They share a commit, or come one after the other.
+    // They share a commit, or are committed one after the other.
     let (kept, refused) = tokio::join!(
         store.insert_measurement_of(measurement_of(&kept, "m-2"), kept),
         store.insert_measurement_of(measurement_of(&refused, "m-1"), refused),
@@ -289,13 +289,13 @@ async fn a_failure_takes_no_file_that_another_row_refers_to() {
 }
 
 #[tokio::test]
-async fn a_caller_that_goes_away_leaves_file_and_row_or_neither() {
+async fn a_dropped_caller_leaves_both_file_and_row_or_neither() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     let scan = arrived(&store, b"abandoned").await;
     let id = scan.id();
     let mut keep = Box::pin(store.keep_scan(row_of(&scan), scan));
-    // As far as it comes by itself, and no further.
+    // Polled once and then dropped.
     std::future::poll_fn(|context| std::task::Poll::Ready(keep.as_mut().poll(context).is_pending())).await;
     drop(keep);
     store.probe().await.unwrap();
@@ -303,7 +303,7 @@ async fn a_caller_that_goes_away_leaves_file_and_row_or_neither() {
 }
 
 #[tokio::test]
-async fn a_file_whose_row_a_crash_prevented_is_removed_at_the_next_start_and_no_other() {
+async fn only_files_without_a_row_after_a_crash_are_removed_at_the_next_start() {
     let folder = TempFolder::new();
     let store = folder.open().await;
     let scan = arrived(&store, b"kept").await;
@@ -323,7 +323,7 @@ async fn a_file_whose_row_a_crash_prevented_is_removed_at_the_next_start_and_no_
     };
     place(b"orphan", true);
     assert_eq!(place(b"kept", true), kept);
-    // Its row was lost with a database, which is no reason to lose the scan, too.
+    // Its row was lost with a database, but the scan must be kept.
     let unmarked = place(b"rescued", false);
     let _store = folder.open().await;
     let mut expected = vec![kept, unmarked];

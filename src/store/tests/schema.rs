@@ -22,14 +22,14 @@ async fn a_folder_has_one_owner_at_a_time() {
 }
 
 #[tokio::test]
-async fn a_folder_below_folders_that_are_not_there_is_created() {
+async fn a_folder_is_created_with_its_missing_parents() {
     let folder = TempFolder::new();
     let store = Store::open(&folder.path().join("line 3/data")).await.unwrap();
     store.probe().await.unwrap();
 }
 
 #[tokio::test]
-async fn acknowledged_means_synced() {
+async fn a_commit_is_acknowledged_after_it_is_synced() {
     let folder = TempFolder::new();
     folder.open().await.close().await;
     let mut database = database(&folder).await;
@@ -39,7 +39,7 @@ async fn acknowledged_means_synced() {
 }
 
 #[tokio::test]
-async fn a_newer_schema_is_refused_and_left_alone() {
+async fn a_newer_schema_is_refused_and_left_unchanged() {
     let folder = TempFolder::new();
     folder.open().await.close().await;
     let mut database = database(&folder).await;
@@ -61,7 +61,7 @@ async fn a_migration_with_another_text_is_refused() {
 }
 
 #[tokio::test]
-async fn a_migration_that_fails_leaves_the_database_as_it_was() {
+async fn a_failed_migration_leaves_the_database_unchanged() {
     const BROKEN: &[Migration] = &[
         MIGRATIONS[0],
         MIGRATIONS[1],
@@ -84,14 +84,14 @@ async fn a_migration_that_fails_leaves_the_database_as_it_was() {
 }
 
 #[tokio::test]
-async fn a_file_that_is_no_database_is_called_damaged() {
+async fn a_file_that_is_not_a_database_is_reported_as_damaged() {
     let folder = TempFolder::new();
     fs::write(folder.path().join("coaxis.db"), "no database, but long enough to have a header ".repeat(100)).unwrap();
     assert!(matches!(Store::open(folder.path()).await, Err(StoreError::Damaged(_))));
 }
 
 #[tokio::test]
-async fn a_database_from_before_the_order_of_commits_lists_its_rows_by_their_times() {
+async fn an_old_database_without_commit_order_lists_its_rows_by_their_times() {
     let folder = TempFolder::new();
     let mut old = database(&folder).await;
     migrate(&mut old, MIGRATIONS.get(..2).unwrap()).await.unwrap();
@@ -107,7 +107,7 @@ async fn a_database_from_before_the_order_of_commits_lists_its_rows_by_their_tim
 }
 
 #[tokio::test]
-async fn files_are_for_their_owner_and_his_group_alone() {
+async fn files_are_accessible_only_to_owner_and_group() {
     use std::os::unix::fs::PermissionsExt as _;
     let folder = TempFolder::new();
     let store = folder.open().await;
@@ -122,7 +122,7 @@ async fn files_are_for_their_owner_and_his_group_alone() {
     assert_eq!(mode(&folder.path().join("scans")) & !0o750, 0);
     store.close().await;
     drop(store);
-    // Files of an earlier version are closed to others at the next start.
+    // The next start removes the access of others to files of an earlier version.
     let database = folder.path().join("coaxis.db");
     fs::set_permissions(&database, fs::Permissions::from_mode(0o644)).unwrap();
     folder.open().await;

@@ -1,5 +1,5 @@
-//! The control channel: requests with a number, replies with the same number and a status, and what the sensor reports about itself
-//! there: version, identity, state. Structures may be longer than the form known here; the bytes behind it are passed over.
+//! The control channel: requests with a command number, replies with the same number and a status, and the sensor's reports about
+//! itself: version, identity, state. Structures may be longer than the form known here; their additional bytes are ignored.
 
 use std::fmt;
 
@@ -7,37 +7,37 @@ use super::frame::{CodecError, Fields, frame};
 
 /// The major version of the protocol of firmware 4 to 6.
 pub const VERSION_MAJOR: u8 = 101;
-/// The minor version of our server.
+/// The minor version that the simulated server reports.
 pub const VERSION_MINOR: u8 = 4;
 
-/// What we ask, or answer.
+/// The commands that coaxis sends, and the simulated server answers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u16)]
 pub enum Command {
     /// Version of the protocol.
     ProtocolVersion = 0x4511,
-    /// Which sensor it is, old form.
+    /// Identity of the sensor, old form.
     SystemInfo = 0x4002,
     /// Identity of the sensor, in structures that contain their size.
     SystemInfoV2 = 0x4010,
-    /// Whether it runs.
+    /// State of the sensor.
     States = 0x4525,
-    /// Video, range, profile or surface.
+    /// Mode of the sensor: video, range, profile or surface.
     Mode = 0x1005,
-    /// The clock.
+    /// Time of the sensor's clock.
     Timestamp = 0x100A,
-    /// The encoder.
+    /// Position of the encoder.
     Encoder = 0x101C,
-    /// Take frames; the laser goes on.
+    /// Start taking frames, with the laser on.
     Start = 0x100D,
-    /// Take no more.
+    /// Stop taking frames.
     Stop = 0x1001,
-    /// Nothing, but that we live.
+    /// No action; it only shows that the client is alive.
     Ping = 0x100E,
 }
 
 impl Command {
-    /// Every one.
+    /// All commands.
     pub const ALL: [Self; 10] = [
         Self::ProtocolVersion,
         Self::SystemInfo,
@@ -51,33 +51,33 @@ impl Command {
         Self::Ping,
     ];
 
-    /// Its number on the wire.
+    /// Its number in the protocol.
     #[must_use]
     pub const fn id(self) -> u16 {
         self as u16
     }
 
-    /// The one of this number.
+    /// The command with this number.
     #[must_use]
     pub fn from_id(id: u16) -> Option<Self> {
         Self::ALL.into_iter().find(|command| command.id() == id)
     }
 }
 
-/// How a request fared.
+/// The result of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Status(pub i32);
 
 impl Status {
-    /// Done.
+    /// The request was executed.
     pub const OK: Self = Self(1);
-    /// Failed, without a reason.
+    /// The request failed, without a reason.
     pub const FAILED: Self = Self(0);
-    /// Not in this state.
+    /// The state of the sensor does not allow the request.
     pub const INVALID_STATE: Self = Self(-1000);
-    /// No such command.
+    /// The command does not exist.
     pub const INVALID_COMMAND: Self = Self(-998);
-    /// Not on this sensor.
+    /// This sensor does not support the command.
     pub const NOT_SUPPORTED: Self = Self(-996);
 }
 
@@ -98,20 +98,20 @@ impl fmt::Display for Status {
     }
 }
 
-/// A request as the sensor gets it.
+/// A request as the sensor receives it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Request<'a> {
     /// Number of the command.
     pub id: u16,
-    /// What follows.
+    /// The bytes after the head.
     pub payload: &'a [u8],
 }
 
 impl<'a> Request<'a> {
-    /// Reads a whole frame.
+    /// Decodes a complete frame.
     ///
     /// # Errors
-    /// [`CodecError`] where it is shorter than a head.
+    /// [`CodecError`] if it is shorter than a head.
     pub fn decode(bytes: &'a [u8]) -> Result<Self, CodecError> {
         let id = Fields { kind: 0, bytes }.u16(4)?;
         Ok(Self { id, payload: bytes.get(6..).unwrap_or_default() })
@@ -123,22 +123,22 @@ impl<'a> Request<'a> {
     }
 }
 
-/// A reply as we get it.
+/// A reply as the client receives it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Reply<'a> {
     /// Number of the command that it answers.
     pub id: u16,
-    /// How it fared.
+    /// Result of the request.
     pub status: Status,
-    /// What follows; nothing, often, where it failed.
+    /// The bytes after the head; often none if the request failed.
     pub payload: &'a [u8],
 }
 
 impl<'a> Reply<'a> {
-    /// Reads a whole frame.
+    /// Decodes a complete frame.
     ///
     /// # Errors
-    /// [`CodecError`] where it is shorter than a reply's head.
+    /// [`CodecError`] if it is shorter than a reply's head.
     pub fn decode(bytes: &'a [u8]) -> Result<Self, CodecError> {
         let id = Fields { kind: 0, bytes }.u16(4)?;
         let status = Status(Fields { kind: id, bytes }.i32(6)?);
@@ -154,62 +154,62 @@ impl<'a> Reply<'a> {
     }
 }
 
-/// Up to the end of the role; newer ones have more behind.
+/// Size up to the end of the role; newer structures are longer.
 const IDENTITY_BYTES: u16 = 52;
 const MODEL_BYTES: usize = 32;
 
 /// Version of the protocol.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Version {
-    /// What both have to agree on.
+    /// The part on which client and sensor must agree.
     pub major: u8,
-    /// What they need not.
+    /// The part that may differ.
     pub minor: u8,
 }
 
 impl Version {
-    /// Reads a reply's payload.
+    /// Decodes the payload of a reply.
     ///
     /// # Errors
-    /// [`CodecError`] where it is too short.
+    /// [`CodecError`] if it is too short.
     pub fn decode(payload: &[u8]) -> Result<Self, CodecError> {
         let fields = Fields { kind: Command::ProtocolVersion.id(), bytes: payload };
         Ok(Self { major: fields.u8(0)?, minor: fields.u8(1)? })
     }
 
-    /// A reply's payload.
+    /// Encodes the payload of a reply.
     #[must_use]
     pub fn encode(self) -> Vec<u8> {
         vec![self.major, self.minor]
     }
 }
 
-/// Which sensor it is.
+/// The identity of a sensor.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Identity {
     /// Serial number.
     pub serial: u32,
-    /// Its name, printable ASCII.
+    /// Model name, printable ASCII.
     pub model: String,
-    /// Its firmware, most significant part first as the manual has it.
+    /// Firmware version, the most significant part first, as in the manual.
     pub firmware: [u8; 4],
 }
 
 impl Identity {
-    /// Reads the payload of a reply to [`Command::SystemInfoV2`], whatever its structures' sizes.
+    /// Decodes the payload of a reply to [`Command::SystemInfoV2`], whose structures may have any size.
     ///
     /// # Errors
-    /// [`CodecError`] where it is too short.
+    /// [`CodecError`] if it is too short.
     pub fn decode_v2(payload: &[u8]) -> Result<Self, CodecError> {
         let fields = Fields { kind: Command::SystemInfoV2.id(), bytes: payload };
         let size = fields.struct_size(0, IDENTITY_BYTES)?;
         Self::decode(Fields { bytes: fields.values(2, 1, 1, size)?, ..fields })
     }
 
-    /// Reads the payload of a reply to [`Command::SystemInfo`].
+    /// Decodes the payload of a reply to [`Command::SystemInfo`].
     ///
     /// # Errors
-    /// [`CodecError`] where it is too short.
+    /// [`CodecError`] if it is too short.
     pub fn decode_v1(payload: &[u8]) -> Result<Self, CodecError> {
         Self::decode(Fields { kind: Command::SystemInfo.id(), bytes: payload })
     }
@@ -224,7 +224,7 @@ impl Identity {
         })
     }
 
-    /// The payload of a reply to [`Command::SystemInfoV2`]: no other sensors, no buddies.
+    /// Encodes the payload of a reply to [`Command::SystemInfoV2`], without other sensors and buddies.
     #[must_use]
     pub fn encode_v2(&self, running: bool) -> Vec<u8> {
         let mut payload = IDENTITY_BYTES.to_le_bytes().to_vec();
@@ -236,7 +236,7 @@ impl Identity {
         payload
     }
 
-    /// The payload of a reply to [`Command::SystemInfo`].
+    /// Encodes the payload of a reply to [`Command::SystemInfo`].
     #[must_use]
     pub fn encode_v1(&self, running: bool) -> Vec<u8> {
         let mut payload = Vec::new();
@@ -257,24 +257,24 @@ impl Identity {
     }
 }
 
-/// What the sensor does.
+/// The state of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SensorState {
-    /// The sensors of a system are in different states; it cannot be started.
+    /// The sensors of a system are in different states, so that it cannot be started.
     Conflict,
     /// It can be started.
     Ready,
-    /// It takes frames.
+    /// It is taking frames.
     Running,
-    /// Something newer.
+    /// A state of a newer firmware.
     Other(i32),
 }
 
 impl SensorState {
-    /// Reads a reply's payload; the other states are passed over.
+    /// Decodes the payload of a reply; only the first state is used.
     ///
     /// # Errors
-    /// [`CodecError`] where it is too short.
+    /// [`CodecError`] if it is too short.
     pub fn decode(payload: &[u8]) -> Result<Self, CodecError> {
         let fields = Fields { kind: Command::States.id(), bytes: payload };
         Ok(match fields.i32(4)? {
@@ -285,7 +285,7 @@ impl SensorState {
         })
     }
 
-    /// A reply's payload: this state, and ten others that are zero.
+    /// Encodes the payload of a reply: this state, and ten others that are zero.
     #[must_use]
     pub fn encode(self) -> Vec<u8> {
         let state = match self {

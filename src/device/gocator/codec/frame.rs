@@ -1,85 +1,85 @@
-//! Frames: the errors of malformed bytes, numbers at their offsets, a frame from its parts, and a stream of bytes cut into frames.
-//! Sixteen bits after the size hold the type of a message and, topmost, whether it is the last of its group.
+//! Frames: the errors of malformed bytes, numbers at their offsets, a frame from its parts, and the division of a byte stream into
+//! frames. The 16 bits after the size contain the type of a message and, in the topmost bit, whether it is the last of its group.
 //!
-//! Bytes are read straight into [`Splitter::room`]; frames are handed out borrowed. The buffer grows as bytes come, and never
-//! because of a length field.
+//! Bytes are read directly into [`Splitter::room`], and frames are returned as borrowed slices. The buffer grows only with received
+//! bytes, never because of a length field.
 
-/// Types of messages on the wire. The vendor's program interface numbers them otherwise.
+/// Types of messages in the protocol. The vendor's programming interface uses other numbers.
 pub mod kind {
-    /// Values about the sensor.
+    /// Health values of the sensor.
     pub const HEALTH: u16 = 0;
-    /// When and where.
+    /// Time and encoder position of a frame.
     pub const STAMP: u16 = 1;
     /// x and z of every point.
     pub const PROFILE_POINT_CLOUD: u16 = 5;
-    /// z at even steps of x.
+    /// z at equal steps of x.
     pub const UNIFORM_PROFILE: u16 = 6;
-    /// Brightness.
+    /// Brightness of every point.
     pub const PROFILE_INTENSITY: u16 = 7;
-    /// z at even steps of x and y.
+    /// z at equal steps of x and y.
     pub const UNIFORM_SURFACE: u16 = 8;
 }
 
-/// What is wrong with a frame.
+/// Why a frame is malformed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum CodecError {
     /// The size of a frame is greater than allowed.
     #[error("a frame of {size} bytes, at most {limit} are allowed")]
     FrameTooLong {
-        /// The value in the frame.
+        /// The size in the frame.
         size: u64,
-        /// Most.
+        /// Greatest allowed size.
         limit: u64,
     },
-    /// The size of a frame is less than that of its head.
-    #[error("a frame of {size} bytes, {least} are the least")]
+    /// The size of a frame is less than the size of its head.
+    #[error("a frame of {size} bytes, at least {least} are required")]
     FrameTooShort {
-        /// The value in the frame.
+        /// The size in the frame.
         size: u64,
-        /// Least.
+        /// Least allowed size.
         least: u64,
     },
-    /// A frame's size is not that of its bytes.
-    #[error("a frame says {size} bytes and has {found}")]
+    /// The size in a frame differs from its number of bytes.
+    #[error("a frame states {size} bytes and has {found}")]
     SizeDiffers {
-        /// The value in the frame.
+        /// The size in the frame.
         size: u64,
-        /// What is there.
+        /// Number of bytes.
         found: u64,
     },
-    /// A field lies beyond the frame's end.
-    #[error("message type {kind}: a field at byte {at} lies beyond its {found} bytes")]
+    /// A field is beyond the end of the frame.
+    #[error("message type {kind}: a field at byte {at} is beyond its {found} bytes")]
     EndsEarly {
         /// Type of the message, or id of the command.
         kind: u16,
-        /// Where the field begins.
+        /// Offset of the field.
         at: usize,
-        /// Bytes there are.
+        /// Number of bytes of the frame.
         found: usize,
     },
     /// A structure is shorter than its oldest form.
-    #[error("message type {kind}: structures of {found} bytes, {least} are the least")]
+    #[error("message type {kind}: structures of {found} bytes, at least {least} are required")]
     StructTooShort {
         /// Type of the message, or id of the command.
         kind: u16,
-        /// The value in the frame.
+        /// The size in the frame.
         found: u16,
-        /// Of the oldest form.
+        /// Size of the oldest form.
         least: u16,
     },
-    /// There are fewer values than the counts promise.
+    /// There are fewer values than the counts in the frame state.
     #[error("message type {kind}: {rows} × {columns} values do not fit into the {found} bytes that follow")]
     CountsTooLarge {
         /// Type of the message.
         kind: u16,
-        /// The value in the frame.
+        /// The count in the frame.
         rows: u32,
-        /// The value in the frame.
+        /// The count in the frame.
         columns: u32,
-        /// Bytes that follow.
+        /// Number of bytes that follow.
         found: usize,
     },
-    /// A scale of zero: every value would be the same.
+    /// A scale is zero, so that every value would be the same.
     #[error("message type {kind}: a scale is 0")]
     ScaleZero {
         /// Type of the message.
@@ -87,7 +87,7 @@ pub enum CodecError {
     },
 }
 
-/// A frame's bytes.
+/// The bytes of a frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Fields<'a> {
     pub(super) kind: u16,
@@ -124,14 +124,15 @@ impl<'a> Fields<'a> {
         self.array(at).map(i64::from_le_bytes)
     }
 
-    /// The size of a structure, which has grown over the generations, from its field at `at`.
+    /// The size of a structure from its field at `at`. Newer generations have longer structures.
     pub(super) fn struct_size(self, at: usize, least: u16) -> Result<usize, CodecError> {
         let found = self.u16(at)?;
         let size = (found >= least).then_some(usize::from(found));
         size.ok_or(CodecError::StructTooShort { kind: self.kind, found, least })
     }
 
-    /// `rows` times `columns` values of `width` bytes from `start`. Empty rows count nothing: there may be one.
+    /// `rows` times `columns` values of `width` bytes from `start`. At most one row may be empty, because empty rows have no bytes
+    /// that would limit their number.
     pub(super) fn values(self, start: usize, rows: u32, columns: u32, width: usize) -> Result<&'a [u8], CodecError> {
         let rest = self.bytes.get(start..).ok_or(CodecError::EndsEarly {
             kind: self.kind,
@@ -155,35 +156,35 @@ pub(super) fn frame(word: u16, out: &mut Vec<u8>, body: impl FnOnce(&mut Vec<u8>
     out.extend_from_slice(&[0; 4]);
     out.extend_from_slice(&word.to_le_bytes());
     body(out);
-    // Nothing of ours comes near 4 GiB; were it longer, the reader would refuse the size.
+    // The frames of this program are far below 4 GiB; the reader would refuse a greater size.
     let size = u32::try_from(out.len() - start).unwrap_or(u32::MAX);
     if let Some(place) = out.get_mut(start..start + 4) {
         place.copy_from_slice(&size.to_le_bytes());
     }
 }
 
-/// Bytes that a read has room for: fifty profiles of 1280 points.
+/// Free space of the buffer before each read: fifty profiles of 1280 points.
 const ROOM_BYTES: usize = 256 * 1024;
-/// Size and type, which every frame has.
+/// Size and type, the head of every frame.
 const HEAD_BYTES: usize = 6;
 
-/// Cuts a stream into frames, each of which begins with its size.
+/// Divides a byte stream into frames, each of which begins with its size.
 #[derive(Debug)]
 pub struct Splitter {
     bytes: Vec<u8>,
-    /// Where the first frame that was not handed out begins.
+    /// Offset of the first frame that was not yet returned.
     start: usize,
     frame_bytes_max: usize,
 }
 
 impl Splitter {
-    /// For frames of at most `frame_bytes_max` bytes.
+    /// A splitter for frames of at most `frame_bytes_max` bytes.
     #[must_use]
     pub fn new(frame_bytes_max: usize) -> Self {
         Self { bytes: Vec::new(), start: 0, frame_bytes_max }
     }
 
-    /// Where the next bytes are to be appended.
+    /// The buffer to which the next bytes are appended.
     pub fn room(&mut self) -> &mut Vec<u8> {
         if self.start > 0 {
             self.bytes.drain(..self.start);
@@ -193,10 +194,10 @@ impl Splitter {
         &mut self.bytes
     }
 
-    /// The next whole frame, its size included; `None` where its last bytes are still to come.
+    /// The next complete frame, including its size; `None` if its last bytes have not been received yet.
     ///
     /// # Errors
-    /// [`CodecError`] if the size is invalid. The stream is lost then: the beginning of the next frame is unknown.
+    /// [`CodecError`] if the size is invalid. The stream can no longer be used, because the beginning of the next frame is unknown.
     pub fn next_frame(&mut self) -> Result<Option<&[u8]>, CodecError> {
         let waiting = self.bytes.get(self.start..).unwrap_or_default();
         let Some(head) = waiting.first_chunk::<4>() else { return Ok(None) };
@@ -226,15 +227,15 @@ pub(super) const fn flagged(kind: u16, last: bool) -> u16 {
     if last { kind | LAST } else { kind }
 }
 
-/// How new the form is in which messages are written: attributes have grown at their end. Reading takes every form.
+/// The form in which messages are written. Newer firmware has longer attributes; the decoder accepts every form.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Generation {
     /// Firmware 4.
     #[default]
     Base,
-    /// With the step of the stream: firmware 5.
+    /// With the step of the stream, firmware 5.
     StreamStep,
-    /// And with the place in an array of sensors: firmware 5.3 and newer.
+    /// With the place in an array of sensors as well, firmware 5.3 and newer.
     Arrayed,
 }
 

@@ -1,5 +1,5 @@
-//! Messages of the data and health channels by their types; the last message of a group is marked. Here stand the stamps (type 1:
-//! when and where a frame was taken) and the health values (type 0: numbered values about the sensor itself).
+//! Messages of the data and health channels by their types; the last message of a group is marked. This file has the stamps (type
+//! 1: time and encoder position of a frame) and the health values (type 0: numbered values about the sensor itself).
 
 use super::frame::{CodecError, Fields, LAST, flagged, frame, kind, rows};
 use super::profile::{Intensity, Profiles, Surface};
@@ -9,33 +9,33 @@ use super::profile::{Intensity, Profiles, Surface};
 pub enum Message<'a> {
     /// Values about the sensor.
     Health(Health<'a>),
-    /// When and where the group's frame was taken.
+    /// Time and encoder position of the group's frame.
     Stamps(Stamps<'a>),
     /// Profiles with x and z of every point.
     PointClouds(Profiles<'a>),
-    /// Profiles with z at even steps of x.
+    /// Profiles with z at equal steps of x.
     Uniform(Profiles<'a>),
     /// Brightness of profiles.
     Intensity(Intensity<'a>),
     /// A surface.
     Surface(Surface<'a>),
-    /// Something else, passed over.
+    /// Another message, which is ignored.
     Other {
         /// Its type.
         kind: u16,
     },
 }
 
-/// A message in its group.
+/// A message with its mark of the end of a group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Framed<'a> {
-    /// The group ends with it.
+    /// Whether it is the last message of its group.
     pub last: bool,
     /// Its content.
     pub message: Message<'a>,
 }
 
-/// Reads one whole message, its size included.
+/// Decodes one complete message, including its size.
 ///
 /// # Errors
 /// [`CodecError`] if its size or content is invalid.
@@ -60,27 +60,27 @@ pub fn decode(frame: &[u8]) -> Result<Framed<'_>, CodecError> {
 
 /// Bytes before the first stamp.
 const START: usize = 14;
-/// Of the oldest stamps; newer ones have more behind.
+/// Size of the oldest stamps; newer ones are longer.
 const STAMP_BYTES: u16 = 56;
 
-/// When and where a frame was taken.
+/// Time and encoder position of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Stamp {
-    /// Counts frames without a gap.
+    /// Frame number without gaps.
     pub frame_index: u64,
-    /// The sensor's clock; 1.024 of these ticks are a microsecond.
+    /// Time of the sensor's clock; 1.024 of its ticks are a microsecond.
     pub timestamp: u64,
     /// Ticks of the encoder.
     pub encoder: i64,
     /// Ticks of the encoder at its last index pulse.
     pub encoder_at_z: i64,
-    /// Inputs, as bits.
+    /// Digital inputs, as bits.
     pub status: u64,
-    /// Of the sensor.
+    /// Serial number of the sensor.
     pub serial: u32,
 }
 
-/// Stamps of a group, one a profile.
+/// The stamps of a group, one per profile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Stamps<'a> {
     /// 0 main, 1 buddy.
@@ -98,13 +98,13 @@ impl<'a> Stamps<'a> {
         Ok(Self { source: fields.u8(12)?, count, stamp_bytes, values })
     }
 
-    /// How many there are.
+    /// Number of stamps.
     #[must_use]
     pub fn count(&self) -> u32 {
         self.count
     }
 
-    /// Each.
+    /// Iterates over the stamps.
     pub fn iter(&self) -> impl Iterator<Item = Stamp> + '_ {
         rows(self.values, self.count, self.stamp_bytes)
             .filter_map(|bytes| Stamp::decode(Fields { kind: kind::STAMP, bytes }).ok())
@@ -146,30 +146,30 @@ impl Stamp {
 
 const INDICATOR_BYTES: usize = 16;
 
-/// Ids of the indicators that we know.
+/// Ids of the indicators that coaxis uses.
 pub mod indicator {
     /// Ticks of the encoder.
     pub const ENCODER: u32 = 1003;
-    /// Hundredths of °C.
+    /// Temperature in hundredths of °C.
     pub const TEMPERATURE: u32 = 2002;
-    /// 1 where it runs.
+    /// 1 while the sensor is running.
     pub const STATE: u32 = 20000;
-    /// Profiles that it could not compute.
+    /// Number of profiles that it could not compute.
     pub const PROCESSING_DROPS: u32 = 21000;
-    /// Profiles that it could not send.
+    /// Number of profiles that it could not send.
     pub const NETWORK_DROPS: u32 = 21005;
-    /// Triggers that it could not take.
+    /// Number of triggers that it could not serve.
     pub const TRIGGER_DROPS: u32 = 21010;
 }
 
 /// One value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Indicator {
-    /// Which.
+    /// Id of the indicator.
     pub id: u32,
-    /// Of which of several.
+    /// Instance, if there are several of the same id.
     pub instance: u32,
-    /// In the unit of its id.
+    /// The value in the unit of its id.
     pub value: i64,
 }
 
@@ -188,7 +188,7 @@ impl<'a> Health<'a> {
         Ok(Self { source: fields.u8(10)?, count, values: fields.values(START, count, 1, INDICATOR_BYTES)? })
     }
 
-    /// Each value.
+    /// Iterates over the values.
     pub fn iter(&self) -> impl Iterator<Item = Indicator> + '_ {
         rows(self.values, self.count, INDICATOR_BYTES).filter_map(|bytes| {
             let fields = Fields { kind: kind::HEALTH, bytes };

@@ -1,6 +1,6 @@
 //! The bytes of the Gocator protocol (firmware 4 to 6): frames and their contents. Pure: no socket, no clock.
-//! Total on any bytes: every length is checked against the bytes that are there before it is believed, and nothing is reserved
-//! on its word.
+//! The functions accept any bytes: every length is compared with the available bytes before it is used, and no memory is allocated
+//! because of a length field.
 //!
 //! ```text
 //! bytes --Splitter--> frame --decode--> Message (borrowed from the frame) --encode--> the same bytes

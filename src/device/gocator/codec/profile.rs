@@ -1,42 +1,42 @@
-//! What the sensor measures: profiles (message types 5 and 6), their intensities (7) and uniform surfaces (8, rows of z at even
-//! steps of x and y). Each message has attributes, then the numbers of every profile or row.
+//! The measured data: profiles (message types 5 and 6), their intensities (7) and uniform surfaces (8, rows of z at equal steps of
+//! x and y). Each message has attributes, followed by the numbers of every profile or row.
 //!
-//! The sensor's 16-bit numbers become millimetres as mm = offset_um / 1000 + raw · scale_nm / 10⁶.
+//! The 16-bit numbers of the sensor become millimetres as mm = offset_um / 1000 + raw · scale_nm / 10⁶.
 
 use serde::{Deserialize, Serialize};
 
 use super::frame::{CodecError, Fields, Generation, flagged, frame, kind, rows};
 
-/// Where the attributes begin; their own size stands before them.
+/// Offset of the attributes; their size precedes them.
 const START: usize = 8;
 const ATTRIBUTE_BYTES: u16 = 32;
 const INTENSITY_ATTRIBUTE_BYTES: u16 = 24;
-/// What the sensor calls the step of the stream that profiles come from.
+/// The sensor's id of the step of the stream that profiles come from.
 const STREAM_STEP: i32 = 2;
 
-/// Profiles of one width: as a point cloud (x and z of every point) or uniform (z at even steps of x).
+/// Profiles of equal width: as a point cloud (x and z of every point) or uniform (z at equal steps of x).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Profiles<'a> {
-    /// How many.
+    /// Number of profiles.
     pub count: u32,
-    /// Points of each.
+    /// Points of each profile.
     pub width: u32,
-    /// Along the laser line; of uniform profiles that of the index.
+    /// Scale along the laser line; for uniform profiles, of the index.
     pub x: Scale,
-    /// Towards the sensor.
+    /// Scale towards the sensor.
     pub z: Scale,
     /// 0 top, 1 bottom, 2 top left, 3 top right.
     pub source: u8,
-    /// Of the camera.
+    /// Camera exposure.
     pub exposure_ns: u32,
-    /// Which camera took them.
+    /// The camera that took them.
     pub camera: u8,
-    /// The numbers, little-endian: x and z in turn, or z alone.
+    /// The numbers, little-endian: x and z alternating, or only z.
     pub values: &'a [u8],
 }
 
 impl<'a> Profiles<'a> {
-    /// Of type 5 a point has two numbers, of type 6 one.
+    /// Decodes a message. A point has two numbers in type 5, and one in type 6.
     pub(super) fn decode(fields: Fields<'a>, numbers: usize) -> Result<Self, CodecError> {
         let values_start = START + fields.struct_size(6, ATTRIBUTE_BYTES)?;
         let (count, width) = (fields.u32(8)?, fields.u32(12)?);
@@ -46,7 +46,7 @@ impl<'a> Profiles<'a> {
         Ok(Self { count, width, x, z, source, exposure_ns, camera, values })
     }
 
-    /// Each profile of a point cloud as (x, z).
+    /// Each profile of a point cloud, as (x, z).
     pub fn point_clouds(&self) -> impl Iterator<Item = impl Iterator<Item = [i16; 2]> + use<'a>> + use<'a> {
         rows(self.values, self.count, 4 * self.width as usize).map(|row| {
             let (points, _) = row.as_chunks::<4>();
@@ -54,12 +54,12 @@ impl<'a> Profiles<'a> {
         })
     }
 
-    /// Each uniform profile as z.
+    /// Each uniform profile, as z.
     pub fn uniform(&self) -> impl Iterator<Item = impl Iterator<Item = i16> + use<'a>> + use<'a> {
         rows(self.values, self.count, 2 * self.width as usize).map(numbers)
     }
 
-    /// Appends the message; `kind` is the type of one of the two forms.
+    /// Appends the message; `kind` is the message type, 5 or 6.
     pub fn encode(&self, kind: u16, generation: Generation, last: bool, out: &mut Vec<u8>) {
         frame(flagged(kind, last), out, |out| {
             out.extend_from_slice(&(ATTRIBUTE_BYTES + generation.more_bytes()).to_le_bytes());
@@ -78,22 +78,22 @@ impl<'a> Profiles<'a> {
     }
 }
 
-/// Brightness of every point of profiles; we pass over it.
+/// Brightness of every point of profiles; coaxis ignores it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Intensity<'a> {
-    /// How many profiles.
+    /// Number of profiles.
     pub count: u32,
-    /// Points of each.
+    /// Points of each profile.
     pub width: u32,
-    /// Along the laser line.
+    /// Scale along the laser line.
     pub x: Scale,
     /// 0 top, 1 bottom, 2 top left, 3 top right.
     pub source: u8,
-    /// Of the camera.
+    /// Camera exposure.
     pub exposure_ns: u32,
-    /// Which camera took them.
+    /// The camera that took them.
     pub camera: u8,
-    /// A byte a point.
+    /// One byte per point.
     pub values: &'a [u8],
 }
 
@@ -124,27 +124,27 @@ impl<'a> Intensity<'a> {
     }
 }
 
-/// Little-endian numbers of 16 bits.
+/// Decodes little-endian 16-bit numbers.
 pub(super) fn numbers(row: &[u8]) -> impl Iterator<Item = i16> + use<'_> {
     let (pairs, _) = row.as_chunks::<2>();
     pairs.iter().map(|&pair| i16::from_le_bytes(pair))
 }
 
-/// What stands where the sensor saw nothing.
+/// The number that marks a point without a measurement.
 pub const INVALID: i16 = i16::MIN;
 
-/// How numbers of the sensor become millimetres.
+/// Conversion of the sensor's numbers to millimetres.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scale {
     /// One step, nm.
     pub scale_nm: u32,
-    /// Where zero lies, µm.
+    /// Coordinate of the number zero, µm.
     pub offset_um: i32,
 }
 
 impl Scale {
-    /// From its two numbers at these places of a message.
+    /// Decodes a scale from the offsets of its two numbers in a message.
     pub(super) fn decode(fields: Fields<'_>, scale_at: usize, offset_at: usize) -> Result<Self, CodecError> {
         let (scale_nm, offset_um) = (fields.u32(scale_at)?, fields.i32(offset_at)?);
         if scale_nm == 0 { Err(CodecError::ScaleZero { kind: fields.kind }) } else { Ok(Self { scale_nm, offset_um }) }
@@ -156,19 +156,19 @@ impl Scale {
         f64::from(self.scale_nm) / 1e6
     }
 
-    /// Where zero lies, mm.
+    /// Coordinate of the number zero, mm.
     #[must_use]
     pub fn offset_mm(self) -> f64 {
         f64::from(self.offset_um) / 1e3
     }
 
-    /// The coordinate of a place, mm; [`INVALID`] is for the caller to see.
+    /// The coordinate of a number, mm. The caller must check for [`INVALID`].
     #[must_use]
     pub fn mm(self, raw: f64) -> f64 {
         self.offset_mm() + raw * self.step_mm()
     }
 
-    /// The nearest number of a coordinate; [`INVALID`] where there is none, half a step off at most.
+    /// The number nearest to a coordinate, at most half a step away; [`INVALID`] if the coordinate is out of range.
     #[must_use]
     pub fn raw(self, mm: f64) -> i16 {
         let steps = ((mm - self.offset_mm()) / self.step_mm()).round();
@@ -176,7 +176,7 @@ impl Scale {
         if inside { steps as i16 } else { INVALID }
     }
 
-    /// The finest scale, no finer than `finest_nm`, about the middle of `least` to `most` (mm) that reaches both.
+    /// The finest scale, but not finer than `finest_nm`, that is centred between `least` and `most` (mm) and covers both.
     #[must_use]
     pub fn covering(least: f64, most: f64, finest_nm: u32) -> Self {
         let middle_um = (0.5 * (least + most) * 1e3).round();
@@ -186,29 +186,29 @@ impl Scale {
     }
 }
 
-/// Of the oldest form, without a rotation.
+/// Size of the attributes in the oldest form, without a rotation.
 const SURFACE_ATTRIBUTE_BYTES: u16 = 40;
-/// With a rotation; what we write.
+/// Size of the attributes with a rotation, which is the form that is written.
 const SURFACE_ATTRIBUTE_BYTES_WRITTEN: u16 = 44;
-/// What the sensor calls the step of the stream that surfaces come from.
+/// The sensor's id of the step of the stream that surfaces come from.
 const SURFACE_STREAM_STEP: i32 = 3;
 
-/// Rows of z.
+/// A uniform surface: rows of z.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Surface<'a> {
-    /// How many rows.
+    /// Number of rows.
     pub rows_count: u32,
-    /// Points of each.
+    /// Points of each row.
     pub width: u32,
-    /// Along the laser line, by the index in the row.
+    /// Scale along the laser line, of the index in the row.
     pub x: Scale,
-    /// Along the travel, by the index of the row.
+    /// Scale along the travel, of the index of the row.
     pub y: Scale,
-    /// Towards the sensor.
+    /// Scale towards the sensor.
     pub z: Scale,
     /// 0 top, 1 bottom, 2 top left, 3 top right.
     pub source: u8,
-    /// Of the camera.
+    /// Camera exposure.
     pub exposure_ns: u32,
     /// The numbers, little-endian.
     pub values: &'a [u8],
@@ -224,7 +224,7 @@ impl<'a> Surface<'a> {
         Ok(Self { rows_count, width, x, y, z, source: fields.u8(40)?, exposure_ns: fields.u32(41)?, values })
     }
 
-    /// Each row as z.
+    /// Each row, as z.
     pub fn rows(&self) -> impl Iterator<Item = impl Iterator<Item = i16> + use<'a>> + use<'a> {
         rows(self.values, self.rows_count, 2 * self.width as usize).map(numbers)
     }
@@ -253,7 +253,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_coordinate_comes_back_within_half_a_step_and_what_is_out_of_reach_is_invalid() {
+    fn a_coordinate_is_recovered_within_half_a_step_and_is_invalid_out_of_range() {
         let scale = Scale { scale_nm: 9_000, offset_um: -150 };
         for step in -1000..1000 {
             let mm = f64::from(step) * 0.29;
@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn a_covering_scale_reaches_both_ends_and_is_no_finer_than_asked() {
+    fn a_covering_scale_covers_both_ends_and_is_not_finer_than_requested() {
         for (least, most) in [(-188.0, 188.0), (68.3, 206.0), (5.0, 5.0), (-1e3, 400.0)] {
             let scale = Scale::covering(least, most, 8_000);
             assert!(scale.scale_nm >= 8_000);

@@ -1,11 +1,11 @@
-//! A simulated sensor that speaks the protocol on its three channels, with any number of clients. Its profiles come from a
-//! [`Source`]; faults can be injected.
+//! A simulated sensor that serves the protocol on its three channels to any number of clients. Its profiles come from a [`Source`];
+//! faults can be injected.
 //!
-//! - Control: a request in, a reply out, one at a time, as long as the client stays. An unknown request is refused by its status.
-//!   So is the first frame of the maker's client, which has the form of an older protocol; that client accepts the refusal.
-//! - Data: the profiles of the source, to every client that listens, from start to stop. A client gets whole messages or none; one
-//!   that does not read for long is disconnected.
-//! - Health: the state of the sensor, at once, again when it changes, and every period.
+//! - Control: one reply for each request, until the client disconnects. An unknown request is refused by its status, and so is the
+//!   first frame of the manufacturer's client, which has the form of an older protocol; that client accepts the refusal.
+//! - Data: the profiles of the source, sent to every connected client from start to stop. A client gets complete messages or none;
+//!   one that does not read for long is disconnected.
+//! - Health: the state of the sensor, at once, after each change, and periodically.
 
 mod source;
 
@@ -39,7 +39,7 @@ pub struct Ports {
     pub health: u16,
 }
 
-/// A simulated sensor; it vanishes with all its connections when this is dropped.
+/// A simulated sensor. Dropping it closes all of its connections.
 #[derive(Debug)]
 pub struct Server {
     shared: Arc<Shared>,
@@ -48,7 +48,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// Listens, and serves from now on.
+    /// Starts listening and serving.
     ///
     /// # Errors
     /// An error of the operating system for a port.
@@ -75,24 +75,24 @@ impl Server {
         Ok(Self { shared, ports, tasks })
     }
 
-    /// Where it listens.
+    /// The ports on which it listens.
     #[must_use]
     pub fn ports(&self) -> Ports {
         self.ports
     }
 
-    /// Injects these faults from now on, and no others.
+    /// Replaces the injected faults by these.
     pub fn inject(&self, faults: Faults) {
         self.shared.faults.send_replace(faults);
     }
 
-    /// Whether it runs, as it changes.
+    /// A channel that shows whether it is running.
     #[must_use]
     pub fn running(&self) -> watch::Receiver<bool> {
         self.shared.running.subscribe()
     }
 
-    /// Serves until the process ends, or one of the tasks cannot go on.
+    /// Serves until the process ends, or one of its tasks fails.
     pub async fn serve(mut self) {
         let _ended = self.tasks.join_next().await;
     }
@@ -116,7 +116,7 @@ pub(super) async fn serve_control(shared: Arc<Shared>, listener: TcpListener) {
     }
 }
 
-/// Serves a client until it closes the connection, or sends something that is not a frame.
+/// Serves a client until it closes the connection, or sends an invalid frame.
 async fn converse(shared: Arc<Shared>, mut stream: TcpStream) {
     let mut splitter = Splitter::new(REQUEST_BYTES_MAX);
     let mut replies = Vec::new();
@@ -148,7 +148,7 @@ fn answer(shared: &Shared, frame: &[u8], out: &mut Vec<u8>) {
     Reply { id: request.id, status, payload: &payload }.encode(out);
 }
 
-/// Does what is asked: status and payload of the reply.
+/// Executes a command and returns status and payload of the reply.
 fn act(shared: &Shared, command: Command) -> (Status, Vec<u8>) {
     let running = *shared.running.borrow();
     let payload = match command {
@@ -173,12 +173,12 @@ fn act(shared: &Shared, command: Command) -> (Status, Vec<u8>) {
     (Status::OK, payload)
 }
 
-/// How long a client may keep the others waiting.
+/// Longest time that a client may delay the others.
 const WRITE_WITHIN: Duration = Duration::from_secs(2);
 
 pub(super) struct Feed {
     shared: Arc<Shared>,
-    /// Not blocking; clients are accepted when a scan starts, so that each gets its first frame.
+    /// Non-blocking; clients are accepted when a scan starts, so that each gets its first frame.
     listener: std::net::TcpListener,
     source: Box<dyn Source>,
     clients: Vec<TcpStream>,
@@ -189,7 +189,7 @@ impl Feed {
         Self { shared, listener, source, clients: Vec::new() }
     }
 
-    /// Scan after scan.
+    /// Sends one scan after another.
     pub(super) async fn run(mut self) {
         let mut running = self.shared.running.subscribe();
         while running.wait_for(|running| *running).await.is_ok() {
@@ -199,7 +199,7 @@ impl Feed {
                 Form::PointCloud | Form::Uniform => self.send_profiles(&mut running).await,
                 Form::Surface => self.send_surface(&mut running).await,
             }
-            // A sensor without further profiles still runs until it is stopped.
+            // A sensor without further profiles continues to run until it is stopped.
             if running.wait_for(|running| !*running).await.is_err() {
                 return;
             }
@@ -239,9 +239,9 @@ impl Feed {
         }
     }
 
-    /// The next profile, unless the sensor is stopped or has a fault there.
+    /// The next profile, unless the sensor is stopped or has a fault at this frame.
     async fn next(&mut self, running: &mut watch::Receiver<bool>, frame: u64) -> Option<Arc<Taken>> {
-        // With a source that never waits, and without clients, the stop must still be polled.
+        // With a source that never waits and without clients, the stop must still be polled.
         tokio::task::coop::consume_budget().await;
         let Faults { stall_at, end_at, .. } = *self.shared.faults.borrow();
         if end_at == Some(frame) {
@@ -274,7 +274,7 @@ impl Feed {
     }
 }
 
-/// Hundredths of °C.
+/// Temperature in hundredths of °C.
 const TEMPERATURE: i64 = 4_100;
 
 /// Sends health messages to every client.
@@ -320,49 +320,49 @@ fn message(shared: &Shared) -> Vec<u8> {
     out
 }
 
-/// Its addresses, its identity, and the form of its data.
+/// The addresses, the identity and the data form of a simulated sensor.
 #[derive(Debug, Clone)]
 pub struct ServerSettings {
-    /// Address.
+    /// Address to listen on.
     pub listen: IpAddr,
-    /// Port of the control channel; 0 takes any.
+    /// Port of the control channel; 0 selects any.
     pub control_port: u16,
-    /// Port of the data channel; 0 takes any.
+    /// Port of the data channel; 0 selects any.
     pub data_port: u16,
-    /// Port of the health channel; 0 takes any.
+    /// Port of the health channel; 0 selects any.
     pub health_port: u16,
     /// Its identity.
     pub identity: Identity,
-    /// How it sends what it sees.
+    /// The form in which it sends its profiles.
     pub view: View,
-    /// From health message to health message.
+    /// Interval between two health messages.
     pub health_period: Duration,
 }
 
 /// Faults that are injected. Frames count from 0 within a scan.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Faults {
-    /// Start is refused: the wrong state.
+    /// A start is refused because of the state.
     pub refuse_start: bool,
-    /// This frame is taken and not sent.
+    /// This frame is taken but not sent.
     pub skip_frame: Option<u64>,
-    /// From this frame on nothing is sent, and the sensor reports that it runs.
+    /// From this frame on nothing is sent, although the sensor reports that it is running.
     pub stall_at: Option<u64>,
     /// At this frame the sensor stops by itself.
     pub end_at: Option<u64>,
-    /// Indicators of health beside the usual ones: id and value.
+    /// Additional health indicators: id and value.
     pub indicators: Vec<(u32, i64)>,
-    /// Health falls silent.
+    /// No health messages are sent.
     pub health_silent: bool,
 }
 
-/// What the tasks of a sensor share.
+/// The data that the tasks of a sensor share.
 #[derive(Debug)]
 pub(super) struct Shared {
     pub(super) settings: ServerSettings,
     pub(super) running: watch::Sender<bool>,
     pub(super) faults: watch::Sender<Faults>,
-    /// Of the newest frame.
+    /// Encoder position of the newest frame.
     pub(super) encoder: AtomicI64,
     pub(super) timestamp: AtomicU64,
 }

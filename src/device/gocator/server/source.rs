@@ -1,4 +1,4 @@
-//! The profiles of a simulated sensor: in the coordinates of the sensor when they are due, and as messages of one of three forms:
+//! The profiles of a simulated sensor: in sensor coordinates at the times when they are due, and as messages of one of three forms:
 //! point clouds, uniform profiles, or one uniform surface at the end.
 
 use std::sync::Arc;
@@ -14,30 +14,30 @@ use crate::scan::Scan;
 
 use super::super::extrinsic::Placement;
 
-/// Ticks of the sensor's clock in a second.
+/// Ticks of the sensor's clock per second.
 const CLOCK_HZ: f64 = 1.024e6;
 
-/// One profile as the sensor takes it.
+/// One profile in sensor coordinates.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Taken {
     /// Ticks of the encoder.
     pub encoder: i64,
     /// Ticks of the sensor's clock.
     pub timestamp: u64,
-    /// (x, z) in the sensor's coordinates, mm, along the laser line; `None` where nothing is seen.
+    /// (x, z) in sensor coordinates along the laser line, mm; `None` for a point without a measurement.
     pub points: Vec<Option<[f64; 2]>>,
 }
 
-/// Where a sensor's profiles come from.
+/// A source of profiles.
 pub trait Source: Send {
-    /// A scan begins, from its first profile.
+    /// Begins a scan with its first profile.
     fn begin(&mut self);
 
-    /// The next profile when it is due; `None` where no more will come.
+    /// Waits for the next profile; `None` if there are no more.
     fn next(&mut self) -> Pending<'_, Option<Arc<Taken>>>;
 }
 
-/// The profiles of a scan, again at every start.
+/// The profiles of a scan, repeated at every start.
 #[derive(Debug)]
 pub struct ScanSource {
     profiles: Vec<Arc<Taken>>,
@@ -47,14 +47,14 @@ pub struct ScanSource {
 }
 
 impl ScanSource {
-    /// At this number of profiles a second; without one, as fast as they are taken.
+    /// `rate_hz` is the number of profiles per second; without it, every profile is due at once.
     #[must_use]
     pub fn new(profiles: Vec<Taken>, rate_hz: Option<f64>) -> Self {
         let rate_hz = rate_hz.filter(|rate| rate.is_finite() && *rate > 0.0);
         Self { profiles: profiles.into_iter().map(Arc::new).collect(), next: 0, rate_hz, began_at: None }
     }
 
-    /// When the next profile is due.
+    /// The time when the next profile is due.
     fn due(&mut self) -> Option<Instant> {
         let rate_hz = self.rate_hz?;
         let began_at = *self.began_at.get_or_insert_with(now);
@@ -79,7 +79,7 @@ impl Source for ScanSource {
     }
 }
 
-/// A scan of the rail frame as a sensor mounted like this takes it, its encoder at 0 at the first profile; `None` where the
+/// A scan in the rail frame as a sensor with this mounting takes it, with its encoder at 0 at the first profile; `None` if the
 /// mounting does not keep profiles in planes x = const.
 #[must_use]
 pub fn taken_from(scan: &Scan, placement: &Placement, mm_per_tick: f64, rate_hz: f64) -> Option<Vec<Taken>> {
@@ -97,48 +97,48 @@ pub fn taken_from(scan: &Scan, placement: &Placement, mm_per_tick: f64, rate_hz:
     taken.collect()
 }
 
-/// Camera exposure in the messages; nothing depends on it.
+/// Camera exposure in the messages, without influence on the data.
 const EXPOSURE_NS: u32 = 120_000;
-/// Steps of the uniform form that may lie between two neighbours that are joined.
+/// Greatest number of steps of the uniform form between two neighbouring points that are interpolated.
 const GAP_STEPS_MAX: f64 = 4.0;
-/// How near a point lies to a step of the uniform form to be it.
+/// Distance from a step of the uniform form within which a point counts as being at that step.
 const STEP_TOLERANCE: f64 = 1e-3;
 
-/// The outputs of the sensor that are simulated.
+/// The simulated outputs of the sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Form {
     /// Profiles with x and z of every point.
     #[default]
     PointCloud,
-    /// Profiles with z at even steps of x.
+    /// Profiles with z at equal steps of x.
     Uniform,
-    /// One surface, z at even steps of x and y, when all of it was seen.
+    /// One surface at the end of the scan, with z at equal steps of x and y.
     Surface,
 }
 
-/// How the sensor sends what it sees.
+/// The form in which the sensor sends its profiles.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
-    /// Which output.
+    /// The output.
     pub form: Form,
-    /// How new its messages are.
+    /// The generation of its messages.
     pub generation: Generation,
-    /// Numbers along the laser line.
+    /// Scale along the laser line.
     pub x: Scale,
-    /// Rows of a surface.
+    /// Scale of the rows of a surface.
     pub y: Scale,
-    /// Numbers towards the sensor.
+    /// Scale towards the sensor.
     pub z: Scale,
     /// Points of a uniform profile or row.
     pub width: u32,
-    /// In stamps.
+    /// Serial number in the stamps.
     pub serial: u32,
 }
 
 impl View {
-    /// Scales that reach every point of these profiles, no finer than 9 µm across and 8 µm towards the sensor; of the uniform
-    /// forms as many steps as the widest profile has points. `step_mm` lies between rows of a surface.
+    /// Scales that cover every point of these profiles, not finer than 9 µm across and 8 µm towards the sensor; the uniform forms
+    /// have as many steps as the widest profile has points. `step_mm` is the distance between the rows of a surface.
     #[must_use]
     pub fn reaching(profiles: &[Taken], form: Form, step_mm: f64) -> Self {
         let mut bounds = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
@@ -173,7 +173,7 @@ impl View {
         Stamps::encode(0, &[stamp], false, out);
     }
 
-    /// Appends the group of one profile.
+    /// Appends the message group of one profile.
     pub(super) fn profile(&self, taken: &Taken, frame_index: u64, out: &mut Vec<u8>) {
         self.stamp(taken, frame_index, out);
         let (kind, width, values) = match self.form {
@@ -186,7 +186,7 @@ impl View {
         profiles.encode(kind, self.generation, true, out);
     }
 
-    /// Appends the group of a surface of these rows.
+    /// Appends the message group of a surface with these rows.
     pub(super) fn surface(&self, first: &Taken, rows: &[Vec<i16>], out: &mut Vec<u8>) {
         self.stamp(first, 1, out);
         let values = bytes(&rows.concat());
@@ -206,7 +206,7 @@ impl View {
     fn point_cloud(&self, taken: &Taken) -> Vec<u8> {
         let numbers = |point: &Option<[f64; 2]>| {
             let numbers = point.map(|[x, z]| [self.x.raw(x), self.z.raw(z)]);
-            // One that is out of range in either is not there.
+            // A point that is out of range in either coordinate is missing.
             numbers.filter(|numbers| !numbers.contains(&INVALID)).unwrap_or([INVALID; 2])
         };
         let mut values = Vec::with_capacity(4 * taken.points.len());
@@ -217,7 +217,7 @@ impl View {
         values
     }
 
-    /// z at the even steps of x: of the point that lies there, or between two neighbours that lie near.
+    /// z at the equal steps of x: that of the point at the step, or interpolated between two close neighbours.
     pub(super) fn row(&self, taken: &Taken) -> Vec<i16> {
         let mut row = vec![INVALID; self.width as usize];
         let mut set = |at: f64, z: f64| {
@@ -240,7 +240,7 @@ impl View {
     }
 }
 
-/// Sets every step between two neighbours.
+/// Interpolates every step between two neighbours.
 fn join(from: [f64; 2], to: [f64; 2], set: &mut impl FnMut(f64, f64)) {
     let [[low, low_z], [high, high_z]] = if from[0] <= to[0] { [from, to] } else { [to, from] };
     let width = high - low;

@@ -1,5 +1,5 @@
-//! Refuses a register map that cannot be used: fields outside of their block or on each other, more registers than a request
-//! carries, codes and bits that mean two things.
+//! Refuses an invalid register map: fields outside their block or overlapping, more registers than one request can carry, codes and
+//! bits with two meanings.
 
 use super::super::error::LayoutError;
 use super::{CommandMap, Layout, StatusFunction, StatusMap};
@@ -9,17 +9,17 @@ use crate::motion::Axes;
 const READ_MAX: u16 = 125;
 /// Registers that one request can write (6.12).
 const WRITE_MAX: u16 = 123;
-/// Registers that there are.
+/// Total number of registers.
 const ALL_COUNT: u32 = 65_536;
 
-/// A field: its name, its offset and how many registers it has.
+/// A field: its name, its offset and its number of registers.
 type Field = (String, u16, u16);
 
 impl Layout {
-    /// Checks the map as it lies when both blocks are moved by `base`.
+    /// Checks the map with both blocks moved by `base`.
     ///
     /// # Errors
-    /// [`LayoutError`], the first that is found.
+    /// The first [`LayoutError`] that is found.
     pub fn check(&self, base: u16) -> Result<(), LayoutError> {
         block("status", self.status.base, base, self.status.count, READ_MAX)?;
         block("command", self.command.base, base, self.command.count, WRITE_MAX)?;
@@ -42,7 +42,7 @@ impl Layout {
         let (status, command) = (&self.status, &self.command);
         let from = |base: u16, count: u16| (u32::from(base), u32::from(base) + u32::from(count));
         let ((a, a_end), (b, b_end)) = (from(status.base, status.count), from(command.base, command.count));
-        // Input and holding registers are counted apart from each other.
+        // Input and holding registers have separate addresses.
         let same_kind = status.function == StatusFunction::Holding;
         if same_kind && a < b_end && b < a_end { Err(LayoutError::BlocksOverlap) } else { Ok(()) }
     }
@@ -131,7 +131,7 @@ fn block(name: &'static str, own: u16, base: u16, count: u16, most: u16) -> Resu
     if fits { Ok(()) } else { Err(LayoutError::BeyondLast { block: name, from, count }) }
 }
 
-/// Every field within its block, and none on another.
+/// Checks that every field is within its block and that no two fields overlap.
 fn apart(fields: &[Field], count: u16) -> Result<(), LayoutError> {
     let mut owners: Vec<Option<&str>> = vec![None; usize::from(count)];
     for (name, at, width) in fields {
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn map_v1_can_be_at_every_base_that_has_room() {
+    fn map_v1_fits_at_every_base_up_to_the_last_register() {
         // Its last register is 128 + 23 = 151, so 65535 - 151 is the last base.
         assert_eq!(Layout::default().check(65_384), Ok(()));
         let beyond = LayoutError::BeyondLast { block: "command", from: 65_513, count: 24 };
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn more_than_a_request_carries_is_refused() {
+    fn more_registers_than_one_request_can_carry_are_refused() {
         let count = |block, count, most| Err(LayoutError::Count { block, count, most });
         assert_eq!(changed(|map| map.status.count = 126), count("status", 126, 125));
         assert_eq!(changed(|map| map.status.count = 125), Ok(()));
@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn fields_on_each_other_or_outside_are_refused_by_name() {
+    fn overlapping_fields_and_fields_outside_the_block_are_refused_by_name() {
         let overlap = |first: &str, second: &str, at| {
             Err(LayoutError::Overlap { first: first.to_owned(), second: second.to_owned(), at })
         };
@@ -209,13 +209,13 @@ mod tests {
     }
 
     #[test]
-    fn the_sequence_number_comes_last() {
+    fn the_sequence_number_is_the_last_register() {
         let swapped = |map: &mut Layout| (map.command.sequence, map.command.fence) = (22, Some(23));
         assert_eq!(changed(swapped), Err(LayoutError::SequenceNotLast { field: "command.fence".to_owned() }));
     }
 
     #[test]
-    fn blocks_may_share_numbers_only_where_they_are_other_registers() {
+    fn blocks_may_share_addresses_only_in_different_kinds_of_registers() {
         assert_eq!(changed(|map| map.command.base = 10), Ok(()));
         let same = |map: &mut Layout| (map.status.function, map.command.base) = (StatusFunction::Holding, 63);
         assert_eq!(changed(same), Err(LayoutError::BlocksOverlap));
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bit_that_means_two_things_is_refused() {
+    fn a_bit_with_two_meanings_is_refused() {
         let twice = changed(|map| map.status.axis_bits.homed.x = 15);
         let same = |first: &str, second: &str, bit| {
             Err(LayoutError::SameBit {
@@ -238,13 +238,13 @@ mod tests {
     }
 
     #[test]
-    fn one_snapshot_counter_is_no_guard() {
+    fn a_single_snapshot_counter_is_refused() {
         assert_eq!(changed(|map| map.status.snapshot_copy = None), Err(LayoutError::HalfSnapshot));
         assert_eq!(changed(|map| (map.status.snapshot, map.status.snapshot_copy) = (None, None)), Ok(()));
     }
 
     #[test]
-    fn another_makers_map_is_read_from_text_and_written_back() {
+    fn a_custom_map_is_parsed_and_written_without_loss() {
         let text = r#"
             word_order = "cdab"
             numbers = { i32 = { mm = 0.0001 } }

@@ -1,5 +1,5 @@
-//! The register map as data: where each field is and how it is written. The default is map v1 of docs/modbus.md; any other map
-//! is a matter of configuration.
+//! The register map as data: the position and the encoding of each field. The default is map v1 of docs/modbus.md; other maps are a
+//! matter of configuration.
 
 mod check;
 
@@ -10,7 +10,7 @@ use crate::motion::Axes;
 use super::codes::Codes;
 use super::words::{Numbers, WordOrder};
 
-/// Where everything is. All offsets count from the base of their block.
+/// The register map. All offsets count from the base of their block.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Layout {
@@ -20,41 +20,41 @@ pub struct Layout {
     pub command: CommandMap,
     /// The number format of positions, limits and speeds.
     pub numbers: Numbers,
-    /// Where the bytes of 32-bit numbers are.
+    /// The order of the bytes of 32-bit numbers.
     pub word_order: WordOrder,
     /// The numbers of states, modes, results and commands.
     pub codes: Codes,
 }
 
-/// How the status is read.
+/// The Modbus function for reading the status.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StatusFunction {
-    /// Function 3.
+    /// Function 3, holding registers.
     Holding,
-    /// Function 4.
+    /// Function 4, input registers.
     #[default]
     Input,
 }
 
-/// The status block, read in one request. What a device does not have is `"none"`, where that is allowed.
+/// The status block, read in one request. A field that the device does not have is `"none"`, if that is allowed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct StatusMap {
-    /// How it is read.
+    /// The function for reading it.
     pub function: StatusFunction,
     /// Its first register.
     pub base: u16,
-    /// How many registers are read.
+    /// The number of registers.
     pub count: u16,
-    /// The register of a number that identifies the map; or none.
+    /// The register of a number that identifies the map, or none.
     #[serde(with = "place")]
     pub magic: Option<u16>,
-    /// That number.
+    /// The value of that number.
     pub magic_value: u16,
-    /// A counter that runs while the device's program does.
+    /// A counter that increases while the device's program runs.
     pub heartbeat: u16,
-    /// Our heartbeat as the device has seen it; or none. Not used, only served.
+    /// The heartbeat of coaxis as the device has received it, or none. It is not read, only provided by the simulated PLC.
     #[serde(with = "place")]
     pub heartbeat_echo: Option<u16>,
     /// The mode.
@@ -63,9 +63,9 @@ pub struct StatusMap {
     pub safety: u16,
     /// State of the device.
     pub state: u16,
-    /// Sequence number of the newest command that the device has seen.
+    /// Sequence number of the newest command that the device has received.
     pub sequence: u16,
-    /// What became of it.
+    /// Result of that command.
     pub result: u16,
     /// Fault code, two registers.
     pub fault_code: u16,
@@ -73,7 +73,7 @@ pub struct StatusMap {
     pub axis_flags: u16,
     /// State of each axis.
     pub axis_states: Axes<u16>,
-    /// Where each axis is, two registers.
+    /// Actual position of each axis, two registers.
     pub actual: Axes<u16>,
     /// The commanded position of each axis, two registers.
     pub commanded: Axes<u16>,
@@ -83,13 +83,13 @@ pub struct StatusMap {
     pub upper: Axes<u16>,
     /// Greatest speeds, two registers.
     pub speed: Axes<u16>,
-    /// Milliseconds since the device started, two registers; or none. Not used, only served.
+    /// Milliseconds since the device started, two registers, or none. It is not read, only provided by the simulated PLC.
     #[serde(with = "place")]
     pub uptime: Option<u16>,
-    /// A counter written before the rest of the block; or none.
+    /// A counter written before the rest of the block, or none.
     #[serde(with = "place")]
     pub snapshot: Option<u16>,
-    /// The same counter written after the rest; or none. Where the two differ the block was read while it was written.
+    /// The same counter written after the rest, or none. If the two differ, the block was read while it was written.
     #[serde(with = "place")]
     pub snapshot_copy: Option<u16>,
     /// The bits of `safety`.
@@ -130,7 +130,7 @@ impl Default for StatusMap {
     }
 }
 
-/// The bits of the safety functions; a set bit is good.
+/// The bits of the safety functions; a set bit means that motion is allowed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[expect(missing_docs, reason = "named as the safety functions are")]
@@ -165,37 +165,38 @@ impl Default for AxisBits {
     }
 }
 
-/// The command block: holding registers, written in one request by function 16; the heartbeat alone by function 6.
+/// The command block: holding registers, written in one request by function 16; the heartbeat is also written by itself by function
+/// 6.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CommandMap {
     /// Its first register.
     pub base: u16,
-    /// How many registers are written.
+    /// The number of registers.
     pub count: u16,
-    /// Our heartbeat.
+    /// The heartbeat of coaxis.
     pub heartbeat: u16,
-    /// What to do.
+    /// The code of the command.
     pub command: u16,
-    /// Which axes.
+    /// The axes of the command.
     pub axis_mask: u16,
-    /// Flags; or none.
+    /// Flags, or none.
     #[serde(with = "place")]
     pub flags: Option<u16>,
     /// Targets, two registers.
     pub targets: Axes<u16>,
     /// Speeds, two registers.
     pub speeds: Axes<u16>,
-    /// Milliseconds that the device goes on moving without our heartbeat; or none if its watchdog is set in the device.
+    /// Milliseconds that the device continues to move without a heartbeat of coaxis, or none if its watchdog is set in the device.
     #[serde(with = "place")]
     pub watchdog_ms: Option<u16>,
-    /// CRC-16 of the registers before it, the heartbeat taken as 0; or none.
+    /// CRC-16 of the registers before it, with 0 in place of the heartbeat, or none.
     #[serde(with = "place")]
     pub crc: Option<u16>,
-    /// The low 16 bits of the fencing token; or none.
+    /// The low 16 bits of the fencing token, or none.
     #[serde(with = "place")]
     pub fence: Option<u16>,
-    /// The sequence number: the last register in use, so that all of the command is there when it changes.
+    /// The sequence number. It is the last register in use, so that the command is complete when it changes.
     pub sequence: u16,
     /// The bits of `axis_mask`.
     pub axis_bits: Axes<u8>,
@@ -224,7 +225,7 @@ impl Default for CommandMap {
     }
 }
 
-/// Four numbers of two registers, one behind the other.
+/// Four numbers of two registers each, in consecutive registers.
 const fn pairs_from(first: u16) -> Axes<u16> {
     Axes { x: first, y: first + 2, z: first + 4, c: first + 6 }
 }

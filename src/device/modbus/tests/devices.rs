@@ -1,8 +1,8 @@
 //! The contract of all adaptors over map v1 and over the other map of docs/modbus.md; and the stage over the same map.
 //!
-//! Exactly once: thousands of runs, each with one command and at least one fault of the wire. The reports of the adaptor are compared
-//! with what the controller has executed. A command is identified by its unique target, because its sequence number may have been
-//! corrupted.
+//! Exactly-once test: thousands of runs, each with one command and at least one fault of the connection. The reports of the adaptor
+//! are compared with the commands that the controller has executed. A command is identified by its unique target, because its
+//! sequence number may have been corrupted.
 
 use super::{Settings, Wire, WireFault, command, controller, manipulator, plc, x_to};
 use crate::device::contract::motion::{check_manipulator_motion, check_stage_motion};
@@ -24,7 +24,7 @@ fn must_pass(report: &Report) {
     assert!(report.passed(), "{failed:#?}");
 }
 
-/// The settings of the page's example.
+/// The settings of the example in docs/modbus.md.
 fn documented() -> Settings {
     let text = PAGE.split("```toml\n").nth(1).and_then(|rest| rest.split("```").next()).expect("an example");
     let page: toml::Table = toml::from_str(text).expect("TOML");
@@ -34,7 +34,7 @@ fn documented() -> Settings {
 }
 
 #[tokio::test(start_paused = true)]
-async fn map_v1_keeps_the_contract() {
+async fn map_v1_fulfils_the_contract() {
     let wire = Wire::to(&plc());
     let mut m1 = super::manipulator(&wire);
     must_pass(&check_manipulator(&mut m1).await);
@@ -42,24 +42,24 @@ async fn map_v1_keeps_the_contract() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn the_other_map_of_the_page_keeps_the_contract() {
+async fn the_other_map_of_the_documentation_fulfils_the_contract() {
     let settings = documented();
     assert_eq!(settings.check(), Ok(()));
     let wire = Wire::to(&Arc::new(Plc::new(settings.layout, vec![controller()])));
-    let mut m1 = settings.manipulator("m1", wire.dial()).expect("settings that can be");
+    let mut m1 = settings.manipulator("m1", wire.dial()).expect("valid settings");
     must_pass(&check_manipulator(&mut m1).await);
     must_pass(&check_manipulator_motion(&mut m1, 5).await);
 }
 
 #[test]
-fn the_other_map_of_the_page_is_another_one() {
+fn the_other_map_of_the_documentation_differs_from_map_v1() {
     let Layout { status, numbers, word_order, .. } = documented().layout;
     assert_eq!((status.function, word_order), (StatusFunction::Holding, WordOrder::Cdab));
     assert!(matches!(numbers, Numbers::I32(_)) && status.magic.is_none());
 }
 
 #[test]
-fn the_page_names_every_register_of_map_v1() {
+fn the_documentation_lists_every_register_of_map_v1() {
     let Layout { status, command, .. } = Layout::default();
     let rows = [
         (status.heartbeat, "device heartbeat"),
@@ -68,9 +68,9 @@ fn the_page_names_every_register_of_map_v1() {
         (status.result, "result of that command"),
         (status.actual.x, "actual position"),
         (status.speed.x, "greatest speed"),
-        (command.watchdog_ms.expect("v1 has it"), "watchdog, ms"),
-        (command.crc.expect("v1 has it"), "CRC-16"),
-        (command.fence.expect("v1 has it"), "fence"),
+        (command.watchdog_ms.expect("map v1 has this register"), "watchdog, ms"),
+        (command.crc.expect("map v1 has this register"), "CRC-16"),
+        (command.fence.expect("map v1 has this register"), "fence"),
         (command.sequence, "sequence number"),
     ];
     for (at, what) in rows {
@@ -80,19 +80,19 @@ fn the_page_names_every_register_of_map_v1() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn the_stage_keeps_the_contract() {
+async fn the_stage_fulfils_the_contract() {
     let plc = plc();
     let command = super::command(100, Action::Enable);
     plc.with(2, |stage, now| stage.take(&command, now)).expect("a stage");
     let wire = Wire::to(&plc);
     let settings = Settings { base: 512, ..Settings::default() };
-    let mut stage = settings.stage("stage", wire.dial()).expect("settings that can be");
+    let mut stage = settings.stage("stage", wire.dial()).expect("valid settings");
     must_pass(&check_stage(&mut stage).await);
     must_pass(&check_stage_motion(&mut stage, 5).await);
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_new_adaptor_goes_on_where_the_device_is() {
+async fn a_new_adaptor_continues_from_the_devices_number() {
     let plc = plc();
     let wire = Wire::to(&plc);
     let mut before = super::manipulator(&wire);
@@ -106,10 +106,10 @@ const STAGE: usize = 2;
 
 fn stage(wire: &Wire) -> impl Stage + use<> {
     let settings = Settings { base: 512, ..Settings::default() };
-    settings.stage("stage", wire.dial()).expect("settings that can be")
+    settings.stage("stage", wire.dial()).expect("valid settings")
 }
 
-/// Enables the stage as an operator would at its panel: the trait has no command for it.
+/// Enables the stage as an operator does at its panel, because the trait has no command for it.
 fn enable(plc: &Plc) {
     let command = super::command(100, crate::device::Action::Enable);
     plc.with(STAGE, |controller, now| controller.take(&command, now)).expect("a stage");
@@ -120,34 +120,34 @@ fn executed(plc: &Plc) -> Vec<u16> {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_stage_goes_where_it_is_sent_and_halts() {
+async fn a_stage_moves_to_its_target_and_halts() {
     let plc = plc();
     enable(&plc);
     let mut stage = stage(&Wire::to(&plc));
     let reading = stage.connect().await.expect("connects");
     assert_eq!((reading.lower_mm, reading.upper_mm, reading.speed_mm_s), (-200.0, 200.0, 50.0));
-    stage.move_to(1, 20.0, 40.0).await.expect("is taken");
+    stage.move_to(1, 20.0, 40.0).await.expect("accepted");
     while stage.read().await.expect("a reading").moves {
         sleep(Duration::from_millis(50)).await;
     }
     let reading = stage.read().await.expect("a reading");
     assert!(reading.in_position && (reading.actual_mm - 20.0).abs() < 1e-5, "{reading:?}");
-    stage.move_to(1, 120.0, 40.0).await.expect("is taken");
+    stage.move_to(1, 120.0, 40.0).await.expect("accepted");
     sleep(Duration::from_millis(300)).await;
-    stage.halt().await.expect("is taken");
+    stage.halt().await.expect("accepted");
     sleep(Duration::from_millis(300)).await;
     let reading = stage.read().await.expect("a reading");
     assert!(!reading.moves && reading.actual_mm < 50.0, "{reading:?}");
-    assert_eq!(executed(&plc), [100, 101, 102, 103], "numbers go on where the device was");
+    assert_eq!(executed(&plc), [100, 101, 102, 103], "the numbers continue from the device's number");
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_stage_that_is_sent_somewhere_is_put_under_control_first() {
+async fn a_disabled_stage_is_enabled_before_a_move() {
     let plc = plc();
     let mut stage = stage(&Wire::to(&plc));
     stage.connect().await.expect("connects");
-    assert_eq!(executed(&plc), [0_u16; 0], "connecting commands nothing");
-    stage.move_to(1, 20.0, 40.0).await.expect("is taken");
+    assert_eq!(executed(&plc), [0_u16; 0], "connecting must send no command");
+    stage.move_to(1, 20.0, 40.0).await.expect("accepted");
     while stage.read().await.expect("a reading").moves {
         sleep(Duration::from_millis(50)).await;
     }
@@ -157,7 +157,7 @@ async fn a_stage_that_is_sent_somewhere_is_put_under_control_first() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_stage_says_what_the_device_refuses() {
+async fn a_stage_reports_a_refusal_of_the_device() {
     let plc = plc();
     enable(&plc);
     let mut stage = stage(&Wire::to(&plc));
@@ -167,41 +167,41 @@ async fn a_stage_says_what_the_device_refuses() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_number_that_may_be_under_way_is_not_used_again() {
+async fn a_number_that_may_still_arrive_is_not_used_again() {
     let plc = plc();
     enable(&plc);
     let wire = Wire::to(&plc);
     let mut stage = stage(&wire);
     stage.connect().await.expect("connects");
     wire.plan([Some(WireFault::LateRequest(2000))]);
-    assert!(stage.move_to(1, 100.0, 40.0).await.expect_err("cut").leaves_unknown());
+    assert!(stage.move_to(1, 100.0, 40.0).await.expect_err("the connection is closed").leaves_unknown());
     stage.connect().await.expect("connects again");
-    stage.move_to(1, 10.0, 40.0).await.expect("is taken");
+    stage.move_to(1, 10.0, 40.0).await.expect("accepted");
     sleep(Duration::from_secs(3)).await;
-    assert_eq!(executed(&plc), [100, 102], "101 came late, and is older than 102");
+    assert_eq!(executed(&plc), [100, 102], "101 arrived late, and is older than 102");
 }
 
 #[tokio::test(start_paused = true)]
-async fn an_older_fence_moves_no_stage() {
+async fn an_older_fencing_token_does_not_move_the_stage() {
     let mut stage = stage(&Wire::to(&plc()));
     stage.connect().await.expect("connects");
     let _ = stage.move_to(7, 10.0, 40.0).await;
     let refused = stage.move_to(6, 10.0, 40.0).await;
     assert_eq!(refused, Err(DeviceError::Fenced { device: "stage".to_owned(), fence: 6, newest: 7 }));
-    assert!(stage.halt().await.is_ok(), "a halt carries the newest");
+    assert!(stage.halt().await.is_ok(), "a halt has the newest fencing token");
 }
 
 /// Number of runs, unless [`RUNS_VARIABLE`] sets it.
 const RUNS: usize = 10_000;
 const RUNS_VARIABLE: &str = "COAXIS_FAULTY_RUNS";
-/// Runs with one controller, which keeps a record of 4096.
+/// Number of runs with one controller, which keeps a record of 4096 commands.
 const CHUNK: usize = 1000;
-/// Between the targets of two runs. All of a chunk lie within the limits.
+/// Distance between the targets of two runs, so that all targets of a chunk are within the limits.
 const STEP_MM: f64 = 0.125;
-/// Share of the requests after the planned fault that meet another one.
+/// Fraction of the requests after the planned fault that have another fault.
 const FURTHER_FAULTS: f64 = 0.15;
 
-/// What is known of a command in the end.
+/// The adaptor's final report about a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Verdict {
     Executed,
@@ -237,9 +237,12 @@ async fn every_command_is_executed_once_or_reported_unknown_and_none_twice() {
         campaign.chunk(CHUNK.min(runs - first), &mut tally).await;
     }
     println!("{runs} runs: {tally:?}");
-    assert!(tally.faults >= runs, "every run meets a fault");
-    assert!(tally.executed > runs / 4 && tally.unknown > 0 && tally.not_executed > 0, "every end is met: {tally:?}");
-    assert!(tally.ignored > 0, "some commands came again, and were ignored");
+    assert!(tally.faults >= runs, "every run must have a fault");
+    assert!(
+        tally.executed > runs / 4 && tally.unknown > 0 && tally.not_executed > 0,
+        "every kind of result must occur: {tally:?}"
+    );
+    assert!(tally.ignored > 0, "some commands must arrive again and be ignored");
 }
 
 impl Campaign {
@@ -259,7 +262,7 @@ impl Campaign {
             verdicts.push(self.run(run).await);
             self.make_ready().await;
         }
-        // What is still under way arrives now.
+        // Delayed requests arrive during this time.
         sleep(Duration::from_secs(60)).await;
         tally.faults += self.wire.faults_count();
         tally.ignored += self.plc.with(0, |m1, _| m1.record().all_ignored().len()).expect("m1");
@@ -267,8 +270,8 @@ impl Campaign {
         for (run, (verdict, count)) in verdicts.into_iter().zip(counts).enumerate() {
             assert!(count <= 1, "run {run}: executed {count} times, {verdict:?}");
             match verdict {
-                Verdict::Executed => assert_eq!(count, 1, "run {run}: said to be executed"),
-                Verdict::NotExecuted => assert_eq!(count, 0, "run {run}: said not to be executed"),
+                Verdict::Executed => assert_eq!(count, 1, "run {run}: reported as executed"),
+                Verdict::NotExecuted => assert_eq!(count, 0, "run {run}: reported as not executed"),
                 Verdict::Unknown => tally.unknown_but_executed += count,
             }
             let counted = match verdict {
@@ -280,7 +283,7 @@ impl Campaign {
         }
     }
 
-    /// How often the move of each run was executed; a move that was not sent fails.
+    /// The number of executions of each run's move; fails on a move that was not sent.
     fn executions(&self, runs: usize) -> Vec<usize> {
         let moves: Vec<f64> = self
             .plc
@@ -296,12 +299,12 @@ impl Campaign {
         let mut counts = vec![0; runs];
         for target in moves {
             let run = (0..runs).find(|run| (target_mm(*run) - target).abs() < 1e-9);
-            counts[run.unwrap_or_else(|| panic!("nobody has sent it to {target} mm"))] += 1;
+            counts[run.unwrap_or_else(|| panic!("no run has the target {target} mm"))] += 1;
         }
         counts
     }
 
-    /// A fault at one of the requests of a run, and now and then another one.
+    /// Plans a fault at one of the requests of a run, and sometimes another one.
     fn plan(&mut self) {
         let at = *[0, 1, 2, 2, 2, 3, 4].get(self.chance.random_range(0..7)).expect("a place");
         let mut faults = vec![None; at];
@@ -313,7 +316,7 @@ impl Campaign {
         self.wire.plan(faults);
     }
 
-    /// Reads, sends one command, and finds out what became of it.
+    /// Reads, sends one command, and determines its result.
     async fn run(&mut self, run: usize) -> Verdict {
         let before = self.reading().await;
         self.follow(before.acknowledged);
@@ -328,7 +331,8 @@ impl Campaign {
         verdict
     }
 
-    /// By reading only: an acknowledged number gives the result; with any other it is unknown, because the command may still arrive.
+    /// Determines the result by reading only: an acknowledged number gives the result; with any other number it is unknown, because
+    /// the command may still arrive.
     async fn resolve(&mut self) -> Verdict {
         let seen = self.acknowledged_twice().await;
         match seen.result {
@@ -338,7 +342,8 @@ impl Campaign {
         }
     }
 
-    /// The map's status has no CRC (TCP has one), and this wire corrupts what TCP would not: two readings must agree.
+    /// The status block has no CRC, and this connection corrupts bytes that the checksum of TCP would protect; so two readings must
+    /// agree.
     async fn acknowledged_twice(&mut self) -> Acknowledged {
         loop {
             let (first, second) = (self.reading().await.acknowledged, self.reading().await.acknowledged);
@@ -349,19 +354,19 @@ impl Campaign {
         }
     }
 
-    /// The next good reading; connects again as often as needed.
+    /// The next valid reading; reconnects as often as needed.
     async fn reading(&mut self) -> Reading {
         for _ in 0..100 {
             if let Ok(reading) = self.m1.read().await {
                 return reading;
             }
-            // What connecting reads is not taken: as the cell does, it is followed by a reading.
+            // The reading of connecting is discarded and followed by another reading, as in the cell.
             let _ = self.m1.connect().await;
         }
-        panic!("no reading in a hundred");
+        panic!("no valid reading in a hundred attempts");
     }
 
-    /// The next number, newer than all that were used and than the device's.
+    /// Chooses the next number, newer than all that were used and than the device's number.
     fn follow(&mut self, seen: Acknowledged) {
         if is_newer(seen.sequence, self.sequence) {
             self.sequence = seen.sequence;
@@ -369,7 +374,7 @@ impl Campaign {
         self.sequence = next(self.sequence);
     }
 
-    /// On a good wire: the device is enabled and at rest, and the watchdog's fault is acknowledged.
+    /// On a connection without faults: enables the device at rest and acknowledges the watchdog's fault.
     async fn make_ready(&mut self) {
         self.wire.plan([]);
         for action in [Action::Reset, Action::Enable] {
@@ -385,7 +390,7 @@ impl Campaign {
     }
 }
 
-/// Exact in single precision, and the next run's is another.
+/// The target of a run, which is unique and exact in single precision.
 fn target_mm(run: usize) -> f64 {
     -60.0 + STEP_MM * run as f64
 }

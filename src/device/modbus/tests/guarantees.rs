@@ -26,7 +26,7 @@ async fn until_done(manipulator: &mut impl Manipulator) {
         }
         sleep(Duration::from_millis(20)).await;
     }
-    panic!("it never ends");
+    panic!("the command does not end");
 }
 
 #[tokio::test(start_paused = true)]
@@ -41,7 +41,7 @@ async fn connecting_only_reads() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_move_is_told_once_and_arrives() {
+async fn a_move_is_sent_once_and_reaches_its_target() {
     let plc = plc();
     let wire = Wire::to(&plc);
     let mut m1 = manipulator(&wire);
@@ -56,7 +56,7 @@ async fn a_move_is_told_once_and_arrives() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn an_older_fence_is_refused_before_a_byte_is_sent() {
+async fn an_older_fencing_token_is_refused_before_a_byte_is_sent() {
     let wire = Wire::to(&plc());
     let mut m1 = manipulator(&wire);
     m1.connect().await.expect("connects");
@@ -72,7 +72,7 @@ async fn an_older_fence_is_refused_before_a_byte_is_sent() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_command_whose_answer_is_lost_is_found_by_reading() {
+async fn a_command_whose_answer_is_lost_is_resolved_by_reading() {
     for (fault, arrives) in [
         (WireFault::StallAfter, true),
         (WireFault::CutAfter, true),
@@ -88,18 +88,18 @@ async fn a_command_whose_answer_is_lost_is_found_by_reading() {
         wire.plan([Some(fault)]);
         let error = m1.send(&command(7, Action::Enable)).await.expect_err("no answer");
         assert!(error.leaves_unknown(), "{fault:?}: {error}");
-        assert!(m1.read().await.is_err(), "{fault:?}: the connection is gone");
+        assert!(m1.read().await.is_err(), "{fault:?}: the connection must be closed");
         m1.connect().await.expect("connects again");
         let reading = m1.read().await.expect("a reading");
         assert_eq!(reading.acknowledged.sequence == 7, arrives, "{fault:?}");
         assert_eq!(executed(&plc), if arrives { vec![7] } else { vec![] }, "{fault:?}");
         let commands_count = wire.functions().iter().filter(|function| **function == WRITE_COMMAND).count();
-        assert_eq!(commands_count, 1, "{fault:?}: nothing is sent again");
+        assert_eq!(commands_count, 1, "{fault:?}: the command must not be sent again");
     }
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_link_that_says_nothing_is_silent_in_time() {
+async fn a_link_without_an_answer_times_out() {
     let wire = Wire::to(&plc());
     let mut m1 = manipulator(&wire);
     m1.connect().await.expect("connects");
@@ -112,24 +112,27 @@ async fn a_link_that_says_nothing_is_silent_in_time() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_is_dropped_half_way_costs_the_connection() {
+async fn a_request_dropped_half_way_closes_the_connection() {
     let wire = Wire::to(&plc());
     let mut m1 = manipulator(&wire);
     m1.connect().await.expect("connects");
     wire.plan([Some(WireFault::LateAnswer(100))]);
     assert!(timeout(Duration::from_millis(50), m1.read()).await.is_err());
-    assert!(matches!(m1.read().await, Err(DeviceError::LinkLost { .. })), "a late answer must answer nothing else");
+    assert!(
+        matches!(m1.read().await, Err(DeviceError::LinkLost { .. })),
+        "a late answer must not be attributed to another request"
+    );
     assert_eq!(wire.dials_count(), 1, "reading does not connect");
 }
 
 #[tokio::test(start_paused = true)]
-async fn an_answer_that_comes_twice_is_no_answer_to_the_next_request() {
+async fn a_repeated_answer_is_not_attributed_to_the_next_request() {
     let wire = Wire::to(&plc());
     let mut m1 = manipulator(&wire);
     m1.connect().await.expect("connects");
     for fault in [WireFault::DoubleAnswer, WireFault::DoubleRequest] {
         wire.plan([Some(fault)]);
-        // Either the surplus answer is seen and ends the connection, or it was thrown away; never is it believed.
+        // The surplus answer is either detected and ends the connection, or discarded; it is never used.
         match m1.read().await {
             Ok(reading) => assert_eq!(reading.state, AxisState::Disabled),
             Err(error) => assert!(error.leaves_unknown(), "{error}"),
@@ -145,50 +148,50 @@ async fn a_torn_status_is_read_again_a_few_times() {
     m1.connect().await.expect("connects");
     let torn = Some(WireFault::ChangeRegister(63, 1));
     wire.plan([None, torn, torn, torn, torn, torn]);
-    assert!(m1.read().await.is_ok(), "five times torn, then whole");
+    assert!(m1.read().await.is_ok(), "five torn readings, then a complete one");
     wire.plan([None, torn, torn, torn, torn, torn, torn]);
-    let Err(DeviceError::Implausible { what, .. }) = m1.read().await else { panic!("torn for ever") };
+    let Err(DeviceError::Implausible { what, .. }) = m1.read().await else { panic!("always torn") };
     assert!(what.contains("torn"), "{what}");
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_wrong_word_order_is_noticed_at_connecting() {
+async fn a_wrong_word_order_is_detected_on_connecting() {
     for word_order in [WordOrder::Cdab, WordOrder::Badc, WordOrder::Dcba] {
         let layout = Layout { word_order, ..Layout::default() };
         let wire = Wire::to(&Arc::new(Plc::new(layout, vec![controller()])));
         let Err(DeviceError::Implausible { what, .. }) = manipulator(&wire).connect().await else {
-            panic!("{word_order:?} was not noticed")
+            panic!("{word_order:?} was not detected")
         };
         assert!(what.contains("word order"), "{what}");
     }
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_device_whose_program_has_stopped_is_not_believed() {
+async fn readings_of_a_device_whose_program_has_stopped_are_rejected() {
     let wire = Wire::to(&plc());
     let mut m1 = manipulator(&wire);
     m1.connect().await.expect("connects");
     wire.every(Some(WireFault::HoldRegister(1, 4711)));
     for _ in 0..12 {
-        m1.read().await.expect("not yet 600 ms");
+        m1.read().await.expect("not stale before 600 ms");
         sleep(Duration::from_millis(50)).await;
     }
     sleep(Duration::from_millis(10)).await;
     for again in [m1.read().await, m1.connect().await] {
-        let Err(DeviceError::Implausible { what, .. }) = again else { panic!("it was believed") };
-        assert!(what.contains("heartbeat has stood at 4711"), "{what}");
+        let Err(DeviceError::Implausible { what, .. }) = again else { panic!("a stopped heartbeat was accepted") };
+        assert!(what.contains("heartbeat has been 4711"), "{what}");
     }
     wire.every(None);
-    m1.connect().await.expect("it counts again");
+    m1.connect().await.expect("the heartbeat changes again");
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_device_that_refuses_is_heard() {
+async fn a_refusal_of_the_device_is_reported() {
     let plc = plc();
     let mut m1 = manipulator(&Wire::to(&plc));
     m1.connect().await.expect("connects");
     m1.send(&command(1, Action::Enable)).await.expect("sends");
-    m1.send(&command(2, x_to(200.5))).await.expect("handed over");
+    m1.send(&command(2, x_to(200.5))).await.expect("sent");
     let reading = m1.read().await.expect("a reading");
     assert_eq!((reading.acknowledged.sequence, reading.acknowledged.result), (2, CommandResult::Rejected));
     assert_eq!(reading.fault_code, code::OUT_OF_LIMITS);
@@ -196,21 +199,21 @@ async fn a_device_that_refuses_is_heard() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_command_that_has_changed_on_its_way_is_not_done() {
+async fn a_command_corrupted_during_transmission_is_not_executed() {
     let plc = plc();
     let wire = Wire::to(&plc);
     let mut m1 = manipulator(&wire);
     m1.connect().await.expect("connects");
-    // Byte 15 of the frame is in register 1 of the block: 7 bytes of header, 6 before the registers.
+    // Byte 15 of the frame is in register 1 of the block: 7 bytes of header and 6 bytes precede the registers.
     wire.plan([Some(WireFault::CorruptRequest(16, 4))]);
     let illegal_data_value = DeviceError::Rejected { device: "m1".to_owned(), code: 3 };
     assert_eq!(m1.send(&command(1, Action::Enable)).await, Err(illegal_data_value));
     assert!(executed(&plc).is_empty());
-    assert_eq!(m1.read().await.expect("the link is as it was").acknowledged.sequence, 0);
+    assert_eq!(m1.read().await.expect("the link is still open").acknowledged.sequence, 0);
 }
 
 #[tokio::test(start_paused = true)]
-async fn an_old_command_that_comes_late_is_not_done() {
+async fn an_old_command_that_arrives_late_is_not_executed() {
     let plc = plc();
     let wire = Wire::to(&plc);
     let mut m1 = manipulator(&wire);
@@ -221,11 +224,11 @@ async fn an_old_command_that_comes_late_is_not_done() {
     m1.connect().await.expect("connects again");
     m1.send(&command(3, Action::Halt)).await.expect("sends");
     sleep(Duration::from_secs(5)).await;
-    assert_eq!(executed(&plc), [1, 3], "the move came behind the halt");
+    assert_eq!(executed(&plc), [1, 3], "the move arrived after the halt");
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_device_that_hears_nothing_stops_by_itself() {
+async fn a_device_without_heartbeat_stops_by_itself() {
     let plc = plc();
     let mut m1 = manipulator(&Wire::to(&plc));
     m1.connect().await.expect("connects");
@@ -236,11 +239,11 @@ async fn a_device_that_hears_nothing_stops_by_itself() {
     assert_eq!((reading.state, reading.fault_code), (AxisState::ErrorStop, code::WATCHDOG));
     // 500 ms at 50 mm/s, and 50²/(2·500) = 2.5 mm of braking.
     assert!(reading.axes.x.actual < 0.5 * 50.0 + 2.5 + 0.1, "{:?}", reading.axes.x);
-    assert_eq!(executed(&plc), [1, 2], "and a new connection moves nothing");
+    assert_eq!(executed(&plc), [1, 2], "a new connection must move nothing");
 }
 
 #[tokio::test(start_paused = true)]
-async fn each_device_of_a_plc_is_told_on_its_own() {
+async fn each_device_of_a_plc_receives_its_own_commands() {
     let plc = plc();
     let wire = Wire::to(&plc);
     let second = Settings { base: 256, ..Settings::default() };
@@ -260,7 +263,7 @@ async fn each_device_of_a_plc_is_told_on_its_own() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn an_address_without_a_device_is_no_device() {
+async fn an_address_without_a_device_is_an_error() {
     let wire = Wire::to(&plc());
     let beyond = Settings { base: 768, ..Settings::default() };
     let Err(DeviceError::Implausible { what, .. }) =
@@ -272,7 +275,7 @@ async fn an_address_without_a_device_is_no_device() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn answers_that_never_come_do_not_pile_up() {
+async fn missing_answers_do_not_accumulate() {
     let plc = plc();
     let wire = Wire::to(&plc);
     let mut m1 = manipulator(&wire);

@@ -1,5 +1,5 @@
-//! The adaptors over a pipe to the PLC side of the map, on paused time: what they guarantee, also over a wire that cuts, stalls,
-//! corrupts, doubles and delays.
+//! Tests the guarantees of the adaptors over a pipe to the PLC side of the map, on paused time, also over a connection that breaks,
+//! stalls, corrupts, duplicates and delays.
 
 mod devices;
 mod guarantees;
@@ -16,7 +16,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 use tokio::time::sleep;
 use tokio_modbus::{Request, Response};
 
-/// Limits of 200 mm and 200 degrees to both sides, 50 mm/s, 500 mm/s².
+/// A controller with limits of ±200 mm and ±200 degrees, 50 mm/s, 500 mm/s².
 fn controller() -> Controller {
     let limits = AxisLimits { lower: -200.0, upper: 200.0, speed: 50.0, acceleration: 500.0, jerk: 5e3, step: 400.0 };
     let turn = AxisLimits { lower: -3.5, upper: 3.5, speed: 1.0, acceleration: 10.0, jerk: 100.0, step: 7.0 };
@@ -28,55 +28,55 @@ fn plc() -> Arc<Plc> {
     Arc::new(Plc::new(Layout::default(), vec![controller(), controller(), controller()]))
 }
 
-/// A manipulator over a wire with the faults of `wire`.
+/// A manipulator over a connection with the faults of `wire`.
 fn manipulator(wire: &Wire) -> ModbusManipulator {
-    Settings::default().manipulator("m1", wire.dial()).expect("settings that can be")
+    Settings::default().manipulator("m1", wire.dial()).expect("valid settings")
 }
 
 fn command(sequence: u16, action: Action) -> Command {
     Command { sequence, fence: 1, watchdog: Duration::from_millis(500), action }
 }
 
-/// x to `target_mm` at the greatest speed.
+/// A move of x to `target_mm` at the greatest speed.
 fn x_to(target_mm: f64) -> Action {
     let only_x = |x| Position { x, ..Position::default() };
     Action::MoveTo { axes: Axes { x: true, ..Axes::default() }, targets: only_x(target_mm), speeds: only_x(50.0) }
 }
 
-/// What happens to a request, or to the answer to it.
+/// A fault of a request or of its answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum WireFault {
-    /// The request does not arrive, and the connection is cut.
+    /// The request does not arrive, and the connection is closed.
     CutBefore,
-    /// The request does not arrive, and nothing else does.
+    /// The request does not arrive, and neither do later ones.
     StallBefore,
-    /// This byte of the request is changed by this.
+    /// This byte of the request is XORed with this value.
     CorruptRequest(u8, u8),
     /// The request arrives twice, and is answered twice.
     DoubleRequest,
-    /// The request arrives twice, the second time after this many ms, also if its sender has disconnected by then.
+    /// The request arrives a second time after this many ms, even if its sender has disconnected by then.
     LateAgain(u16),
-    /// The connection is cut, and the request arrives nevertheless, after this many ms.
+    /// The connection is closed, but the request arrives after this many ms.
     LateRequest(u16),
-    /// The request is done, and the connection is cut.
+    /// The request is executed, and the connection is closed.
     CutAfter,
-    /// The request is done, and no answer comes.
+    /// The request is executed, and no answer arrives.
     StallAfter,
-    /// This byte of the answer is changed by this.
+    /// This byte of the answer is XORed with this value.
     CorruptAnswer(u8, u8),
-    /// The answer comes twice.
+    /// The answer arrives twice.
     DoubleAnswer,
-    /// The answer comes after this many ms.
+    /// The answer arrives after this many ms.
     LateAnswer(u16),
-    /// Half of the answer comes, and the connection is cut.
+    /// Half of the answer arrives, and the connection is closed.
     HalfAnswer,
-    /// This register of a status is changed by this.
+    /// This register of a status is XORed with this value.
     ChangeRegister(u8, u16),
-    /// This register of a status always shows this.
+    /// This register of a status always has this value.
     HoldRegister(u8, u16),
 }
 
-/// Faults for the next requests, in order; none for `None`, and none after the last.
+/// The faults of the next requests, in order; a request with `None`, and every request after the last entry, has no fault.
 #[derive(Clone)]
 pub(super) struct Wire {
     plc: Arc<Plc>,
@@ -97,12 +97,12 @@ impl Wire {
         Self { plc: Arc::clone(plc), state: Arc::default() }
     }
 
-    /// What happens to the requests to come.
+    /// Plans the faults of the next requests.
     pub(super) fn plan(&self, faults: impl IntoIterator<Item = Option<WireFault>>) {
         self.state.lock().expect("a lock").faults = faults.into_iter().collect();
     }
 
-    /// What happens to every request that has no plan.
+    /// Sets the fault of every request that has no plan.
     pub(super) fn every(&self, fault: Option<WireFault>) {
         self.state.lock().expect("a lock").every = fault;
     }
@@ -112,12 +112,12 @@ impl Wire {
         self.state.lock().expect("a lock").functions.clone()
     }
 
-    /// Requests and answers that met a fault.
+    /// The number of requests and answers with a fault.
     pub(super) fn faults_count(&self) -> usize {
         self.state.lock().expect("a lock").faults_count
     }
 
-    /// Connections that were made.
+    /// The number of connections that were made.
     pub(super) fn dials_count(&self) -> usize {
         self.state.lock().expect("a lock").dials_count
     }
@@ -132,7 +132,7 @@ impl Wire {
         })
     }
 
-    /// Until either side hangs up or a fault cuts.
+    /// Forwards requests and answers until either side disconnects or a fault closes the connection.
     async fn carry(self, mut stream: DuplexStream) {
         while let Some(frame) = next_frame(&mut stream).await {
             if self.pass(&mut stream, frame).await.is_none() {
@@ -149,7 +149,7 @@ impl Wire {
         fault
     }
 
-    /// One request; none where the connection is cut.
+    /// Forwards one request; returns `None` if the connection is closed.
     async fn pass(&self, stream: &mut DuplexStream, mut frame: Vec<u8>) -> Option<()> {
         let fault = self.fault(frame[7]);
         match fault {
@@ -203,12 +203,12 @@ impl Wire {
     }
 }
 
-/// In the answer to a reading: header, function and count of bytes come before the registers.
+/// Offset of a register in the answer to a reading, after the header, the function and the number of bytes.
 const fn register_at(register: u8) -> usize {
     9 + 2 * register as usize
 }
 
-/// Leaves answers to writing as they are.
+/// Sets a register in the answer to a reading; answers to writing remain unchanged.
 fn set_register(answer: &mut [u8], register: u8, shown: u16) {
     if let Some(place) = answer.get_mut(register_at(register)..register_at(register) + 2) {
         place.copy_from_slice(&shown.to_be_bytes());
@@ -222,7 +222,7 @@ async fn stall(stream: &mut DuplexStream) -> Option<()> {
     None
 }
 
-/// Header: transaction, protocol, length of what follows it, unit. Then function and data.
+/// Reads a frame: the header (transaction, protocol, length of the rest, unit), then function and data.
 async fn next_frame(stream: &mut DuplexStream) -> Option<Vec<u8>> {
     let mut frame = vec![0; 7];
     stream.read_exact(&mut frame).await.ok()?;
@@ -233,7 +233,7 @@ async fn next_frame(stream: &mut DuplexStream) -> Option<Vec<u8>> {
     (frame.len() > 7).then_some(frame)
 }
 
-/// What the PLC answers; none where the frame is none, and the connection is cut.
+/// The answer of the PLC; `None` if the frame is invalid and the connection is closed.
 fn answer(plc: &Plc, frame: &[u8]) -> Option<Vec<u8>> {
     let whole = word(frame, 2)? == 0 && usize::from(word(frame, 4)?) + 6 == frame.len();
     let pdu = frame.get(7..).filter(|_| whole)?;

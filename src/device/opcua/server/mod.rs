@@ -1,6 +1,6 @@
-//! A simulated PLC as an OPC UA server: the other side of the adaptor, for trying coaxis without a machine, and for its tests.
-//! Anonymous and unencrypted; a real PLC must not be. In: controllers. Out: a server.
-//! Its address space has every node of the layout at the place that the settings give, with its values from the PLC.
+//! A simulated PLC as an OPC UA server: the other side of the adaptor, for trying coaxis without a machine, and for its tests. It
+//! is anonymous and unencrypted, which a real PLC must not be. Input: controllers. Output: a server whose address space has every
+//! node of the layout at the place that the settings give, with its values from the PLC.
 
 pub(super) mod plc;
 
@@ -24,31 +24,31 @@ use super::nodes::kind;
 use super::session::make_private;
 use super::settings::Settings;
 
-/// Why there is no server, or none any more.
+/// Why the server could not start, or ended.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// The address is taken, or not this machine's.
+    /// The address is in use, or does not belong to this machine.
     #[error("cannot listen on {address}: {cause}")]
     Address {
-        /// As asked.
+        /// The requested address.
         address: SocketAddr,
         /// The error of the operating system.
         cause: std::io::Error,
     },
     /// The folder for keys cannot be created.
-    #[error("the folder {folder} cannot be made: {cause}")]
+    #[error("the folder {folder} cannot be created: {cause}")]
     Folder {
-        /// Where.
+        /// The folder.
         folder: String,
         /// The error of the operating system.
         cause: std::io::Error,
     },
-    /// The library does not build the server, or has ended it.
+    /// The library could not build the server, or has ended it.
     #[error("the OPC UA server ended: {0}")]
     Ended(String),
 }
 
-/// A server that listens already and answers once it runs.
+/// A server that is already listening, and answers once it runs.
 pub struct PlcServer {
     address: SocketAddr,
     listener: TcpListener,
@@ -56,14 +56,14 @@ pub struct PlcServer {
     handle: ServerHandle,
 }
 
-/// Where each manipulator lies in the simulated PLC.
+/// Path of each manipulator in the simulated PLC.
 #[must_use]
 pub fn device_path(carrier: Carrier) -> String {
     format!("di:DeviceSet/own:Cell/robotics:MotionDevices/own:{}", carrier.name().to_uppercase())
 }
 
 impl PlcServer {
-    /// Listens; port 0 takes a free one. `folder` is where the library wants to keep keys, although none are used.
+    /// Starts listening; port 0 selects a free one. `folder` is where the library stores keys, although none are used.
     ///
     /// # Errors
     /// [`ServeError`] with the reason.
@@ -79,7 +79,7 @@ impl PlcServer {
             .pki_dir(folder)
             .host(address.ip().to_string())
             .port(address.port());
-        // The library lists the namespaces of its node managers, and no others: one for each, though all nodes are in `own`.
+        // The library lists only the namespaces of its node managers, so each namespace gets one, although all nodes are in `own`.
         let server = settings.namespaces.values().fold(server, |server, uri| {
             let metadata = NamespaceMetadata { namespace_uri: uri.clone(), ..NamespaceMetadata::default() };
             server.with_node_manager(simple_node_manager(metadata, uri))
@@ -102,22 +102,22 @@ impl PlcServer {
         Ok(())
     }
 
-    /// Where it listens.
+    /// The address on which it listens.
     #[must_use]
     pub const fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Answers until it is ended, or dropped.
+    /// Answers requests until it is ended or dropped.
     ///
     /// # Errors
-    /// [`ServeError::Ended`] where the library ends it.
+    /// [`ServeError::Ended`] if the library ends it.
     pub async fn run(self) -> Result<(), ServeError> {
         self.server.run_with(self.listener).await.map_err(ServeError::Ended)
     }
 }
 
-/// Serves a simulated PLC until the end.
+/// Serves a simulated PLC until it is ended.
 ///
 /// # Errors
 /// [`ServeError`] with the reason.
@@ -125,7 +125,7 @@ pub async fn serve(address: SocketAddr, plc: &Arc<Plc>, folder: &Path) -> Result
     PlcServer::listen(address, plc, folder).await?.run().await
 }
 
-/// Builds the nodes of one manipulator, and ties them to the PLC.
+/// Builds the nodes of one manipulator, and connects them to the PLC.
 pub(super) fn build(
     manager: &SimpleNodeManager,
     settings: &Settings,
@@ -140,7 +140,7 @@ pub(super) fn build(
     }
 }
 
-/// Makes a node, and the objects on the way to it where there are none yet; its id.
+/// Creates a node, with the missing objects on its path, and returns its id.
 fn place(space: &mut AddressSpace, settings: &Settings, namespaces: &NamespaceMap, own: u16, node: Node) -> NodeId {
     let path = settings.path(node);
     let mut parent: NodeId = ObjectId::ObjectsFolder.into();

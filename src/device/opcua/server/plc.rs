@@ -1,5 +1,5 @@
-//! The simulated PLC between its controllers and its nodes: an image of the status, renewed once a cycle, and what was written of
-//! the next command. Also the device's side of the codec: a reading as values of nodes, and a command from them.
+//! The simulated PLC between its controllers and its nodes: an image of the status, updated once per cycle, and the values written
+//! so far for the next command. Also the device side of the codec: a reading as values of nodes, and a command from them.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -16,7 +16,7 @@ use crate::device::simulated::Controller;
 use crate::device::states::StateCodes;
 use crate::motion::{Axes, Axis, Carrier, Pair, Position};
 
-/// How often the image is renewed: the cycle of the program of a PLC.
+/// Interval between two updates of the image: the cycle of a PLC program.
 const CYCLE: Duration = Duration::from_millis(5);
 
 /// A simulated PLC with two manipulators.
@@ -42,7 +42,7 @@ struct Image {
 }
 
 impl Plc {
-    /// A PLC of these controllers; its time begins now.
+    /// A PLC with these controllers; its time begins now.
     #[must_use]
     pub fn new(controllers: Pair<Controller>, codes: StateCodes) -> Self {
         let Pair { m1, m2 } = controllers;
@@ -50,13 +50,13 @@ impl Plc {
         Self { began: now(), codes, stations }
     }
 
-    /// Looks at a controller, or changes it, at the PLC's time.
+    /// Accesses a controller at the PLC's time.
     pub fn with<T>(&self, carrier: Carrier, act: impl FnOnce(&mut Controller, Duration) -> T) -> T {
         let now = self.time();
         act(&mut self.lock().get_mut(carrier).controller, now)
     }
 
-    /// Presses an emergency stop, opens a guard, or the like.
+    /// Sets the states of the safety functions, e.g. presses an emergency stop or opens a guard.
     pub fn set_safety(&self, carrier: Carrier, safety: Safety) {
         self.with(carrier, |controller, now| controller.set_safety(safety, now));
     }
@@ -65,12 +65,12 @@ impl Plc {
         now().saturating_duration_since(self.began)
     }
 
-    /// A panic elsewhere leaves numbers that are old, not wrong.
+    /// After a panic elsewhere the values are old, but consistent.
     fn lock(&self) -> MutexGuard<'_, Pair<Station>> {
         self.stations.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The value of a node in the newest image, or as it was written.
+    /// The value of a node in the newest image, or the value that was last written.
     pub(super) fn read(&self, carrier: Carrier, node: Node) -> Result<DataValue, StatusCode> {
         let now = self.time();
         let mut stations = self.lock();
@@ -81,7 +81,7 @@ impl Plc {
         status.or_else(written).ok_or(StatusCode::BadNoData)
     }
 
-    /// Takes what was written to a node. The number of a command is acted upon.
+    /// Writes a node. Writing the sequence number of a command executes the command.
     pub(super) fn write(&self, carrier: Carrier, node: Node, value: Variant) -> StatusCode {
         let now = self.time();
         let mut stations = self.lock();
@@ -117,7 +117,7 @@ impl Station {
         Self { controller, image: None, cycles_count: 0, written }
     }
 
-    /// The image of this cycle, and its counter: even, since it is not read while it is made.
+    /// The image of this cycle, and its counter, which is even because the image is not read while it is updated.
     fn image(&mut self, now: Duration) -> (&Reading, u32) {
         let fresh = self.image.take().filter(|image| now.saturating_sub(image.at) < CYCLE);
         if fresh.is_none() {
@@ -128,10 +128,10 @@ impl Station {
     }
 }
 
-/// Whose codes the units are.
+/// The namespace of the unit codes.
 const CEFACT: &str = "http://www.opcfoundation.org/UA/units/un/cefact";
 
-/// The value of a node by a reading; nothing where the node is no status.
+/// The value of a node for a reading; `None` if the node is not part of the status.
 pub(in crate::device::opcua) fn value(
     node: Node,
     reading: &Reading,
@@ -208,7 +208,7 @@ const fn result(result: CommandResult) -> u16 {
     }
 }
 
-/// The command that the written values make.
+/// Assembles the command from the written values.
 ///
 /// # Errors
 /// [`UnexpectedValue`] names the first value that cannot be used.

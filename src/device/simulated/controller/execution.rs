@@ -1,5 +1,5 @@
-//! What a simulated controller does over time: moves its axes in equal steps, ends what is done and stops what must not go on; and
-//! which actions it refuses, with a [`code`]: because of its mode, safety functions, references or limits.
+//! The execution of commands over time: moves the axes in equal steps, ends completed actions and stops motions that must not
+//! continue; and decides which actions are refused, with a [`code`], because of the mode, safety functions, references or limits.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use super::{Controller, Motion, code};
 const STEP_S: f64 = 0.001;
 
 impl Controller {
-    /// Lets simulated time run on to `now`. In even steps, so that it does not matter how often anyone looks.
+    /// Advances the simulated time to `now`, in equal steps, so that the result does not depend on how often it is called.
     pub(in crate::device::simulated) fn advance(&mut self, now: Duration) {
         let due = (now.as_secs_f64() * self.settings.time_factor / STEP_S + 1e-6) as u64;
         while self.steps < due {
@@ -44,7 +44,7 @@ impl Controller {
         }
     }
 
-    /// All axes stand: ends what was to be done.
+    /// Ends the action when all axes are at rest.
     fn arrive(&mut self) {
         match self.motion {
             Motion::Home { until_step, .. } if self.steps < until_step => return,
@@ -58,7 +58,7 @@ impl Controller {
         }
     }
 
-    /// Latches a fault; stops the motion.
+    /// Latches a fault, and stops the motion.
     pub(super) fn fail(&mut self, code: u32) {
         self.fault = Some(code);
         self.abort();
@@ -103,11 +103,11 @@ impl Controller {
     }
 }
 
-/// Targets and speeds may pass a limit by this share of one and of the limit: a wire may carry single precision.
+/// Relative and absolute tolerance of a limit, because the protocol may use single precision.
 const SLACK: f64 = 1e-6;
 
 impl Controller {
-    /// Refuses with a [`code`].
+    /// Returns the [`code`] with which an action is refused.
     pub(super) fn refusal_of(&mut self, action: &Action) -> Result<(), u32> {
         if let Some(code) = self.refuse_next.take() {
             return Err(code);
@@ -141,7 +141,7 @@ impl Controller {
         if axes.iter().any(|(_, named)| *named) { Ok(()) } else { Err(code::NO_AXIS) }
     }
 
-    /// The limits come first: a wrong target is reported and recorded even if there are other reasons to refuse.
+    /// The limits are checked first, so that a wrong target is reported and recorded even if there are other reasons to refuse.
     fn may_go(&self, axes: &Axes<bool>, targets: &Position, speeds: &Position) -> Result<(), u32> {
         for (axis, limits) in self.settings.limits.iter().filter(|(axis, _)| *axes.get(*axis)) {
             let (target, speed, here) = (*targets.get(axis), *speeds.get(axis), self.servos.get(axis).position());
