@@ -113,7 +113,10 @@ def scan_plan_move(demo: Demo) -> None:
 def stop_by_ctrl_c(demo: Demo) -> None:
     command = [sys.executable, "-u", str(EXAMPLES / "python" / "scan_plan_move.py"), "--url", demo.base, "--yes"]
     target = ["--deflection-deg", "0", "--pitch-deg", "0", "--y-c0-mm", "0", "--z-c0-mm", "-5", "--speed-ratio", "0.01"]
-    script = subprocess.Popen(command + target, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    # Where this test runs in the background, its shell has made it ignore the signal, and a child inherits that.
+    heed = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    script = subprocess.Popen(command + target, text=True, preexec_fn=heed, **pipes)
     try:
         for line in script.stdout:
             if line.startswith("moves"):

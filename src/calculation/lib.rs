@@ -1,7 +1,7 @@
-//! The pure calculation of coaxis: bytes to points, points to a pose, a pose to a plan, and pictures of all that. It neither waits
-//! nor logs nor reads a clock, and chance comes from seeds.
+//! The calculation of coaxis: file bytes to points, points to a pose, a pose to a motion plan, and pictures of the results. It does
+//! no waiting, logging or clock access, and random numbers come from seeds.
 //!
-//! It is a crate of its own, so that it is not compiled again when the service changes, and can be tested without it.
+//! It is a separate crate, so that it is not recompiled when the service changes and can be tested alone.
 
 pub mod estimation;
 pub mod geometry;

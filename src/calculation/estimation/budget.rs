@@ -1,64 +1,64 @@
-//! The uncertainty budget: lines of independent sources, each a covariance of its own, and their combination (GUM, JCGM 100,
-//! 5.1: independent contributions add as variances; G.4: their degrees of freedom combine by Welch-Satterthwaite).
+//! The uncertainty budget: its lines, each the covariance from one independent source, and their combination (GUM, JCGM 100, 5.1:
+//! independent contributions add as variances; G.4: their degrees of freedom combine by Welch-Satterthwaite).
 //!
-//! The axis meets x = 0 at y_c0 = y_ref − x_ref·tan β, hence with j = ∂y_c0/∂β = −x_ref·(1 + tan² β) the variance
-//! var y_ref + j²·var β + 2·j·cov(β, y_ref); likewise z_c0 with the pitch.
+//! The axis meets x = 0 at y_c0 = y_ref − x_ref·tan β. The variance of y_c0 is var y_ref + j²·var β + 2·j·cov(β, y_ref) with j =
+//! ∂y_c0/∂β = −x_ref·(1 + tan² β); likewise for z_c0 with the pitch.
 
 use super::estimate::{Component, Pose, Uncertainty};
 use crate::geometry::AxisLine;
 use nalgebra::{Matrix5, Vector5};
 
-/// Expanded uncertainties are this many standard uncertainties (k); about 95 % of errors stay below.
+/// Coverage factor k: the expanded uncertainty is k standard uncertainties and covers about 95 % of errors.
 pub const COVERAGE_FACTOR: f64 = 2.0;
 
-/// The covariance of (deflection, pitch, y_ref, z_ref, radius) by one source, rad and mm.
+/// The covariance of (deflection, pitch, y_ref, z_ref, radius) from one source, rad and mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Line {
     source: &'static str,
     covariance: Matrix5<f64>,
-    /// Degrees of freedom of each variance; infinite where it does not come from repeated observations.
+    /// Degrees of freedom of each variance; infinite for a variance that does not come from repeated observations.
     freedom: Vector5<f64>,
 }
 
 impl Line {
-    /// Of the scatter that the data show.
+    /// Scatter of the data.
     pub(super) const REPEATABILITY: &'static str = "repeatability";
-    /// Of the bias of freely fitted sections.
+    /// Bias of freely fitted sections.
     pub(super) const FIT_BIAS: &'static str = "fit_bias";
-    /// Of a part that is no straight cylinder.
+    /// Deviation of the part from a straight cylinder.
     pub(super) const FORM: &'static str = "form";
-    /// Of layers that cannot be distinguished from the part.
+    /// Layers that cannot be distinguished from the part.
     pub(super) const LAYERS: &'static str = "layers";
-    /// Of coordinates that lie on a lattice.
+    /// Resolution of the coordinates.
     pub(super) const RESOLUTION: &'static str = "resolution";
-    /// Of a radius that is given.
+    /// Uncertainty of the nominal radius.
     pub(super) const NOMINAL_RADIUS: &'static str = "nominal_radius";
-    /// Of the stage's travel.
+    /// Straightness of the stage's travel.
     pub(super) const STAGE_STRAIGHTNESS: &'static str = "stage_straightness";
-    /// Of the sensor's distance scale along the laser line.
+    /// Linearity of the sensor's distance scale along the laser line.
     pub(super) const SENSOR_LINEARITY: &'static str = "sensor_linearity";
-    /// Of the sensor's position and rotation in the rail frame.
+    /// Position and rotation of the sensor in the rail frame.
     pub(super) const SENSOR_EXTRINSICS: &'static str = "sensor_extrinsics";
-    /// Of the part's thermal expansion.
+    /// Thermal expansion of the part.
     pub(super) const TEMPERATURE: &'static str = "temperature";
 
     /// The lines that come from calibration.
     const CALIBRATION: [&'static str; 4] =
         [Self::STAGE_STRAIGHTNESS, Self::SENSOR_LINEARITY, Self::SENSOR_EXTRINSICS, Self::TEMPERATURE];
 
-    /// From the covariance of the slopes (p, q, y_ref, z_ref, radius) about `axis`.
+    /// The line from the covariance of the slopes (p, q, y_ref, z_ref, radius) about `axis`.
     pub(super) fn of_slopes(source: &'static str, covariance: &Matrix5<f64>, axis: &AxisLine) -> Self {
         let [by_p, by_q] = [axis.p, axis.q].map(|slope| 1.0 / (1.0 + slope * slope));
         let to_angles = Matrix5::from_diagonal(&Vector5::new(by_p, by_q, 1.0, 1.0, 1.0));
         Self { source, covariance: to_angles * covariance * to_angles, freedom: Vector5::repeat(f64::INFINITY) }
     }
 
-    /// From one number whose standard uncertainty moves (p, q, y_ref, z_ref, radius) by `shift`, all at once.
+    /// The line from one quantity whose standard uncertainty moves (p, q, y_ref, z_ref, radius) together by `shift`.
     pub(super) fn of_shift(source: &'static str, shift: &Vector5<f64>, axis: &AxisLine) -> Self {
         Self::of_slopes(source, &(shift * shift.transpose()), axis)
     }
 
-    /// The same line where its variances come from repeated observations with these degrees of freedom.
+    /// The same line with these degrees of freedom, for variances that come from repeated observations.
     pub(super) fn with_freedom(self, freedom: Vector5<f64>) -> Self {
         Self { freedom, ..self }
     }
@@ -68,7 +68,7 @@ impl Line {
     }
 }
 
-/// Factors on the deflection and the pitch in y_c0 and z_c0.
+/// Sensitivity of y_c0 to the deflection and of z_c0 to the pitch.
 fn levers(axis: &AxisLine, x_ref: f64) -> [f64; 2] {
     [axis.p, axis.q].map(|slope| -x_ref * (1.0 + slope * slope))
 }
@@ -77,16 +77,15 @@ fn levers(axis: &AxisLine, x_ref: f64) -> [f64; 2] {
 fn standard_at_origin(covariance: [[f64; 5]; 5], axis: &AxisLine, x_ref: f64) -> [f64; 2] {
     let [[deflection, _, deflection_y, ..], [_, pitch, _, pitch_z, _], [_, _, y, ..], [_, _, _, z, _], _] = covariance;
     let [by_deflection, by_pitch] = levers(axis, x_ref);
-    // Rounding may leave a hair below zero where the terms nearly cancel.
+    // Rounding can make the sum slightly negative where the terms nearly cancel.
     let standard =
         |j: f64, angle: f64, position: f64, both: f64| (position + j * j * angle + 2.0 * j * both).max(0.0).sqrt();
     [standard(by_deflection, deflection, y, deflection_y), standard(by_pitch, pitch, z, pitch_z)]
 }
 
-/// Welch-Satterthwaite's effective degrees of freedom of a sum of variances, each with its own; `None` where infinite.
+/// Welch-Satterthwaite's effective degrees of freedom of a sum of variances; `None` where infinite.
 ///
-/// Satterthwaite's ν = 2 E²/Var holds for the sum as it is stated, so variances that Student's t has widened enter as
-/// widened ones.
+/// Satterthwaite's ν = 2 E²/Var applies to the sum as stated, so variances that Student's t has widened enter widened.
 fn effective_freedom(variances: impl Iterator<Item = (f64, f64)> + Clone) -> Option<f64> {
     let sum: f64 = variances.clone().map(|(variance, _)| variance).sum();
     let scatter: f64 = variances.map(|(variance, freedom)| variance * variance / freedom).sum();
@@ -94,14 +93,14 @@ fn effective_freedom(variances: impl Iterator<Item = (f64, f64)> + Clone) -> Opt
     (scatter > 0.0 && freedom.is_finite()).then_some(freedom)
 }
 
-/// The covariance of independent lines together.
+/// The combined covariance of independent lines.
 pub(super) fn combined(lines: &[Line]) -> [[f64; 5]; 5] {
     lines.iter().map(|line| line.covariance).sum::<Matrix5<f64>>().into()
 }
 
 impl Uncertainty {
-    /// The same for other parameters of the same kind that follow from these by `jacobian`, about another axis. The degrees of
-    /// freedom are those of the parameter that each depends on most.
+    /// The same line for other parameters, which follow from these by `jacobian`, about another axis. Each new parameter gets the
+    /// degrees of freedom of the parameter on which it depends most.
     pub(super) fn transformed(&self, jacobian: &Matrix5<f64>, axis: &AxisLine, x_ref: f64) -> Self {
         let turned = |own: [[f64; 5]; 5]| jacobian * Matrix5::from(own) * jacobian.transpose();
         let component = |own: &Component| {
@@ -132,7 +131,7 @@ impl Uncertainty {
         }
     }
 
-    /// Combines the lines for an axis that is known about `x_ref`.
+    /// Combines the lines for an axis whose position is stated at `x_ref`.
     pub(super) fn of(lines: &[Line], axis: &AxisLine, x_ref: f64) -> Self {
         let component = |line: &Line| Component {
             source: line.source.to_owned(),
@@ -152,18 +151,18 @@ impl Uncertainty {
             covariance: combined(lines),
             budget: lines.iter().map(component).collect(),
             effective_freedom: [0, 1, 2, 3, 4].map(|index| effective_freedom(terms(index, 1.0))),
-            // Position and angle are nearly uncorrelated at x_ref, so they count as two contributions.
+            // Position and angle are nearly uncorrelated at x_ref, so they count as two independent contributions.
             effective_freedom_at_origin: [(0, by_deflection, 2), (1, by_pitch, 3)]
                 .map(|(angle, lever, position)| effective_freedom(terms(angle, lever).chain(terms(position, 1.0)))),
         }
     }
 
-    /// The covariance that remains when these of its lines are left out.
+    /// The covariance without these of its lines.
     pub(super) fn without(&self, lines: &[Line]) -> Matrix5<f64> {
         Matrix5::from(self.covariance) - Matrix5::from(combined(lines))
     }
 
-    /// Whether the budget has a line from calibration (`type_b`); otherwise it covers what the scan itself shows.
+    /// Whether the budget has a line from calibration (`type_b`). Without one it covers only the errors that the scan itself shows.
     #[must_use]
     pub fn includes_calibration(&self) -> bool {
         self.budget.iter().any(|line| Line::CALIBRATION.contains(&line.source.as_str()))
@@ -171,7 +170,7 @@ impl Uncertainty {
 }
 
 impl Pose {
-    /// Standard uncertainties of y and z where the axis meets x = 0, mm.
+    /// Standard uncertainties of y and z of the intersection of the axis with x = 0, mm.
     #[must_use]
     pub fn standard_at_origin(&self) -> [f64; 2] {
         standard_at_origin(self.uncertainty.covariance, &self.axis, self.x_ref)
@@ -191,11 +190,11 @@ mod tests {
         let scatter_alone = scatter.covariance;
         let uncertainty = Uncertainty::of(&[scatter, shift], &axis, 10.0);
         let Uncertainty { covariance, budget, .. } = &uncertainty;
-        // d atan(p)/dp = 1/(1 + p²) = 0.8, so 0.005 becomes 0.004; with 0.003 beside it 3-4-5 makes 0.005.
+        // d atan(p)/dp = 1/(1 + p²) = 0.8, so 0.005 becomes 0.004; combined with 0.003 that is 0.005.
         assert!((budget[1].standard[0] - 0.004).abs() < 1e-12);
         assert!((covariance[0][0].sqrt() - 0.005).abs() < 1e-12);
         assert!((covariance[3][3].sqrt() - 0.005).abs() < 1e-12);
-        assert!((covariance[0][3] - 0.004 * 0.004).abs() < 1e-12, "one number moves both");
+        assert!((covariance[0][3] - 0.004 * 0.004).abs() < 1e-12, "both parameters depend on one quantity");
         assert!((uncertainty.without(&[shift]) - scatter_alone).norm() < 1e-18);
     }
 
@@ -212,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn the_origin_has_its_share_of_every_line() {
+    fn every_line_states_its_contribution_at_the_origin() {
         // A line through two points at x = 100 and 300, each known to 0.1 mm: 0.1·√2.5 mm at x = 0 (1.5² + 0.5² = 2.5).
         let axis = AxisLine { p: 0.0, q: 0.0, y0: 0.0, z0: 0.0 };
         let variances = Vector5::new(0.01 * 2.0 / 40_000.0, 0.0, 0.005, 0.0, 0.0);

@@ -1,5 +1,5 @@
-//! Checks that do not depend on the method: scans that no method can measure, poses that are not determined well enough, and
-//! parts that are seen from inside.
+//! Checks that do not depend on the method: scans that no method can measure, poses whose uncertainty is too large, and parts that
+//! are scanned from inside.
 
 use super::estimate::{Pose, Uncertainty};
 use super::refusal::Refusal;
@@ -8,10 +8,10 @@ use crate::scan::Scan;
 use nalgebra::Vector3;
 use std::f64::consts::FRAC_2_PI;
 
-/// A section whose arc stays below this is a straight line for every purpose.
+/// A section with an arc below this is treated as a straight line.
 const STRAIGHT_DEG: f64 = 0.5;
 
-/// The refusal, the most telling first.
+/// The refusal, the most specific first.
 pub(super) fn unusable(scan: &Scan, settings: &Settings) -> Option<Refusal> {
     let profiles_count = scan.stations().len();
     if identical(scan) {
@@ -31,12 +31,12 @@ fn identical(scan: &Scan) -> bool {
     scan.is_planar() && scan.points().all(|index| scan.columns().get(index) == first)
 }
 
-/// Whether every profile of the scan is straight to within rounding of its own size.
+/// Whether every profile of the scan is straight to within the rounding of its coordinates.
 fn collinear(scan: &Scan) -> bool {
     let (mut y, mut z) = (Vec::new(), Vec::new());
     scan.stations().iter().all(|station| {
         scan.load(*station, &mut y, &mut z);
-        // Two points are always on a line.
+        // Two points always lie on a line.
         y.len() > 2 && straight(&y, &z)
     })
 }
@@ -50,30 +50,30 @@ fn straight(y: &[f64], z: &[f64]) -> bool {
         (yy, yz, zz) = (yy + y * y, yz + y * z, zz + z * z);
     }
     let (mean, spread) = (0.5 * (yy + zz), 0.5 * (yy - zz).hypot(2.0 * yz));
-    // Along the chord an arc of angle φ has the variance R²φ²/12, across it R²φ⁴/720: their ratio is φ²/60.
+    // An arc of angle φ has the variance R²φ²/12 along the chord and R²φ⁴/720 across it: their ratio is φ²/60.
     mean - spread <= (mean + spread) * STRAIGHT_DEG.to_radians().powi(2) / 60.0
 }
 
-/// Default of the largest standard uncertainty of a position, relative to the radius: a hundredth is far more than that of a
-/// useful scan, whatever the size of the part.
+/// Default of the largest standard uncertainty of a position, relative to the radius. A useful scan of a part of any size is far
+/// below a hundredth.
 const POSITION_SHARE: f64 = 0.01;
 
-/// The refusal where the angles or the position at the reference point are known worse than is allowed.
+/// The refusal of a pose whose angles, or position at the reference point, are more uncertain than allowed.
 pub(super) fn undetermined(uncertainty: &Uncertainty, radius: f64, settings: &Settings) -> Option<Refusal> {
     let [[deflection, ..], [_, pitch, ..], [_, _, y, ..], [_, _, _, z, _], _] = uncertainty.covariance;
     let (angle_deg, position_mm) = (deflection.max(pitch).sqrt().to_degrees(), y.max(z).sqrt());
     let angle_max_deg = settings.angle_uncertainty_max_deg;
     let position_max_mm = settings.position_uncertainty_max_mm.unwrap_or(POSITION_SHARE * radius);
-    // Written so that NaN is undetermined, too.
+    // The comparison is written so that NaN counts as undetermined.
     let is_known = angle_deg <= angle_max_deg && position_mm <= position_max_mm;
     (!is_known).then_some(Refusal::PoseUndetermined { angle_deg, angle_max_deg, position_mm, position_max_mm })
 }
 
-/// Points that are examined.
+/// Number of points that are examined.
 const POINTS_MAX: usize = 4096;
 
-/// Whether the part is seen from inside: the arc of the points near its surface opens towards +Z, where the sensor is. Then the scan
-/// shows the inside of a pipe, or an axis of the coordinates is mirrored. An arc of half a turn or more opens nowhere: the mean of
+/// Whether the part is scanned from inside: the arc of the points near its surface opens towards +Z, where the sensor is. Then the
+/// scan shows the inside of a pipe, or an axis of the coordinates is mirrored. An arc of 180° or more has no opening: the mean of
 /// its unit directions from the axis, sin(φ/2)/(φ/2) long, is shorter than 2/π.
 pub(super) fn is_concave(scan: &Scan, pose: &Pose, reach: f64) -> bool {
     let axis = pose.axis_in_scan();

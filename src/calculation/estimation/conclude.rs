@@ -1,4 +1,4 @@
-//! Puts an estimate together from what a method found: conditioning, residuals, warnings.
+//! Assembles the estimate from the result of a method: conditioning, residuals, warnings.
 
 use super::estimate::{Conditioning, Estimate, Outcome, Profile, Residuals, Section};
 use super::refusal::Reason;
@@ -12,16 +12,16 @@ pub(super) struct Found {
     pub(super) outcome: Outcome,
     /// One entry a profile, in station order.
     pub(super) profiles: Vec<Profile>,
-    /// Warnings that only the method can give.
+    /// Warnings of the method itself.
     pub(super) warnings: Vec<Warning>,
 }
 
-/// Below this arc a free ellipse is biased by more than its scatter, whatever the radius.
+/// Below this arc the bias of a free ellipse exceeds its scatter, whatever the radius.
 const ARC_OF_BIAS_DEG: f64 = 120.0;
-/// A fitted radius this far from the nominal one, relative to it, is warned of.
+/// A fitted radius that differs from the nominal one by more than this share gives a warning.
 const RADIUS_TOLERANCE: f64 = 0.02;
 
-/// Profiles that show nothing of the part are warned of beyond this share of all.
+/// A larger share of profiles without the part gives a warning.
 const ELSEWHERE_SHARE: f64 = 0.25;
 
 /// Puts the estimate together.
@@ -35,7 +35,7 @@ pub(super) fn conclude(settings: &Settings, found: Found) -> Estimate {
         valid.iter().map(|(_, section)| *section).collect()
     };
     let arc = median(seen.iter().map(|section| section.arc.radians()));
-    // `cylinder` may rest on profiles of which none is valid by itself.
+    // `cylinder` can give a pose from profiles of which none is valid by itself.
     let accepted = matches!(outcome, Outcome::Accepted(_));
     let served = if valid.is_empty() && accepted { &fitted } else { &valid };
     let points_count: usize = served.iter().map(|(profile, _)| profile.points_count).sum();

@@ -1,5 +1,5 @@
-//! The result of an estimation: the pose or the reason why there is none, and the verdict on every profile. It is stored as it is.
-//! A pose that was found in the frame of its sections is converted into the coordinates of the scan.
+//! The result of an estimation: the pose or the reason why there is none, and the verdict on every profile. The structure is stored
+//! unchanged. A pose in the frame of its sections can be converted into the coordinates of the scan.
 
 use super::refusal::{Reason, Refusal};
 use super::section_cut::SectionCut;
@@ -12,16 +12,16 @@ use serde::{Deserialize, Serialize};
 /// The result of one estimation; a refusal is a result too.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
-    /// How it was found.
+    /// The method.
     pub method: Method,
-    /// The pose, or why there is none.
+    /// The pose, or the reason why there is none.
     pub outcome: Outcome,
     /// One entry a profile, in station order.
     pub profiles: Vec<Profile>,
     /// How well the geometry of the scan determines a pose.
     pub conditioning: Conditioning,
-    /// How the points of the valid profiles lie about their sections, of all fitted ones where a pose rests on profiles of
-    /// which none is valid; `None` where none serves.
+    /// Residuals of the points of the valid profiles about their sections, or of all fitted profiles if none of those behind a pose
+    /// is valid; `None` if there are none.
     pub residuals: Option<Residuals>,
 }
 
@@ -29,30 +29,30 @@ pub struct Estimate {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// The pose is good to use.
+    /// The pose can be used.
     Accepted(Box<Pose>),
-    /// No pose, and why.
+    /// There is no pose; the reason.
     Refused(Refusal),
 }
 
-/// The pose of the part's axis in the rail frame. Roll cannot be seen by the scan and is absent.
+/// The pose of the part's axis in the rail frame. The scan does not show the roll, so it is absent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Pose {
     /// The axis.
     pub axis: AxisLine,
-    /// Mean x of the profiles used, mm: where the position is known best and nearly independent of the angles.
+    /// Mean x of the profiles used, mm: there the uncertainty of the position is smallest and nearly uncorrelated with the angles.
     pub x_ref: f64,
-    /// How the points were cut into sections perpendicular to the axis, where the scan gave none along it; axis, position and
-    /// uncertainty are in the frame of the cut then, and else in the rail frame.
+    /// How the points were cut into sections perpendicular to the axis, if the profiles of the scan could not be used; axis,
+    /// position and uncertainty are then in the frame of the cut, and otherwise in the rail frame.
     #[serde(default)]
     pub cut: Option<SectionCut>,
     /// Radius of the part, mm.
     pub radius: f64,
-    /// Where the radius came from.
+    /// The source of the radius.
     pub radius_source: RadiusSource,
-    /// How well the pose is known.
+    /// The uncertainty of the pose.
     pub uncertainty: Uncertainty,
-    /// Where the axis meets the part's end planes, as far as that was requested and seen.
+    /// Intersections of the axis with the part's end planes, if requested and observed.
     #[serde(default)]
     pub end_faces: EndFaces,
 }
@@ -62,14 +62,14 @@ pub struct Pose {
 pub struct EndFaces {
     /// The requested value.
     pub asked: EndFaceRule,
-    /// At the smaller x; `None` where it was not requested or not seen.
+    /// The one at the smaller x; `None` if it was not requested or not observed.
     pub near: Option<EndFace>,
-    /// At the larger x; `None` where it was not requested or not seen.
+    /// The one at the larger x; `None` if it was not requested or not observed.
     pub far: Option<EndFace>,
 }
 
 impl EndFaces {
-    /// The one that was requested; the near one where both were.
+    /// The end face that was requested; the near one if both were.
     #[must_use]
     pub fn asked_one(&self) -> Option<EndFace> {
         match self.asked {
@@ -79,33 +79,33 @@ impl EndFaces {
         }
     }
 
-    /// The far one where both were requested.
+    /// The far end face if both were requested.
     #[must_use]
     pub fn other_one(&self) -> Option<EndFace> {
         self.far.filter(|_| self.asked == EndFaceRule::Both)
     }
 }
 
-/// Where the axis meets an end plane, which is assumed perpendicular to it.
+/// Intersection of the axis with an end plane, which is assumed perpendicular to it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct EndFace {
     /// The point, mm.
     pub centre: [f64; 3],
-    /// Uncertainty of its x, mm: of the plane's offset along the axis and of the pose together. Twice this contains 95.45 %
-    /// of the distribution, as two standard uncertainties do of a normal one. The part that comes from the spacing is uniform, and its
-    /// standard deviation is a fifth larger than this.
+    /// Uncertainty of its x, mm, from the plane's offset along the axis and from the pose together. Twice this contains 95.45 % of
+    /// the distribution, as two standard uncertainties do of a normal one. The contribution of the profile spacing is uniform, and
+    /// its standard deviation is a fifth larger than this.
     pub x_standard: f64,
 }
 
-/// Where a radius came from.
+/// The source of a radius.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RadiusSource {
-    /// From the data alone.
+    /// Fitted to the data alone.
     Fitted,
-    /// As given.
+    /// Fixed at the nominal value.
     Nominal,
-    /// From the data and what was known before.
+    /// Fitted to the data with the nominal radius as a prior.
     Prior,
 }
 
@@ -114,14 +114,13 @@ pub enum RadiusSource {
 pub struct Uncertainty {
     /// The combined covariance matrix, rows and columns in the order above.
     pub covariance: [[f64; 5]; 5],
-    /// Its components.
+    /// The lines of the budget.
     pub budget: Vec<Component>,
-    /// Degrees of freedom of the standard uncertainties in the order above, combined over the budget by Welch-Satterthwaite
-    /// (JCGM 100, G.4); `None` where infinite, and in results that were stored without them. The covariance is already widened
-    /// for them.
+    /// Degrees of freedom of the standard uncertainties in the order above, combined over the budget by Welch-Satterthwaite (JCGM
+    /// 100, G.4); `None` if infinite, and in results that were stored without them. The covariance is already widened for them.
     #[serde(default)]
     pub effective_freedom: [Option<f64>; 5],
-    /// The same for y and z where the axis meets x = 0.
+    /// The same for y and z of the intersection of the axis with x = 0.
     #[serde(default)]
     pub effective_freedom_at_origin: [Option<f64>; 2],
 }
@@ -131,12 +130,13 @@ pub struct Uncertainty {
 pub struct Component {
     /// The source of the uncertainty, e.g. `repeatability`.
     pub source: String,
-    /// Its covariance of (deflection, pitch, y_ref, z_ref, radius); `None` in records from before it was stored.
+    /// Its covariance of (deflection, pitch, y_ref, z_ref, radius); `None` in results that were stored without it.
     #[serde(default)]
     pub covariance: Option<[[f64; 5]; 5]>,
     /// Standard uncertainties of (deflection, pitch, y_ref, z_ref, radius) in radians and millimetres.
     pub standard: [f64; 5],
-    /// Standard uncertainties of y and z where the axis meets x = 0, mm; `None` in results that were stored without them.
+    /// Standard uncertainties of y and z of the intersection of the axis with x = 0, mm; `None` in results that were stored without
+    /// them.
     #[serde(default)]
     pub standard_at_origin: Option<[f64; 2]>,
 }
@@ -148,15 +148,15 @@ pub struct Profile {
     pub x: f64,
     /// Its number of points.
     pub points_count: usize,
-    /// Why it was rejected; `None` where it is valid.
+    /// Why it was rejected; `None` for a valid profile.
     pub rejected: Option<Reason>,
-    /// Its fitted section; `None` where no ellipse could be had.
+    /// Its fitted section; `None` if no ellipse could be fitted.
     pub section: Option<Section>,
     /// Distance of its centre from the axis, mm; `None` without a section or an axis.
     pub offset: Option<f64>,
 }
 
-/// The fitted section of a profile and how its points lie about it.
+/// The fitted section of a profile and the residuals of its points.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Section {
     /// The ellipse.
@@ -165,26 +165,26 @@ pub struct Section {
     pub sigma: f64,
     /// Share of the points nearer than ε.
     pub inlier_ratio: f64,
-    /// Root mean square residual of the inliers, mm; 0 where there is none.
+    /// Root mean square residual of the inliers, mm; 0 without inliers.
     pub rms: f64,
-    /// Angle that the inliers span, seen from the centre.
+    /// Angle that the inliers span, about the centre.
     pub arc: Angle,
-    /// Fits made.
+    /// Number of fits.
     pub iterations_count: u32,
 }
 
-/// How well the geometry of the scan determines a pose, over the valid profiles (over all where none is valid).
+/// How well the geometry of the scan determines a pose, over the valid profiles (over all if none is valid).
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Conditioning {
-    /// Median arc of the sections; `None` where there is no section.
+    /// Median arc of the sections; `None` without a section.
     pub arc: Option<Angle>,
     /// Span along x, mm.
     pub axial_length: f64,
-    /// Causes by which the pose is less certain than its stated uncertainty.
+    /// Reasons why the pose is less certain than its stated uncertainty.
     pub warnings: Vec<Warning>,
 }
 
-/// How the points of the valid profiles lie about their sections.
+/// The residuals of the points of the valid profiles about their sections.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Residuals {
     /// Median of the sections' robust spreads, mm.
@@ -193,19 +193,19 @@ pub struct Residuals {
     pub inlier_ratio: f64,
 }
 
-/// The pose in the coordinates of the scan, by slopes and by where the axis meets planes x = const.
+/// The pose in the coordinates of the scan, expressed by slopes and by the intersections of the axis with planes x = const.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OnRail {
     /// The axis.
     pub axis: AxisLine,
-    /// The x of the point of the axis that is known best, mm.
+    /// The x of the point of the axis with the smallest uncertainty, mm.
     pub x_ref: f64,
-    /// How well deflection, pitch, y_ref, z_ref and radius are known.
+    /// The uncertainty of deflection, pitch, y_ref, z_ref and radius.
     pub uncertainty: Uncertainty,
 }
 
 impl Pose {
-    /// The axis in the coordinates of the scan, with the point that is known best.
+    /// The axis in the coordinates of the scan, with the point of smallest uncertainty.
     #[must_use]
     pub fn axis_in_scan(&self) -> Axis {
         let [y, z] = self.axis.at(self.x_ref);
@@ -215,7 +215,8 @@ impl Pose {
         Axis { point_mm: point.into(), direction: direction.normalize().into() }
     }
 
-    /// The pose by slopes and by where the axis meets planes x = const of the scan; `None` where it lies too far from X.
+    /// The pose expressed by slopes and by the intersections of the axis with planes x = const of the scan; `None` if the axis lies
+    /// too far from X.
     #[must_use]
     pub fn on_rail(&self) -> Option<OnRail> {
         if self.cut.is_none() {
@@ -228,19 +229,19 @@ impl Pose {
         Some(OnRail { axis, x_ref, uncertainty })
     }
 
-    /// Standard uncertainties of the axis perpendicular to itself, in the direction in which each is largest: of its direction, rad,
-    /// and of its point that is known best, mm.
+    /// Standard uncertainties perpendicular to the axis, in the direction in which each is largest: of its direction, rad, and of
+    /// its point of smallest uncertainty, mm.
     #[must_use]
     pub fn axis_standard(&self) -> [f64; 2] {
         self.axis_standard_of(&self.uncertainty.covariance)
     }
 
-    /// The same of one line of the budget.
+    /// The same from one line of the budget.
     #[must_use]
     pub fn axis_standard_of(&self, covariance: &[[f64; 5]; 5]) -> [f64; 2] {
         let [by_p, by_q] = [self.axis.p, self.axis.q];
-        // Square to the axis a change in y counts by the sine of the angle between Y and the axis; so does one in z, and the two
-        // together. Slopes beside the axis are small in its own frame, and within tilt_max_deg on the rail.
+        // Perpendicular to the axis a change in y counts by the sine of the angle between Y and the axis; likewise a change in z,
+        // and both combined. Slopes relative to the axis are small in its own frame, and within tilt_max_deg on the rail.
         let n2 = 1.0 + by_p * by_p + by_q * by_q;
         let square = Matrix2::new(1.0 + by_q * by_q, -by_p * by_q, -by_p * by_q, 1.0 + by_p * by_p) / n2;
         let covariance = Matrix5::from(*covariance);
@@ -255,12 +256,11 @@ impl Pose {
         })
     }
 
-    /// How (deflection, pitch, y_ref, z_ref, radius) of `axis`, the same in the coordinates of the scan, follow from those of
-    /// the pose.
+    /// The Jacobian of (deflection, pitch, y_ref, z_ref, radius) of `axis`, in the coordinates of the scan, by those of the pose.
     ///
-    /// A change moves the point of the axis by δP and turns the direction T = (1, p, q) by δT. Seen along the new X, whose
-    /// component of T is T_x, the slopes change by (δT_y − p′ δT_x)/T_x, and the point of the axis in the plane x = x_ref by
-    /// δP_y − p′ δP_x; likewise z with q′.
+    /// A change moves the point of the axis by δP and turns the direction T = (1, p, q) by δT. In the new frame, in whose X
+    /// direction T has the component T_x, the slopes change by (δT_y − p′ δT_x)/T_x, and the point of the axis in the plane x =
+    /// x_ref by δP_y − p′ δP_x; likewise z with q′.
     fn jacobian(&self, axis: &AxisLine) -> Matrix5<f64> {
         let (rotation, _) = self.placement();
         let [by_p, by_q] = [self.axis.p, self.axis.q].map(|slope| 1.0 + slope * slope);
@@ -323,7 +323,7 @@ mod placed_tests {
     }
 
     #[test]
-    fn the_jacobian_is_what_changes_of_the_pose_do_in_the_coordinates_of_the_scan() {
+    fn the_jacobian_equals_finite_differences_in_the_coordinates_of_the_scan() {
         let tilted = Axis { point_mm: [100.0, -20.0, 7.0], direction: [0.8, 0.36, -0.48] };
         let cut = SectionCut::about(&tilted, 20.0, [0.0, 60.0]);
         let line = AxisLine::through([30.0, 1.0, -2.0], 0.05, -0.03);
@@ -348,7 +348,7 @@ mod placed_tests {
     }
 
     #[test]
-    fn a_pose_of_the_rail_is_what_it_is() {
+    fn a_pose_in_the_rail_frame_is_unchanged() {
         let line = AxisLine { p: 0.1, q: 0.2, y0: 1.0, z0: 2.0 };
         let found = pose(line, None).on_rail().expect("on the rail");
         assert_eq!((found.axis, found.x_ref), (line, 30.0));

@@ -4,8 +4,8 @@
 //! Scan --checks--> method --conclude--> Estimate --end_face--> Estimate: pose or refusal, a verdict on every profile
 //!                       |
 //!        cylinder: every point of every profile serves one joint robust fit
-//!        section_line: an ellipse a profile, then a robust line through the centres (the published method)
-//!        section_line_plain: the same without re-weighting and without the inner-point rule; non-robust, for comparison
+//!        section_line: an ellipse for each profile, then a robust line through the centres (the published method)
+//!        section_line_plain: the same without re-weighting and without the inlier rule; non-robust, for comparison
 //! ```
 //!
 //! `orientation` chooses the frame in which the method works. `parts` cuts a scan of several parts along x and estimates each of
@@ -50,7 +50,7 @@ pub use warning::Warning;
 
 use crate::scan::Scan;
 
-/// The whole measurement. The result does not depend on the number of threads.
+/// The complete measurement. The result does not depend on the number of threads.
 #[must_use]
 pub fn estimate(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
     orientation::measure(scan, settings, progress)

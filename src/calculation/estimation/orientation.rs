@@ -1,4 +1,4 @@
-//! Where the axis is looked for: along the rail, or in any direction.
+//! The directions in which the axis is searched: along the rail, or any.
 //!
 //! ```text
 //! profiles along X --method--> accepted near X, or refused because there is no axis along X
@@ -7,7 +7,7 @@
 //! ```
 //!
 //! The methods work in a frame whose X lies near the axis. The profiles of a scanner on its rail are in such a frame already;
-//! for a cloud, or an axis that lies elsewhere, the frame is made from the axis that was detected.
+//! for a cloud, or an axis in another direction, the frame is built from the detected axis.
 
 use super::conclude::conclude;
 use super::detect::{Detected, Detection};
@@ -22,17 +22,17 @@ use crate::geometry::Axis;
 use crate::scan::{Grouping, Scan};
 use std::ops::Range;
 
-/// Surfaces that are looked for in a cloud: two show whether there is a choice, more are listed where there is one.
+/// Number of surfaces to search for in a cloud: two show whether there is a choice; if so, more are listed.
 const SURFACES: usize = 2;
 const LISTED_MAX: usize = 8;
-/// A second surface with this share of the points of the first could be the part as well.
+/// A second surface with this share of the points of the first could also be the part.
 const RIVAL: f64 = 0.5;
-/// Where profiles are given along the rail, an axis elsewhere has to explain most of the points.
+/// If profiles are given along the rail, an axis in another direction has to explain most of the points.
 const MAJORITY: f64 = 0.5;
-/// An axis that lies farther from X of its sections than this, radians (1°), is cut again.
+/// The sections are cut again if the axis lies farther from their X than this, radians (1°).
 const CUT_AGAIN: f64 = 0.017;
 
-/// The whole measurement in the orientation that the settings ask for.
+/// The complete measurement in the orientation that the settings request.
 pub(super) fn measure(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
     if settings.method == Method::LeastSquares {
         return with_tilt(least_squares::measure(scan, settings, progress), settings);
@@ -64,7 +64,7 @@ fn in_orientation(scan: &Scan, settings: &Settings, progress: &Progress) -> Esti
     }
 }
 
-/// The estimate, refused or with a warning where its axis lies farther from the rail than is allowed.
+/// The estimate, refused or with a warning if its axis lies farther from the rail than allowed.
 fn with_tilt(mut estimate: Estimate, settings: &Settings) -> Estimate {
     let Outcome::Accepted(pose) = &estimate.outcome else { return estimate };
     let (angle_deg, tilt_max_deg) = (pose.axis_in_scan().tilt().degrees(), settings.tilt_max_deg);
@@ -84,7 +84,7 @@ fn with_tilt(mut estimate: Estimate, settings: &Settings) -> Estimate {
     estimate
 }
 
-/// Whether a refusal may mean that the axis lies elsewhere than along X.
+/// Whether a refusal may mean that the axis does not lie along X.
 fn no_axis_along_x(refusal: &Refusal) -> bool {
     matches!(
         refusal,
@@ -99,7 +99,7 @@ fn no_axis_along_x(refusal: &Refusal) -> bool {
     )
 }
 
-/// Looks elsewhere after no axis was found along the rail.
+/// Searches other directions if no axis was found along the rail.
 fn elsewhere(scan: &Scan, along_rail: Estimate, settings: &Settings, progress: &Progress) -> Estimate {
     let found = detection(scan, settings).map_or_else(Vec::new, |mut detection| detection.cylinders(None, 1));
     let explains_most = |found: &&Detected| found.share >= MAJORITY && tilt_deg(found) > settings.tilt_max_deg;
@@ -117,7 +117,7 @@ fn elsewhere(scan: &Scan, along_rail: Estimate, settings: &Settings, progress: &
     }
 }
 
-/// Looks in every direction that the settings allow.
+/// Searches every direction that the settings allow.
 fn anywhere(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
     let along_x = ([1.0, 0.0, 0.0], settings.tilt_max_deg.to_radians());
     let is_rail = settings.orientation == Orientation::Rail;
@@ -125,7 +125,7 @@ fn anywhere(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
     let mut detection = detection(scan, settings);
     let mut detected = |along, most| detection.as_mut().map_or_else(Vec::new, |it| it.cylinders(along, most));
     let mut found = detected(along, 1);
-    // The remaining points may contain a rival.
+    // The remaining points may contain a second candidate.
     if found.first().is_some_and(|first| 1.0 - first.share >= RIVAL * first.share) {
         found = detected(along, SURFACES);
         if rivals(&found).len() > 1 {
@@ -143,7 +143,7 @@ fn anywhere(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
                 }
                 (_, refusal) => refusal,
             };
-            // A scan that is refused is shown as it was given.
+            // A refused scan is shown in its original frame.
             Estimate { outcome: Outcome::Refused(refusal), ..in_frame_refused(scan, settings, progress) }
         }
     }
@@ -181,18 +181,18 @@ fn detection(scan: &Scan, settings: &Settings) -> Option<Detection> {
     Detection::of(end - start, point, settings.nominal_radius_mm, NOMINAL_REACH)
 }
 
-/// The surfaces that could be the part by the number of their points.
+/// The surfaces that could be the part by their number of points.
 fn rivals(found: &[Detected]) -> Vec<&Detected> {
     let most = found.iter().map(|found| found.share).fold(0.0, f64::max);
     found.iter().filter(|found| found.share >= RIVAL * most).collect()
 }
 
-/// The cylinder that is the part, where only one can be.
+/// The cylinder that is the part, if there is only one candidate.
 fn choose<'a>(found: &'a [Detected], settings: &Settings) -> Result<&'a Detected, Refusal> {
     let no_cylinder = Refusal::NoCylinder { nominal_radius_mm: settings.nominal_radius_mm };
     let along_rail = |found: &&Detected| tilt_deg(found) <= settings.tilt_max_deg;
     let mut possible = rivals(found);
-    // Of several, those along the rail are meant.
+    // Among several cylinders, only those along the rail are candidates.
     if settings.orientation != Orientation::Any && possible.iter().any(along_rail) {
         possible.retain(along_rail);
     }
@@ -218,7 +218,7 @@ fn about(scan: &Scan, detected: &Detected, settings: &Settings, progress: &Progr
         if !again || slope <= CUT_AGAIN {
             return with_tilt(placed, settings);
         }
-        // Where the part begins and ends, seen from the new point of the axis.
+        // The ends of the part along the axis, relative to the new point of the axis.
         let [first, last] = of_cut.x_mm.map(|x| x - x_ref);
         cut = SectionCut::about(&axis, radius, [first, last]);
     }
@@ -246,7 +246,7 @@ impl From<&Detected> for FoundCylinder {
     }
 }
 
-/// A measurement in a frame whose X lies near the axis. `expected_radius` is what was detected before, mm.
+/// A measurement in a frame whose X lies near the axis. `expected_radius` is the detected one, mm.
 fn in_frame(scan: &Scan, settings: &Settings, expected_radius: Option<f64>, progress: &Progress) -> Estimate {
     let found = match settings.method {
         Method::Cylinder | Method::LeastSquares => cylinder::find(scan, settings, expected_radius, progress),

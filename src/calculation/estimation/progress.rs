@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-/// Cancels a calculation whose result is not needed any more. It ends soon, with a result that must not be used.
+/// Cancels a calculation whose result is no longer needed. The calculation ends soon, with a result that must not be used.
 #[derive(Debug, Clone, Default)]
 pub struct Stop(Arc<AtomicBool>);
 
@@ -13,14 +13,14 @@ impl Stop {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Whether it was cancelled.
+    /// Whether the calculation was cancelled.
     #[must_use]
     pub fn is_stopped(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 }
 
-/// Profiles done so far, and whether to go on.
+/// Number of profiles processed, and whether to continue.
 #[derive(Debug, Default)]
 pub struct Progress {
     done_count: AtomicUsize,
@@ -28,30 +28,30 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Of an estimation that ends when `stop` is called.
+    /// The progress of an estimation that ends when `stop` is called.
     #[must_use]
     pub fn until(stop: &Stop) -> Self {
         Self { stop: stop.clone(), ..Self::default() }
     }
 
-    /// For a part of the estimation that is not counted.
+    /// The progress of a part of the estimation that is not counted.
     #[must_use]
     pub fn uncounted(&self) -> Self {
         Self::until(&self.stop)
     }
 
-    /// One more profile is done.
+    /// Counts one more processed profile.
     pub fn advance(&self) {
         self.done_count.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Profiles done.
+    /// Number of processed profiles.
     #[must_use]
     pub fn done_count(&self) -> usize {
         self.done_count.load(Ordering::Relaxed)
     }
 
-    /// Whether the estimation is to end.
+    /// Whether the estimation should end.
     #[must_use]
     pub fn is_stopped(&self) -> bool {
         self.stop.is_stopped()
@@ -66,7 +66,7 @@ mod tests {
     use crate::scan::synthetic::make;
 
     #[test]
-    fn an_estimation_that_is_told_to_stop_looks_no_further_whatever_the_method() {
+    fn a_cancelled_estimation_ends_early_with_every_method() {
         let (scan, _) = make(&Part { profiles_count: 60, points_count: 120, ..Part::smooth(3) }).expect("a scan");
         for method in Method::ALL {
             let settings = Settings { method, ..Settings::default() };

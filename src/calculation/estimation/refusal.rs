@@ -1,4 +1,5 @@
-//! Why a scan has no pose, or a profile is not valid: each reason a sentence with the numbers that decided and what to do.
+//! Why a scan has no pose, or a profile is not valid: each reason is a message with the numbers that decided and the action to
+//! take.
 
 use serde::{Deserialize, Serialize};
 
@@ -17,7 +18,7 @@ pub enum Refusal {
         /// Least number.
         profiles_min: u32,
     },
-    /// Every point lies in the same place of its plane.
+    /// All points have the same y and z.
     #[error("all {points_count} points have the same y and z; check the export and its columns")]
     PointsIdentical {
         /// Points in the scan.
@@ -53,7 +54,7 @@ pub enum Refusal {
         profiles_count: usize,
         /// Least number.
         profiles_min: u32,
-        /// The reason for which most of the others were rejected.
+        /// The most frequent reason for which the others were rejected.
         most_common: Reason,
         /// Median spread of the points about their sections, mm; `None` without a section.
         sigma_mm: Option<f64>,
@@ -82,18 +83,18 @@ pub enum Refusal {
         /// Robust spread of the radii.
         radius_spread_mm: f64,
     },
-    /// The sections are ellipses that their axis does not explain.
+    /// The sections are ellipses whose shape does not match the tilt of their axis.
     #[error(
         "the sections are {axis_ratio:.3} times as long as wide where their axis explains {expected_ratio:.3}: the part is not \
          round, or its arc too short for its noise; scan a wider arc, or use the method cylinder"
     )]
     SectionsNotRound {
-        /// Median of the longer over the shorter axis.
+        /// Median ratio of the longer to the shorter axis.
         axis_ratio: f64,
-        /// The same of a cylinder about the fitted axis.
+        /// The same ratio for a cylinder about the fitted axis.
         expected_ratio: f64,
     },
-    /// The points of the profiles cannot be brought into planes.
+    /// The points of the profiles cannot be moved into planes.
     #[error(
         "the points of a profile lie up to {thickness_mm:.3} mm from its plane, and moving them there along the axis does not \
          converge: the profiles are too thick for sections; separate the profiles by another rule (profile_by), or use the method cylinder"
@@ -102,11 +103,11 @@ pub enum Refusal {
         /// Distance of nine in ten points from the plane of their profile, in the median profile.
         thickness_mm: f64,
     },
-    /// No cylinder that enough of the points lie on.
+    /// No cylinder has enough points on it.
     #[error(
         "no cylinder{} was found that enough of the points lie on; check the unit, the frame and the region{}",
         .nominal_radius_mm.map_or_else(String::new, |radius| format!(" of about {radius} mm radius")),
-        .nominal_radius_mm.map_or("", |_| ", and the nominal radius: parts within 2 % of it are looked for")
+        .nominal_radius_mm.map_or("", |_| ", and the nominal radius: only parts within 2 % of it are searched")
     )]
     NoCylinder {
         /// From the recipe.
@@ -115,7 +116,7 @@ pub enum Refusal {
     /// Two surfaces that could both be the part.
     #[error(
         "the scan could be a part of {radius_a_mm:.3} mm radius (on {:.0} % of the profiles) or one of {radius_b_mm:.3} mm \
-         (on {:.0} %); say which by nominal_radius_mm, or leave the other out by region", 100.0 * .coverage_a, 100.0 * .coverage_b
+         (on {:.0} %); choose one by nominal_radius_mm, or exclude the other by region", 100.0 * .coverage_a, 100.0 * .coverage_b
     )]
     TwoCylinders {
         /// Radius of the one.
@@ -132,7 +133,7 @@ pub enum Refusal {
     PointsUndetermined {
         /// Points of the scan.
         points_count: usize,
-        /// The deficiency, and what to do.
+        /// The deficiency and the action to take.
         detail: String,
     },
     /// Several cylinders of a cloud could be the part.
@@ -144,7 +145,7 @@ pub enum Refusal {
         /// The one with most points first.
         cylinders: Vec<FoundCylinder>,
     },
-    /// The axis lies elsewhere than along the rail.
+    /// The axis does not lie along the rail.
     #[error(
         "the axis lies {angle_deg:.1}° from the rail (X), at most {tilt_max_deg}° are allowed (tilt_max_deg); declare the frame, \
          check the order of the columns, or look in any direction (orientation: any)"
@@ -155,20 +156,20 @@ pub enum Refusal {
         /// The limit.
         tilt_max_deg: f64,
     },
-    /// Layers close to the surface hide which of them it is.
+    /// The part cannot be distinguished from layers close to the surface.
     #[error(
-        "{:.0} % of what lies within {reach_mm:.3} mm of the surface belongs to layers on it, so that the part cannot be \
+        "{:.0} % of the surface is covered by layers, searched within {reach_mm:.3} mm of it, so that the part cannot be \
          distinguished from them; remove tape, clamp or dirt, choose a region without it, or give nominal_radius_mm", 100.0 * .layer_ratio
     )]
     LayersUndecided {
-        /// Share of the surface seen that lies in layers.
+        /// Share of the observed surface that lies in layers.
         layer_ratio: f64,
-        /// How far from the surface was looked for layers.
+        /// Distance from the surface within which layers were searched.
         reach_mm: f64,
     },
-    /// The data leave the pose open.
+    /// The data do not determine the pose.
     #[error(
-        "the data leave the pose open: standard uncertainties of {angle_deg:.4}° and {position_mm:.3} mm where {angle_max_deg}° \
+        "the data do not determine the pose: standard uncertainties of {angle_deg:.4}° and {position_mm:.3} mm where {angle_max_deg}° \
          and {position_max_mm} mm are allowed; scan a longer or wider piece, or give the radius (radius: fixed or prior)"
     )]
     PoseUndetermined {
@@ -181,10 +182,10 @@ pub enum Refusal {
         /// The limit.
         position_max_mm: f64,
     },
-    /// Another number of parts than there must be.
+    /// The number of parts differs from the required one.
     #[error(
-        "{parts_count} part(s) were found by gaps of at least {gap_min_mm} mm where {} must be; a profile shows a part where a \
-         fifth of its points lie on one arc of 15° or more. Change gap_min_mm, cut off with region what is no part, or declare windows",
+        "{parts_count} part(s) were found by gaps of at least {gap_min_mm} mm, but {} are required; a profile shows a part if a \
+         fifth of its points lie on one arc of 15° or more. Change gap_min_mm, exclude other objects with region, or declare windows",
         range_in_words(*.parts_min_count, *.parts_max_count)
     )]
     PartsCountDiffers {
@@ -194,7 +195,7 @@ pub enum Refusal {
         parts_min_count: usize,
         /// Largest number.
         parts_max_count: usize,
-        /// The gap that divides two parts.
+        /// The gap that separates two parts.
         gap_min_mm: f64,
     },
     /// The window of a part contains no profile.
@@ -268,27 +269,27 @@ impl Refusal {
     }
 }
 
-/// Why a profile is not valid by itself. Exactly one each, the first that applies in this order. The methods by sections leave
-/// such a profile out; `cylinder` takes what lies on the part from it all the same.
+/// Why a profile is not valid by itself: the first reason that applies, in this order. The methods by sections leave such a profile
+/// out; `cylinder` still uses those of its points that lie on the part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Reason {
     /// It lies outside every part of the scan that was requested or found.
     OutsideParts,
-    /// Fewer points than `points_min`, or all in fewer than six places.
+    /// Fewer points than `points_min`, or fewer than six different points.
     TooFewPoints,
     /// No ellipse could be fitted.
     NotConverged,
     /// Too small a share of inliers.
     LowInlierRatio,
-    /// The inliers span too small an arc; a straight line does, too.
+    /// The inliers span too small an arc, or lie on a straight line.
     ArcTooShort,
-    /// Its centre lies too far from the axis that the other profiles agree on.
+    /// Its centre lies too far from the axis of the other profiles.
     OffAxis,
 }
 
 impl Reason {
-    /// All reasons, in the order in which they are looked for.
+    /// All reasons, in the order in which they are checked.
     pub const ALL: [Self; 6] = [
         Self::OutsideParts,
         Self::TooFewPoints,
@@ -311,7 +312,7 @@ impl Reason {
         }
     }
 
-    /// The advice where most profiles are rejected for this.
+    /// The advice if most profiles are rejected for this reason.
     pub(super) fn advice(self, sigma_mm: Option<f64>, epsilon_mm: f64) -> String {
         match (self, sigma_mm) {
             (Self::OutsideParts, _) => "widen the windows of the parts".to_owned(),

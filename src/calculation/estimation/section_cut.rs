@@ -1,5 +1,5 @@
 //! Sections perpendicular to an axis that was found in a cloud: a frame whose X lies along the axis, the points near the surface in
-//! that frame, and groups of neighbours along it. Enough to make the same sections again from the same scan.
+//! that frame, and groups of neighbours along it. The data suffice to repeat the same sections from the same scan.
 
 use crate::geometry::{Axis, Frame};
 use crate::scan::{Columns, Grouping, Scan, Station, Stretch, columns};
@@ -9,19 +9,19 @@ use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;
 use std::ops::Range;
 
-/// Points of a section: twice what a profile needs to be judged by default, so that holes leave enough of them.
+/// Points of a section: twice the default minimum of a profile, so that enough remain if there are holes.
 const POINTS: usize = 40;
 /// Most sections. More clusters do not improve the covariance.
 const SECTIONS_MAX: usize = 512;
-/// Points as far from the surface as this share of the radius belong to the surroundings of the part: on the far side of the
-/// axis everything is a whole radius away, and clamps are nearer than that.
+/// Points at least this share of the radius away from the surface belong to the background of the part: points on the far side of
+/// the axis are a full radius away, and clamps are nearer than that.
 const NEAR: f64 = 0.5;
-/// Points are put in order by these stretches of x first, several a section, so that few of them have to be compared.
+/// Points are first sorted into this many stretches of x, several a section, so that few of them have to be compared.
 const STRETCHES: usize = 4096;
 /// Points in one piece of work, and stretches in one.
 const CHUNK: usize = 1 << 16;
 const STRETCHES_AT_ONCE: usize = 64;
-/// Points beyond the ends of the part by this share of its length are left to be judged.
+/// Points beyond the ends of the part by up to this share of its length are included and judged.
 const BEYOND: f64 = 0.05;
 
 /// How sections were cut from the points of a scan.
@@ -36,15 +36,15 @@ pub struct SectionCut {
 }
 
 impl SectionCut {
-    /// About an axis and a radius; `extent` is where the part begins and ends along the axis, from its point, mm. `None` where
-    /// the direction is none.
+    /// The cut about an axis and a radius; `extent` is the interval of the part along the axis, from its point, mm. `None` if the
+    /// direction is invalid.
     pub(super) fn about(axis: &Axis, radius: f64, [first, last]: [f64; 2]) -> Option<Self> {
         let beyond = BEYOND * (last - first);
         let distance_mm = [(1.0 - NEAR) * radius, (1.0 + NEAR) * radius];
         Some(Self { frame: Frame::along(axis).ok()?, distance_mm, x_mm: [first - beyond, last + beyond] })
     }
 
-    /// The sections; `None` where no point is kept.
+    /// The sections; `None` if no points remain.
     #[must_use]
     pub fn apply(&self, of: &Scan) -> Option<Scan> {
         let kept = self.kept(of)?;
@@ -116,7 +116,7 @@ impl SectionCut {
                 Stretch::F64 { y, z } => visit(station.x, own_x, y, z, &mut keep),
             }
         }
-        // The cast saturates and never falls where x rises.
+        // The cast saturates and increases monotonically with x.
         let stretch_of = |[x, ..]: &[f64; 3]| (((x - first) * per_stretch) as usize).min(STRETCHES - 1);
         let mut ends = vec![0; STRETCHES];
         for point in &points {
@@ -137,7 +137,7 @@ impl SectionCut {
     }
 }
 
-/// Hands over points as they are stored, which costs half of asking for one after the other.
+/// Passes points in their stored precision, which takes half the time of requesting them one by one.
 fn visit<T: Copy + Into<f64>>(x: f64, own_x: Option<&[f64]>, y: &[T], z: &[T], mut each: impl FnMut([f64; 3])) {
     let points = y.iter().zip(z);
     match own_x {
@@ -149,7 +149,7 @@ fn visit<T: Copy + Into<f64>>(x: f64, own_x: Option<&[f64]>, y: &[T], z: &[T], m
 /// Some of the points that are kept, in order of their stretches.
 struct Chunk {
     points: Vec<[f64; 3]>,
-    /// Where each stretch ends.
+    /// End index of each stretch.
     ends: Vec<usize>,
 }
 
@@ -166,13 +166,13 @@ struct Kept {
 }
 
 impl Kept {
-    /// Where each stretch ends in all points.
+    /// End index of each stretch among all points.
     fn ends(&self) -> Vec<usize> {
         (0..STRETCHES).map(|index| self.chunks.iter().filter_map(|chunk| chunk.ends.get(index)).sum()).collect()
     }
 
-    /// The points, with those of these ranks where they are in order of x, and none before them that comes after. Takes the
-    /// chunks, so that the points are not in memory three times.
+    /// The points, with the points of these ranks at their sorted positions in x, and smaller ones before and larger ones after
+    /// them. Consumes the chunks, so that the points are not in memory three times.
     fn arranged(self, ends: &[usize], ranks: &[usize]) -> Vec<[f64; 3]> {
         let mut points = columns::zeroed::<[f64; 3]>(ends.last().copied().unwrap_or(0));
         let stretches: Vec<_> = split(&mut points, ends).zip(ends).enumerate().collect();
@@ -191,8 +191,8 @@ impl Kept {
     }
 }
 
-/// Puts the points of these ranks where they are in order, with none before them that comes after; the first of the points has
-/// the rank `start`.
+/// Places the points of these ranks at their sorted positions, with smaller ones before and larger ones after them; the first of
+/// the points has the rank `start`.
 fn select(points: &mut [[f64; 3]], start: usize, ranks: &[usize]) {
     let (before, [rank, after @ ..]) = ranks.split_at(ranks.len() / 2) else { return };
     let points_count = points.len();
@@ -206,14 +206,14 @@ fn select(points: &mut [[f64; 3]], start: usize, ranks: &[usize]) {
     }
 }
 
-/// By all coordinates, x first, so that the order of the file does not matter.
+/// Compares all coordinates, x first, so that the order of the file has no effect.
 fn by_coordinates(a: &[f64; 3], b: &[f64; 3]) -> Ordering {
     a.iter().zip(b).fold(Ordering::Equal, |order, (a, b)| order.then_with(|| a.total_cmp(b)))
 }
 
-/// The points of a section in the order in which a sensor would give them, those in one direction by their coordinates.
+/// The points of a section in the order of a sensor, by angle; those in one direction by their coordinates.
 fn by_angle(section: &[[f64; 3]]) -> impl Iterator<Item = [f64; 3]> {
-    // Angle and position share 64 bits, which sort in half of the time of two numbers.
+    // Angle and position share 64 bits, which sort in half the time of two numbers.
     let position_bits = usize::BITS - section.len().leading_zeros();
     let steps = 2.0_f64.powi(61_u32.saturating_sub(position_bits).cast_signed());
     let key = |(position, [_, y, z]): (usize, &[f64; 3])| {
@@ -229,13 +229,13 @@ fn by_angle(section: &[[f64; 3]]) -> impl Iterator<Item = [f64; 3]> {
     keys.into_iter().map(point)
 }
 
-/// Rises with the angle from Z towards Y, −2 to 2 for −180° to 180°, and costs less than it.
+/// Increases with the angle from Z towards Y, −2 to 2 for −180° to 180°, and takes less time to calculate.
 fn turn(y: f64, z: f64) -> f64 {
     let share = y / (y.abs() + z.abs());
     if z < 0.0 { 2.0_f64.copysign(y) - share } else { share }
 }
 
-/// Where groups of these sizes start, one after the other; the sizes become where they end.
+/// Start indices of consecutive groups of these sizes; the sizes become the end indices.
 fn starts(sizes: &mut [usize]) -> Vec<usize> {
     let mut end = 0;
     let start = |size: &mut usize| {
@@ -263,7 +263,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn turns_rise_with_the_angle() {
+    fn turns_increase_with_the_angle() {
         let angles: Vec<f64> = (-180..=180).map(|degrees| f64::from(degrees).to_radians()).collect();
         let turns: Vec<f64> = angles.iter().map(|angle| turn(3.0 * angle.sin(), 3.0 * angle.cos())).collect();
         assert!(turns.is_sorted_by(|a, b| a < b), "{turns:?}");
@@ -304,9 +304,9 @@ mod tests {
         }
     }
 
-    /// Of more points than one piece of work: each at an x of its own, on a lattice, and all at one x.
+    /// More points than one unit of work: each at its own x, on a lattice, and all at one x.
     #[test]
-    fn sections_hold_the_points_in_order_of_x() {
+    fn sections_contain_the_points_in_order_of_x() {
         const COUNT: usize = 150_000;
         let axis = Axis { point_mm: [0.0; 3], direction: [1.0, 0.0, 0.0] };
         let cut = SectionCut::about(&axis, 20.0, [0.0, 1500.0]).expect("a direction");

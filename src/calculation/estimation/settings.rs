@@ -2,10 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-/// How far a radius that is looked for may be from the nominal one, relative to it.
+/// Largest deviation of a radius from the nominal one, relative to it, in the search for a cylinder with a nominal radius.
 pub(super) const NOMINAL_REACH: f64 = 0.02;
 
-/// How the pose is found.
+/// The method of finding the pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Method {
@@ -14,9 +14,9 @@ pub enum Method {
     Cylinder,
     /// The Gaussian associated cylinder: unweighted least squares of the distances of all points (ISO 22432).
     LeastSquares,
-    /// Published robust method: per-profile ellipse by Tukey M-estimation, inner-point rule, robust line.
+    /// Published robust method: an ellipse for each profile by Tukey M-estimation, inlier rule, robust line.
     SectionLine,
-    /// The same without re-weighting and without the inner-point rule; for comparison only.
+    /// The same without re-weighting and without the inlier rule; for comparison only.
     SectionLinePlain,
 }
 
@@ -46,20 +46,20 @@ impl Method {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RadiusRule {
-    /// From the data alone.
+    /// Fitted to the data alone.
     #[default]
     Free,
-    /// The nominal radius, exactly.
+    /// Fixed at the nominal radius.
     Fixed,
-    /// The nominal radius with its uncertainty, weighed against the data.
+    /// The nominal radius with its uncertainty as a prior.
     Prior,
 }
 
-/// In which directions the axis is looked for.
+/// The directions in which the axis is searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Orientation {
-    /// Along X, the rail, if it lies there, else in any direction, with a warning.
+    /// Along X, the rail, if there is an axis, otherwise in any direction, with a warning.
     #[default]
     Auto,
     /// Along X within `tilt_max_deg`.
@@ -153,7 +153,7 @@ impl End {
     }
 }
 
-/// Everything that decides an estimate, besides the scan. Lengths in mm.
+/// All inputs of an estimate besides the scan. Lengths in mm.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
@@ -161,7 +161,7 @@ pub struct Settings {
     pub method: Method,
     /// A point nearer than this to its ellipse is an inlier. A radius below four of these is not resolved.
     ///
-    /// 0.111 mm reproduces the published inner ratio of 97.4 % on a smooth profile with a noise of 0.05 mm in y and z.
+    /// 0.111 mm reproduces the published inlier ratio of 97.4 % on a smooth profile with a noise of 0.05 mm in y and z.
     pub epsilon_mm: f64,
     /// A profile with a smaller share of inliers is rejected.
     pub inlier_ratio_min: f64,
@@ -171,25 +171,25 @@ pub struct Settings {
     pub points_min: u32,
     /// A profile whose inliers span a smaller arc is rejected.
     pub arc_min_deg: f64,
-    /// Fewer valid profiles than this refuse the scan.
+    /// A scan with fewer valid profiles is refused.
     pub profiles_min: u32,
-    /// Valid profiles closer together than this along x refuse the scan.
+    /// A scan whose valid profiles span less than this along x is refused.
     ///
     /// By default only the uncertainty of the direction decides.
     pub axial_length_min_mm: Option<f64>,
-    /// The radius that the drawing gives. `cylinder` looks for nothing else; the other methods warn of a radius far from it.
+    /// The nominal radius from the drawing. `cylinder` searches only for it; the other methods warn of a radius far from it.
     pub nominal_radius_mm: Option<f64>,
-    /// How `cylinder` treats the radius; anything but free needs the nominal one.
+    /// How `cylinder` treats the radius; fixed and prior need the nominal radius.
     pub radius: RadiusRule,
-    /// Standard uncertainty of the nominal radius; needed for a prior, a line of the budget where the radius is fixed.
+    /// Standard uncertainty of the nominal radius; required for a prior, and a line of the budget for a fixed radius.
     pub radius_sigma_mm: Option<f64>,
-    /// Angles of `cylinder` that are known worse than this refuse the scan; standard uncertainty.
+    /// `cylinder` refuses a scan whose angles have a larger standard uncertainty.
     pub angle_uncertainty_max_deg: f64,
-    /// Positions of `cylinder` at x_ref that are known worse than this refuse the scan; standard uncertainty.
+    /// `cylinder` refuses a scan whose position at x_ref has a larger standard uncertainty.
     ///
     /// A hundredth of the radius by default.
     pub position_uncertainty_max_mm: Option<f64>,
-    /// In which directions the axis is looked for.
+    /// The directions in which the axis is searched.
     pub orientation: Orientation,
     /// An axis that lies farther from X is not along the rail.
     pub tilt_max_deg: f64,
@@ -223,7 +223,7 @@ impl Default for Settings {
     }
 }
 
-/// A setting outside what the estimation can work with.
+/// A setting outside its range.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error("{name} must be {allowed}, got {value}")]
 pub struct SettingError {
@@ -235,7 +235,7 @@ pub struct SettingError {
     pub value: f64,
 }
 
-/// A radius below this many ε is not resolved: every point is an inlier of it.
+/// A radius below this many ε is not resolved, because every point is an inlier of it.
 const RESOLVED: f64 = 4.0;
 
 impl Settings {
@@ -318,27 +318,27 @@ impl Settings {
     }
 }
 
-/// Standard uncertainties from calibration; zero where nothing is known or nothing matters.
+/// Standard uncertainties from calibration; zero if unknown or negligible.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TypeB {
-    /// How far the stage carries the sensor off a straight line, in y and in z, at any place of the rail, mm.
+    /// Deviation of the stage's travel from a straight line, in y and in z, at any position of the rail, mm.
     pub stage_straightness_mm: f64,
-    /// Places of the rail this far apart are off with the correlation exp(−1/2), as exp(−distance²/(2·this²)), since a guide
-    /// bends smoothly, mm.
+    /// Distance between positions of the rail whose deviations have the correlation exp(−1/2), of exp(−distance²/(2·this²)), since
+    /// a guide bends smoothly, mm.
     pub stage_straightness_length_mm: f64,
-    /// Deviation of the sensor's distance from the true one at any place of the laser line, equal in every profile, mm.
+    /// Deviation of the sensor's distance from the true one at any position of the laser line, equal in every profile, mm.
     pub sensor_linearity_mm: f64,
-    /// Places of the laser line this far apart have deviations with the correlation exp(−1/2), as exp(−distance²/2·this²), mm.
-    /// `None` takes a fifth of the width that is seen of the part, for which the effect on its position is about the largest.
+    /// Distance between positions of the laser line whose deviations have the correlation exp(−1/2), of exp(−distance²/2·this²),
+    /// mm. `None` takes a fifth of the observed width of the part, for which the effect on its position is about the largest.
     pub sensor_linearity_length_mm: Option<f64>,
-    /// Rotation of the coordinates of the scan against the rail frame, about each axis, degrees.
+    /// Rotation of the coordinates of the scan relative to the rail frame, about each axis, degrees.
     pub extrinsics_rotation_deg: f64,
-    /// Place of the coordinates of the scan in the rail frame, along each axis, mm.
+    /// Position of the coordinates of the scan in the rail frame, along each axis, mm.
     pub extrinsics_position_mm: f64,
-    /// Temperature of the part against the one that lengths are stated for, K.
+    /// Difference between the temperature of the part and the reference temperature, K.
     pub temperature_sigma_k: f64,
-    /// How much of its length the part grows by in one kelvin; 11.5e-6 is steel.
+    /// Relative expansion of the part per kelvin; 11.5e-6 is steel.
     pub expansion_per_k: f64,
 }
 

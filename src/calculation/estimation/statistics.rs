@@ -1,11 +1,11 @@
 //! The statistics that the methods share.
 //!
-//! Tukey's biweight and its robust scale, which re-weight points about a section and centres about an axis:
-//! w(r) = (1 − (r/cσ)²)² for |r| < cσ, else 0; c = 4.6851 keeps 95 % of the efficiency of least squares on normal
-//! noise. σ = 1.4826 · median |r|. (Huber and Ronchetti, Robust Statistics.) They take squared residuals, which order like the
-//! absolute ones and cost no square root.
+//! Tukey's biweight and its robust scale, which re-weight points about a section and centres about an axis: w(r) = (1 − (r/cσ)²)²
+//! for |r| < cσ, else 0; c = 4.6851 retains 95 % of the efficiency of least squares on normal noise. σ = 1.4826 · median |r|.
+//! (Huber and Ronchetti, Robust Statistics.) The functions take squared residuals, which have the same order as the absolute ones
+//! and need no square root.
 //!
-//! Student's t distribution, by which an interval is widened where its standard uncertainty has few degrees of freedom.
+//! Student's t distribution, which widens an interval whose standard uncertainty has few degrees of freedom.
 
 use libm::erfc;
 use statrs::distribution::{ContinuousCDF, StudentsT};
@@ -13,13 +13,13 @@ use std::f64::consts::SQRT_2;
 
 /// Tukey's tuning constant: the weight is zero from this many standard deviations on.
 pub const TUKEY_C: f64 = 4.6851;
-/// Makes the median absolute residual a standard deviation on normal noise.
+/// Factor that turns the median absolute residual of normal noise into its standard deviation.
 const MAD_TO_SIGMA: f64 = 1.4826;
 
-/// Robust standard deviation from squared residuals; 0 for none. `scratch` is overwritten.
+/// Robust standard deviation from squared residuals; 0 without residuals. `scratch` is overwritten.
 pub(super) fn sigma(squared_residuals: &[f64], scratch: &mut Vec<u64>) -> f64 {
     scratch.clear();
-    // Floats that are not negative order like their bits, and integers are selected faster.
+    // Non-negative floats have the same order as their bits, and selection among integers is faster.
     scratch.extend(squared_residuals.iter().map(|r2| r2.to_bits()));
     if scratch.is_empty() {
         return 0.0;
@@ -47,26 +47,27 @@ pub(super) fn weight_slope(squared_residual: f64, cut_off_squared: f64) -> f64 {
     rest * (5.0 * rest - 4.0)
 }
 
-/// The quantile of the normal distribution whose two-sided coverage, 95.45 %, the coverage factor k = 2 stands for.
+/// The quantile of the normal distribution with the two-sided coverage 95.45 %, to which the coverage factor k = 2 refers.
 pub(super) const TWO_SIGMA: f64 = 2.0;
 
-/// Below one degree of freedom the distribution has no mean that an interval could be about.
+/// Below one degree of freedom the distribution has no mean.
 const FREEDOM_MIN: f64 = 1.0;
-/// Student's quantile exceeds the normal one z by the share (z² + 1)/4ν (Abramowitz and Stegun 26.7.5): above this it is below
-/// 0.1 % for every z ≤ 6, and the iteration of `statrs` for the incomplete beta function does not end reliably above 10⁷.
+/// Student's quantile exceeds the normal one z by the share (z² + 1)/4ν (Abramowitz and Stegun 26.7.5). Above this number of
+/// degrees of freedom the excess is below 0.1 % for every z ≤ 6, and above 10⁷ the iteration of `statrs` for the incomplete beta
+/// function does not end reliably.
 const FREEDOM_MAX: f64 = 1e4;
 
-/// Quantile of Student's t distribution over that of the normal distribution with the same two-sided coverage, which is
-/// given by `normal_quantile`. `freedom` may be fractional.
+/// Ratio of the quantile of Student's t distribution to `normal_quantile`, the quantile of the normal distribution with the same
+/// two-sided coverage. `freedom` may be fractional.
 pub(super) fn coverage_ratio(freedom: f64, normal_quantile: f64) -> f64 {
     let outside = erfc(normal_quantile / SQRT_2);
-    #[expect(clippy::manual_clamp, reason = "NaN becomes the least, where `clamp` would keep it")]
+    #[expect(clippy::manual_clamp, reason = "NaN becomes the least value, while `clamp` would return NaN")]
     let freedom = freedom.max(FREEDOM_MIN).min(FREEDOM_MAX);
     let quantile = StudentsT::new(0.0, 1.0, freedom).map(|student| student.inverse_cdf(1.0 - 0.5 * outside));
     quantile.map_or(1.0, |quantile| quantile / normal_quantile)
 }
 
-/// The upper of two middle values where there are two.
+/// The median; the upper one of two middle values.
 pub(super) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut values: Vec<f64> = values.collect();
     let middle = values.len() / 2;
@@ -116,7 +117,7 @@ mod student_tests {
     }
 
     #[test]
-    fn fractional_degrees_of_freedom_lie_between_whole_ones_and_many_need_no_widening() {
+    fn fractional_degrees_of_freedom_interpolate_and_many_need_no_widening() {
         let mut before = f64::INFINITY;
         for step in 0..4000 {
             let freedom = (0.01 * f64::from(step)).exp();

@@ -1,20 +1,20 @@
-//! Errors that the scan cannot show: those of the stage, of the mounting and the linearity of the sensor, and of the temperature. They
-//! are known from calibration, not from statistics (GUM, JCGM 100, 4.3: type B), and become lines of the budget by the response of the
-//! method to a profile that is shifted.
+//! Errors that the scan cannot show: those of the stage, of the mounting and the linearity of the sensor, and of the temperature.
+//! They come from calibration, not from statistics (GUM, JCGM 100, 4.3: type B), and become lines of the budget through the
+//! response of the method to a shifted profile.
 //!
-//! Linearity of the sensor: its distance scale deviates by a smooth function δ(y) of the place along the laser line, equal in every
-//! profile, so that more profiles do not average it out. δ is taken as a random function with the standard deviation u and the
-//! correlation ρ = exp(−(y − y′)²/2L²), and the pose responds with E(y) to a shift of the points about y in z. The covariance of the
-//! pose is then Σ ρ(y_a − y_b) u² E_a E_bᵀ over patches of the line. Along a tilted part the points of one patch lie at different z,
-//! where δ differs as it does between places of the line: its slope along z has the standard deviation u/L, to which the pose responds
-//! with F(y), and Σ ρ (u/L)² F_a F_bᵀ is added.
+//! Linearity of the sensor: its distance scale deviates by a smooth function δ(y) of the position along the laser line, equal in
+//! every profile, so that more profiles do not average it out. δ is modelled as a random function with the standard deviation u and
+//! the correlation ρ = exp(−(y − y′)²/2L²), and the pose responds with E(y) to a shift of the points about y in z. The covariance
+//! of the pose is then Σ ρ(y_a − y_b) u² E_a E_bᵀ over patches of the line. Along a tilted part the points of one patch lie at
+//! different z, where δ differs as it does between positions of the line: its slope along z has the standard deviation u/L, to
+//! which the pose responds with F(y), and Σ ρ (u/L)² F_a F_bᵀ is added.
 
 use super::budget::Line;
 use super::settings::TypeB;
 use crate::geometry::AxisLine;
 use nalgebra::{Matrix5, Matrix5x2, Vector3, Vector5};
 
-/// How (p, q, y_ref, z_ref, radius) answer to a shift of one profile by 1 mm in y and in z.
+/// Response of (p, q, y_ref, z_ref, radius) to a shift of one profile by 1 mm in y and in z.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Influence {
     pub(super) x: f64,
@@ -27,30 +27,30 @@ pub(super) struct Found {
     pub(super) axis: AxisLine,
     pub(super) x_ref: f64,
     pub(super) radius: f64,
-    /// Where the origin of the rail frame lies, mm: calibration is stated about it.
+    /// Origin of the rail frame, mm: calibration is stated about it.
     pub(super) origin: [f64; 3],
 }
 
 impl Found {
-    /// The point of the axis at x_ref from the origin of the rail frame, mm.
+    /// The point of the axis at x_ref relative to the origin of the rail frame, mm.
     fn offset_from_origin(&self) -> Vector3<f64> {
         let [y, z] = self.axis.at(self.x_ref);
         Vector3::new(self.x_ref, y, z) - Vector3::from(self.origin)
     }
 }
 
-/// Stretches of the rail whose profiles are taken together: what is to be added up grows as their square.
+/// Number of stretches of the rail whose profiles are combined: the number of terms of the sum grows as its square.
 const STRETCHES: usize = 128;
 
 impl TypeB {
-    /// Variance of the x of a point, mm²: the part of it that no scan shows.
+    /// Variance of the x of a point, mm²: the contribution that no scan shows.
     pub(super) fn along_x(&self, [x, y, z]: [f64; 3]) -> f64 {
         let rotation = self.extrinsics_rotation_deg.to_radians();
         let growth = self.temperature_sigma_k * self.expansion_per_k;
         self.extrinsics_position_mm.powi(2) + rotation * rotation * (y * y + z * z) + (growth * x).powi(2)
     }
 
-    /// The lines that are not zero, from the answers to a shift of each profile and of each patch of the laser line.
+    /// The lines that are not zero, from the responses to a shift of each profile and of each patch of the laser line.
     pub(super) fn lines(&self, found: &Found, influences: &[Influence], patches: &[PatchInfluence]) -> Vec<Line> {
         let straightness = (self.stage_straightness_mm > 0.0)
             .then(|| Line::of_slopes(Line::STAGE_STRAIGHTNESS, &self.straightness(influences), &found.axis));
@@ -61,13 +61,13 @@ impl TypeB {
         [straightness, linearity].into_iter().flatten().chain(self.of_whole_scan(found)).collect()
     }
 
-    /// Those of them that move everything in the scan together with the axis.
+    /// The lines of errors that move everything in the scan together with the axis.
     pub(super) fn of_whole_scan(&self, found: &Found) -> Vec<Line> {
         let extrinsics = (self.extrinsics_rotation_deg > 0.0 || self.extrinsics_position_mm > 0.0)
             .then(|| Line::of_slopes(Line::SENSOR_EXTRINSICS, &self.extrinsics(found), &found.axis));
         let growth = self.temperature_sigma_k * self.expansion_per_k;
         let temperature = (growth > 0.0).then(|| {
-            // Every point moves away from the origin; the axis is read off where it meets x = x_ref.
+            // Every point moves away from the origin; the axis is evaluated at its intersection with x = x_ref.
             let from = found.offset_from_origin();
             let (p, q) = (found.axis.p, found.axis.q);
             let shift = Vector5::new(0.0, 0.0, from.y - p * from.x, from.z - q * from.x, found.radius);
@@ -76,9 +76,9 @@ impl TypeB {
         [extrinsics, temperature].into_iter().flatten().collect()
     }
 
-    /// Σ ρ(x, x′) u² E Eᵀ′ over pairs of profiles, y and z apart: the profiles are off by as much as the rail is there. A
-    /// correlation of exp(−distance/length) would be that of a rail with a kink at every place, and would state a slope that is
-    /// too small: most of a smooth bend over the length of a scan is a slope.
+    /// Σ ρ(x, x′) u² E Eᵀ′ over pairs of profiles, y and z separately: a profile has the deviation of the rail at its x. A
+    /// correlation of exp(−distance/length) would describe a rail with a kink at every position and state too small a slope: most
+    /// of a smooth bend over the length of a scan is a slope.
     fn straightness(&self, influences: &[Influence]) -> Matrix5<f64> {
         let stretches = stretches(influences);
         let mut sum = Matrix5::zeros();
@@ -92,12 +92,12 @@ impl TypeB {
         sum * self.stage_straightness_mm.powi(2)
     }
 
-    /// A rotation ω about the origin of the rail frame moves a point P by ω × P and turns the direction T by ω × T; a
-    /// translation moves every point equally. The axis is evaluated where it meets x = x_ref.
+    /// A rotation ω about the origin of the rail frame moves a point P by ω × P and turns the direction T by ω × T; a translation
+    /// moves every point equally. The axis is evaluated at its intersection with x = x_ref.
     fn extrinsics(&self, found: &Found) -> Matrix5<f64> {
         let AxisLine { p, q, .. } = found.axis;
         let tangent = Vector3::new(1.0, p, q);
-        // A point that is moved by `by` and a direction that is turned by `turn`, seen in the plane x = x_ref.
+        // A point that is moved by `by` and a direction that is turned by `turn`, evaluated in the plane x = x_ref.
         let shift = |by: Vector3<f64>, turn: Vector3<f64>| {
             Vector5::new(turn.y - p * turn.x, turn.z - q * turn.x, by.y - p * by.x, by.z - q * by.x, 0.0)
         };
@@ -112,7 +112,7 @@ impl TypeB {
     }
 }
 
-/// Influences of neighbours taken together, at the mean of their places.
+/// Influences of neighbours combined, at the mean of their positions.
 fn stretches(influences: &[Influence]) -> Vec<Influence> {
     let size = influences.len().div_ceil(STRETCHES).max(1);
     let together = |piece: &[Influence]| Influence {
@@ -122,20 +122,20 @@ fn stretches(influences: &[Influence]) -> Vec<Influence> {
     influences.chunks(size).map(together).collect()
 }
 
-/// Patches along the line; a shorter correlation than a patch is taken as one patch, which overstates its effect.
+/// Number of patches along the line; a correlation length shorter than a patch is treated as one patch, which overstates its
+/// effect.
 const PATCHES: usize = 64;
-/// Correlation length where none is declared, as a share of the width that is seen: shorter errors average out along the
-/// line, longer ones shift the part as a whole. Between 0.15 and 0.25 the effect on the position is within 10 % of its maximum,
-/// for arcs of 60° to 150°.
+/// Default correlation length, as a share of the observed width: shorter errors average out along the line, longer ones shift the
+/// part as a whole. Between 0.15 and 0.25 the effect on the position is within 10 % of its maximum, for arcs of 60° to 150°.
 const LENGTH_SHARE: f64 = 0.2;
 
-/// How (p, q, y_ref, z_ref, radius) answer to a shift of the points of one patch by 1 mm in z.
+/// Response of (p, q, y_ref, z_ref, radius) to a shift of the points of one patch by 1 mm in z.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PatchInfluence {
     /// Middle of the patch, mm.
     pub(super) y: f64,
     pub(super) effect: Vector5<f64>,
-    /// The same to a shift by 1 mm for each mm that a point lies higher than the others of the patch.
+    /// Response to a shift by 1 mm for each mm by which a point lies higher than the others of the patch.
     pub(super) slope: Vector5<f64>,
 }
 
@@ -147,7 +147,7 @@ pub(super) struct Patches {
 }
 
 impl Patches {
-    /// Patches over all of these places; `None` where there is none.
+    /// Patches over all of these positions; `None` if there are none.
     pub(super) fn over(places: impl Iterator<Item = f64>) -> Option<Self> {
         let wider = |[low, high]: [f64; 2], y: f64| [low.min(y), high.max(y)];
         let [low, high] = places.fold([f64::INFINITY, f64::NEG_INFINITY], wider);
@@ -158,7 +158,7 @@ impl Patches {
         PATCHES
     }
 
-    /// The patch that contains this place.
+    /// The patch that contains this position.
     pub(super) fn index(&self, y: f64) -> usize {
         let place = (y - self.low) / self.width.max(f64::MIN_POSITIVE);
         // The cast saturates, and NaN becomes 0.
@@ -187,7 +187,7 @@ fn linearity_covariance(influences: &[PatchInfluence], standard: f64, length: Op
         for b in seen() {
             let correlation = (-0.5 * ((a.y - b.y) / length).powi(2)).exp();
             sum += a.effect * b.effect.transpose() * correlation;
-            // Divided one by one: the square of the least length is none.
+            // Divided one by one, because the square of the least length underflows.
             sum += (a.slope / length) * (b.slope / length).transpose() * correlation;
         }
     }
@@ -231,22 +231,22 @@ mod tests {
     }
 
     #[test]
-    fn what_is_zero_has_no_line() {
+    fn an_uncertainty_of_zero_has_no_line() {
         assert_eq!(TypeB::default().lines(&ALONG_X, &line_through(&[0.0, 100.0]), &[]), []);
     }
 
     #[test]
-    fn a_rail_that_is_off_everywhere_alike_moves_the_axis_and_does_not_turn_it() {
+    fn a_rail_with_a_constant_deviation_moves_the_axis_and_does_not_turn_it() {
         let stations: Vec<f64> = (0..300).map(f64::from).collect();
         let alike = TypeB { stage_straightness_mm: 0.01, stage_straightness_length_mm: 1e5, ..TypeB::default() };
         let [p, q, y, z, radius] = standard(alike, &line_through(&stations));
         assert!((y - 0.01).abs() < 1e-4 && (z - 0.01).abs() < 1e-4, "{y} {z}");
-        // A smooth rail has a slope of 0.01 mm/L at any place.
+        // A smooth rail has a slope of 0.01 mm/L at any position.
         assert!((p - 1e-7).abs() < 1e-9 && (q - 1e-7).abs() < 1e-9 && radius == 0.0, "{p} {q}");
     }
 
     #[test]
-    fn a_rail_that_is_off_independently_at_two_ends_tilts_as_error_propagation_says() {
+    fn independent_deviations_at_two_ends_tilt_the_axis_as_error_propagation_predicts() {
         let independent = TypeB { stage_straightness_mm: 0.01, stage_straightness_length_mm: 1.0, ..TypeB::default() };
         let found = standard(independent, &line_through(&[0.0, 1000.0]));
         let (position, slope) = (0.01 / 2f64.sqrt(), 0.01 * 2f64.sqrt() / 1000.0);
@@ -282,12 +282,12 @@ mod linearity_tests {
     }
 
     #[test]
-    fn an_error_alike_everywhere_shifts_and_independent_ones_average_out() {
+    fn a_constant_error_shifts_the_axis_and_independent_ones_average_out() {
         let line = mean_of(&[-30.0, -10.0, 10.0, 30.0]);
         let z = |length: f64| linearity_covariance(&line, 0.02, Some(length))[(3, 3)].sqrt();
         assert!((z(1e5) - 0.02).abs() < 1e-8);
         assert!((z(1.0) - 0.01).abs() < 1e-8);
-        // Two places 20 mm apart with L = 20 mm: u²·(1 + exp(−1/2))/2.
+        // Two positions 20 mm apart with L = 20 mm: u²·(1 + exp(−1/2))/2.
         let two = linearity_covariance(&mean_of(&[0.0, 20.0]), 0.02, Some(20.0))[(3, 3)];
         assert!((two - 4e-4 * 0.5 * (1.0 + (-0.5f64).exp())).abs() < 1e-15);
     }
@@ -303,7 +303,7 @@ mod linearity_tests {
     }
 
     #[test]
-    fn without_a_declared_length_it_is_a_share_of_the_width_and_one_place_needs_none() {
+    fn the_default_length_is_a_share_of_the_width_and_one_position_needs_none() {
         let line = mean_of(&[-50.0, 0.0, 50.0]);
         assert_eq!(linearity_covariance(&line, 0.01, None), linearity_covariance(&line, 0.01, Some(20.0)));
         assert!((linearity_covariance(&mean_of(&[3.0]), 0.01, None)[(3, 3)] - 1e-4).abs() < 1e-18);
@@ -311,7 +311,7 @@ mod linearity_tests {
     }
 
     #[test]
-    fn patches_hold_the_whole_line_and_nothing_breaks_outside() {
+    fn patches_cover_the_line_and_clamp_positions_outside() {
         let patches = Patches::over([-10.0, 54.0].into_iter()).expect("places");
         assert_eq!([-10.0, -9.5, 53.5, 54.0].map(|y| patches.index(y)), [0, 0, 63, 63]);
         assert_eq!([-1e9, 1e9, f64::NAN].map(|y| patches.index(y)), [0, 63, 0]);

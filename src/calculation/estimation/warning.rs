@@ -1,33 +1,33 @@
-//! What a user of a pose should know beside its numbers.
+//! Warnings to the user of a pose.
 
 use super::settings::End;
 use serde::{Deserialize, Serialize};
 
-/// Something that a user of the pose should know.
+/// A warning to the user of a pose.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case", tag = "code")]
 pub enum Warning {
     /// A free ellipse on a short arc is biased towards the sensor, and more profiles do not help.
     #[error(
-        "the sections span {arc_deg:.0}°: below 120° a freely fitted ellipse is pulled along the viewing direction, by about \
-         what the line fit_bias of the budget says; the method cylinder is not"
+        "the sections span {arc_deg:.0}°: below 120° a freely fitted ellipse is biased along the viewing direction, by about \
+         the line fit_bias of the budget; the method cylinder is not biased"
     )]
     ShortArc {
         /// Median arc of the valid sections.
         arc_deg: f64,
     },
-    /// The fitted radius is not the one that the drawing gives.
-    #[error("the fitted radius is {radius_mm:.3} mm where {nominal_radius_mm} mm were expected")]
+    /// The fitted radius differs from the nominal one.
+    #[error("the fitted radius is {radius_mm:.3} mm, but the nominal radius is {nominal_radius_mm} mm")]
     RadiusDiffers {
         /// Fitted.
         radius_mm: f64,
         /// From the recipe.
         nominal_radius_mm: f64,
     },
-    /// Many profiles show nothing of the cylinder that was found.
+    /// Many profiles have no points on the cylinder.
     #[error(
-        "{elsewhere_count} of {profiles_count} profiles show nothing of this cylinder: if the scan shows several parts, or a part \
-         of several diameters, say which profiles belong together (parts), or cut the region"
+        "{elsewhere_count} of {profiles_count} profiles do not show this cylinder: if the scan shows several parts, or a part \
+         of several diameters, declare which profiles belong together (parts), or restrict the region"
     )]
     OnSomeProfiles {
         /// Profiles without a point on it.
@@ -35,9 +35,9 @@ pub enum Warning {
         /// Profiles in the scan.
         profiles_count: usize,
     },
-    /// A number of the file stands for points that were not measured.
+    /// A number in the file marks points that were not measured.
     #[error(
-        "{count} of {points_count} points have {value} and are taken as missing data; if that is a measured value, declare the values \
+        "{count} of {points_count} points have {value} and are treated as missing data; if that is a measured value, declare the values \
          that mark missing points (missing_values, an empty list for none)"
     )]
     MissingValues {
@@ -59,46 +59,46 @@ pub enum Warning {
         /// Profiles of the file.
         profiles_count: u64,
     },
-    /// The axis lies elsewhere than along the rail.
+    /// The axis does not lie along the rail.
     #[error(
         "the axis lies {angle_deg:.1}° from X, farther than the {tilt_max_deg}° of an axis along the rail (tilt_max_deg): deflection, \
-         pitch, y_c0 and z_c0 mean little there, so use the axis; if it should lie along X, check the frame and the order of the \
+         pitch, y_c0 and z_c0 are then of little use, so use the axis; if it should lie along X, check the frame and the order of the \
          columns"
     )]
     AxisNotAlongRail {
         /// Between the axis and X.
         angle_deg: f64,
-        /// Up to here an axis lies along the rail.
+        /// Largest angle of an axis along the rail.
         tilt_max_deg: f64,
     },
     /// The arc opens towards the sensor.
     #[error(
         "the arc opens towards the sensor (+Z): the scan shows the inside of a pipe, or an axis of the coordinates is mirrored; if \
-         the part is seen from outside, check the sign of z"
+         the outside of the part was scanned, check the sign of z"
     )]
     ConcaveTowardsSensor,
     /// The radius changes along the part.
     #[error(
         "the part is tapered by {taper_deg:.4}°: its radius changes by {radius_change_mm:+.3} mm over the scan. A cylinder fit takes \
-         part of that for tilt, by about what the line form of the budget says"
+         part of that for tilt, by about the line form of the budget"
     )]
     Tapered {
-        /// Half of the cone's angle, positive where the radius grows along x.
+        /// Half of the cone's angle, positive if the radius grows along x.
         taper_deg: f64,
-        /// From the first profile to the last.
+        /// Change from the first profile to the last.
         radius_change_mm: f64,
     },
-    /// The axis is no straight line.
+    /// The axis is not a straight line.
     #[error(
         "the part, or the travel of the stage, is bent: the axis is {sagitta_mm:.3} mm off a straight line between middle and \
          ends; the pose is that of the straight line that fits best"
     )]
     Bent {
-        /// From the middle of the scan to its ends, against a straight line.
+        /// Deviation of the middle of the scan from the straight line through its ends.
         sagitta_mm: f64,
     },
     /// The method neither re-weights nor rejects.
-    #[error("section_line_plain follows every clamp and hole; it is for comparison only")]
+    #[error("section_line_plain does not reject clamps and holes; use it for comparison only")]
     NotRobust,
     /// No standard uncertainty from calibration is stated.
     #[error(
@@ -107,16 +107,16 @@ pub enum Warning {
          configuration"
     )]
     CalibrationNotStated,
-    /// A requested end face is not visible in the scan.
+    /// A requested end face was not observed in the scan.
     #[error(
-        "the {} end face is not seen: the scan must go on beyond that end of the part, by two profiles or more that show the \
-         background or are kept though they are empty, part of the edge must be free of clamps, no two profiles in a row may be \
-         lost, and the axis must be known well enough to determine where the surface ends; a cloud without profiles has no end \
+        "the {} end face was not found: the scan must extend beyond that end of the part, by two profiles or more that show the \
+         background or are kept although they are empty, part of the edge must be free of clamps, no two profiles in a row may be \
+         lost, and the axis must be accurate enough to determine where the surface ends; a cloud without profiles has no end \
          faces unless profile_by and frame are declared",
         .end.name()
     )]
     EndFaceNotSeen {
-        /// Which.
+        /// The end.
         end: End,
     },
 }

@@ -1,5 +1,5 @@
-//! The axis of a part: as a line in any direction, and as a line that crosses every plane x = const, with the ellipse that such a plane
-//! cuts out of the cylinder about it; and the plane angle in which directions are stated.
+//! The axis of a part: as a line in any direction, and as a line that crosses every plane x = const, with the elliptical section of
+//! the cylinder about it in such a plane; and the plane angle in which directions are stated.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -14,8 +14,8 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// Beyond this angle from X, degrees, the slopes of a line and its intersection with x = 0 are of little use: at 60° a shift of the line
-    /// by 1 mm already moves that place by 2 mm.
+    /// Beyond this angle from X, degrees, the slopes of a line and its intersection with x = 0 are of little use: at 60° a shift of
+    /// the line by 1 mm already moves the intersection by 2 mm.
     pub const LINE_MAX_DEG: f64 = 60.0;
 
     /// The angle between the line and X, from 0 to 90°.
@@ -25,7 +25,7 @@ impl Axis {
         Angle::from_radians(y.hypot(z).atan2(x.abs()))
     }
 
-    /// The line by its slopes, where it lies within [`Self::LINE_MAX_DEG`] of X.
+    /// The line by its slopes, if it lies within [`Self::LINE_MAX_DEG`] of X.
     #[must_use]
     pub fn line(&self) -> Option<AxisLine> {
         let [x, y, z] = self.direction;
@@ -47,9 +47,9 @@ pub struct AxisLine {
     pub p: f64,
     /// dz/dx, the tangent of the pitch.
     pub q: f64,
-    /// Where the line meets the plane x = 0, mm.
+    /// y of the intersection with the plane x = 0, mm.
     pub y0: f64,
-    /// Where the line meets the plane x = 0, mm.
+    /// z of the intersection with the plane x = 0, mm.
     pub z0: f64,
 }
 
@@ -170,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_near_x_has_slopes_and_an_upright_one_has_none() {
+    fn a_line_near_x_has_slopes_and_a_vertical_one_has_none() {
         let axis = Axis { point_mm: [10.0, 2.0, 3.0], direction: [0.8, 0.6, 0.0] };
         let line = axis.line().expect("37 degrees from X");
         assert!((line.p - 0.75).abs() < 1e-12 && (line.y0 - (2.0 - 7.5)).abs() < 1e-12 && line.z0 == 3.0);

@@ -4,15 +4,15 @@ use super::axis::Axis;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// The rail frame as seen from the coordinates of a scan: its origin and two of its axes.
+/// The rail frame in the coordinates of a scan: its origin and two of its axes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Frame {
-    /// Where the rail frame's origin lies, mm in the scan's coordinates.
+    /// Origin of the rail frame, mm in the scan's coordinates.
     pub origin_mm: [f64; 3],
-    /// Direction of the rail (X) in the scan's coordinates; any length but zero.
+    /// Direction of the rail (X) in the scan's coordinates; any length except zero.
     pub x_axis: [f64; 3],
-    /// Direction towards the sensor (Z); its part along `x_axis` is removed.
+    /// Direction towards the sensor (Z); its component along `x_axis` is removed.
     pub z_axis: [f64; 3],
 }
 
@@ -22,16 +22,16 @@ pub enum FrameError {
     /// A component is NaN or infinite.
     #[error("the frame has a component that is not a finite number")]
     NotFinite,
-    /// The axes have no length or lie along each other.
+    /// An axis has no length, or the axes are parallel.
     #[error("x_axis and z_axis of the frame must have a length and must not be parallel")]
     Degenerate,
 }
 
 impl Frame {
-    /// The rotation (rows are the rail axes) that takes scan coordinates, less the origin, into the rail frame.
+    /// The rotation (rows are the rail axes) that transforms scan coordinates, minus the origin, into the rail frame.
     ///
     /// # Errors
-    /// [`FrameError`] where the two axes do not span a plane.
+    /// [`FrameError`] if the two axes do not span a plane.
     pub fn rotation(&self) -> Result<Matrix3<f64>, FrameError> {
         if !self.origin_mm.iter().chain(&self.x_axis).chain(&self.z_axis).all(|v| v.is_finite()) {
             return Err(FrameError::NotFinite);
@@ -42,8 +42,8 @@ impl Frame {
         Ok(Matrix3::from_rows(&[x.transpose(), y.transpose(), z.transpose()]))
     }
 
-    /// The steps of a lattice of the coordinates of the scan along the axes of the frame, 0 where there is none: along an axis that
-    /// lies between several of the lattice, values come as near to each other as along the finest of them.
+    /// The steps of a lattice of the coordinates of the scan along the axes of the frame, 0 if there is none: along an axis that
+    /// combines several of the lattice, values come as near to each other as along the finest of them.
     #[must_use]
     pub fn steps(&self, lattice: [f64; 3]) -> [f64; 3] {
         let Ok(rotation) = self.rotation() else { return [0.0; 3] };
@@ -55,14 +55,14 @@ impl Frame {
         [along(0), along(1), along(2)]
     }
 
-    /// The frame at a point of an axis whose X lies along it. Its Z is the first of the axes Z, X and Y of the coordinates of
-    /// the scan that the axis does not lie near, so that for an axis along the rail the two frames nearly agree.
+    /// The frame at a point of an axis whose X lies along it. Its Z is the first of the axes Z, X and Y of the scan's coordinates
+    /// that is not nearly parallel to the axis, so that for an axis along the rail the two frames nearly agree.
     ///
     /// # Errors
-    /// [`FrameError`] where the direction has no length.
+    /// [`FrameError`] if the direction has no length.
     pub fn along(axis: &Axis) -> Result<Self, FrameError> {
         let x_axis = direction(axis.direction)?;
-        // Within 53° of an axis, what is left of it perpendicular to the direction gets short.
+        // Within 53° of an axis, its component perpendicular to the direction gets short.
         let is_apart = |candidate: &&Vector3<f64>| candidate.dot(&x_axis).abs() < 0.8;
         let candidates = [Vector3::z(), Vector3::x(), Vector3::y()];
         let z_axis = candidates.iter().find(is_apart).ok_or(FrameError::Degenerate)?;
@@ -71,7 +71,7 @@ impl Frame {
     }
 }
 
-/// An axis of length one. Scaled by its largest component first: the square of a large one would be infinite.
+/// An axis of length one. It is scaled by its largest component first, because the square of a large one would be infinite.
 fn direction(axis: [f64; 3]) -> Result<Vector3<f64>, FrameError> {
     let axis = Vector3::from(axis);
     let largest = axis.amax();
@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_frame_is_right_handed_and_takes_its_own_axes_to_unit_vectors() {
+    fn the_frame_is_right_handed_and_maps_its_own_axes_to_unit_vectors() {
         let frame = Frame { origin_mm: [0.0; 3], x_axis: [0.0, 2.0, 0.0], z_axis: [0.0, 1.0, -3.0] };
         let rotation = frame.rotation().expect("valid");
         assert!((rotation.determinant() - 1.0).abs() < 1e-12);
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_may_have_any_length_but_zero() {
+    fn an_axis_may_have_any_length_except_zero() {
         for length in [f64::MAX, 1e200, 1e-200, f64::MIN_POSITIVE] {
             let frame = Frame { origin_mm: [0.0; 3], x_axis: [length, 0.0, 0.0], z_axis: [length, 0.0, -length] };
             let rotation = frame.rotation().expect("valid");

@@ -1,4 +1,4 @@
-//! Frames, axes, signs and the few shapes that all other modules use.
+//! Frames, axes, signs and the shapes that all other modules use.
 //!
 //! The rail frame, right-handed, lengths in millimetres, angles in radians:
 //!

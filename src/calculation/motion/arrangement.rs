@@ -1,25 +1,25 @@
-//! What the two manipulators are to each other and to the part: where they stand, what each axis can do, and the limits of strain of the part
-//! between them. Comes from the configuration, checked once by [`Arrangement::check`].
+//! The arrangement of the two manipulators relative to each other and to the part: their positions, the limits of each axis, and
+//! the limits of strain of the part between them. It comes from the configuration and is checked once by [`Arrangement::check`].
 
 use super::axes::{Axes, Axis, AxisLimits, Carrier, Pair};
 use serde::{Deserialize, Serialize};
 
-/// Longest length that is taken for meant, mm: beyond, double precision no longer resolves the nanometre.
+/// Largest plausible length, mm: beyond it, double precision no longer resolves the nanometre.
 const LENGTH_MAX_MM: f64 = 1e5;
-/// Least value of what must not be zero.
+/// Least value of a number that must not be zero.
 const POSITIVE_MIN: f64 = 1e-9;
 /// Greatest speed, acceleration and jerk, in each axis' own units.
 const RATE_MAX: f64 = 1e9;
 
-/// One manipulator as its part sees it: a clamp whose centre three axes carry, and a fourth that turns.
+/// One manipulator: a clamp whose centre is moved by three axes and which is turned by a fourth.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Support {
-    /// Where the clamp's centre is in the rail frame when x, y and z are zero; mm.
+    /// Position of the clamp's centre in the rail frame when x, y and z are zero; mm.
     pub mount_mm: [f64; 3],
     /// The limits of its axes.
     pub limits: Axes<AxisLimits>,
-    /// How far its body reaches along x, on both sides of the clamp's centre; mm.
+    /// Extent of its body along x, on both sides of the clamp's centre; mm.
     pub half_span_mm: f64,
 }
 
@@ -29,25 +29,25 @@ pub struct Support {
 pub struct Arrangement {
     /// Each manipulator.
     pub supports: Pair<Support>,
-    /// By how much a motion may change the distance of the clamps' centres from what it was at its start; mm.
+    /// Largest change of the distance of the clamps' centres during a motion, relative to its start; mm.
     pub strain_max_mm: f64,
-    /// By how much a motion may change the difference of the two turns, |Δc1 − Δc2|; rad.
+    /// Largest change of the difference of the two turns during a motion, |Δc1 − Δc2|; rad.
     pub twist_max: f64,
-    /// How far a clamp may run on after an axis of either manipulator has stuck; mm. Its turn may run on by `twist_max`.
+    /// Largest run-on of a clamp after an axis of either manipulator has stuck; mm. Its turn may run on by `twist_max`.
     pub run_on_max_mm: f64,
     /// Least clearance along x between the bodies of the two; mm.
     pub clearance_min_mm: f64,
-    /// How near to where it should be an axis counts as there; mm, rad.
+    /// Largest distance from its target at which an axis counts as settled; mm, rad.
     pub settle_tolerance: Axes<f64>,
 }
 
-/// Why an arrangement cannot be used. Values as the edges know them: mm and degrees.
+/// Why an arrangement cannot be used. Values are in mm and degrees.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ArrangementError {
-    /// A number is none, or makes no sense.
+    /// A number is NaN or out of range.
     #[error("{field} is {value}; it must be from {least} to {most} {unit}")]
     OutOfRange {
-        /// Which, with its path from the arrangement: `supports.m1.limits.x.speed`.
+        /// The field, with its path from the arrangement: `supports.m1.limits.x.speed`.
         field: String,
         /// Its value.
         value: f64,
@@ -55,13 +55,13 @@ pub enum ArrangementError {
         least: f64,
         /// Greatest value.
         most: f64,
-        /// Of the three numbers; per second, s², s³ where the field is a rate.
+        /// Unit of the three numbers; per second, s², s³ for a rate.
         unit: &'static str,
     },
     /// An axis has no travel.
     #[error("{field}: the lower limit {lower} {unit} must be below the upper limit {upper} {unit}")]
     LimitsReversed {
-        /// Which axis, with its path from the arrangement.
+        /// The axis, with its path from the arrangement.
         field: String,
         /// Its lower limit.
         lower: f64,
@@ -73,10 +73,10 @@ pub enum ArrangementError {
 }
 
 impl Arrangement {
-    /// Says whether every number makes sense.
+    /// Checks the range of every number.
     ///
     /// # Errors
-    /// The first field that does not, by name.
+    /// The first field that is out of range, by name.
     pub fn check(&self) -> Result<(), ArrangementError> {
         for (carrier, support) in self.supports.iter() {
             support.check(carrier)?;
@@ -125,7 +125,7 @@ fn check_limits(name: &str, axis: Axis, limits: &AxisLimits) -> Result<(), Arran
     Err(ArrangementError::LimitsReversed { field: name.to_owned(), lower, upper, unit })
 }
 
-/// Refuses NaN, too. `axis` decides the unit of the message.
+/// NaN is refused as well. `axis` decides the unit of the message.
 fn within(field: &str, value: f64, least: f64, most: f64, axis: Axis) -> Result<(), ArrangementError> {
     if (least..=most).contains(&value) {
         return Ok(());

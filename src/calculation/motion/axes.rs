@@ -1,25 +1,25 @@
-//! The types that the whole module uses: the four axes of a manipulator, and the two manipulators. Lengths in
-//! millimetres, angles in radians, times in seconds.
+//! The types of this module: the four axes of a manipulator, and the two manipulators. Lengths in millimetres, angles in radians,
+//! times in seconds.
 
 use serde::{Deserialize, Serialize};
 
-/// One of a manipulator's four axes. X, Y and Z lie along the axes of the rail frame; C turns about the part's axis, from
-/// +Y towards +Z.
+/// One of a manipulator's four axes. X, Y and Z lie along the axes of the rail frame; C turns about the part's axis, from +Y
+/// towards +Z.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Axis {
     /// Along the rail.
     X,
-    /// Across.
+    /// Horizontally across the rail.
     Y,
-    /// Up.
+    /// Vertically.
     Z,
     /// The turn.
     C,
 }
 
 impl Axis {
-    /// All, in the order of every list.
+    /// All axes, in the order of every list.
     pub const ALL: [Self; 4] = [Self::X, Self::Y, Self::Z, Self::C];
 
     /// The name used in documents.
@@ -33,7 +33,7 @@ impl Axis {
         }
     }
 
-    /// The unit that its values have at the edges.
+    /// The unit of its values in documents and messages.
     #[must_use]
     pub const fn unit(self) -> &'static str {
         match self {
@@ -42,7 +42,7 @@ impl Axis {
         }
     }
 
-    /// A value as the edges know it (mm, or degrees), from one as it is known inside (mm, or radians).
+    /// Converts an internal value (mm, or radians) into the unit of documents and messages (mm, or degrees).
     #[must_use]
     pub const fn outside(self, inside: f64) -> f64 {
         match self {
@@ -51,7 +51,7 @@ impl Axis {
         }
     }
 
-    /// A value as it is known inside (mm, or radians), from one as the edges know it (mm, or degrees).
+    /// Converts a value in the unit of documents and messages (mm, or degrees) into an internal one (mm, or radians).
     #[must_use]
     pub const fn inside(self, outside: f64) -> f64 {
         match self {
@@ -61,25 +61,25 @@ impl Axis {
     }
 }
 
-/// Something for each axis of a manipulator.
+/// One value for each axis of a manipulator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Axes<T> {
     /// Along the rail.
     pub x: T,
-    /// Across.
+    /// Horizontally across the rail.
     pub y: T,
-    /// Up.
+    /// Vertically.
     pub z: T,
     /// The turn.
     pub c: T,
 }
 
-/// Where a manipulator's axes are: mm, mm, mm, rad.
+/// Positions of a manipulator's axes: mm, mm, mm, rad.
 pub type Position = Axes<f64>;
 
 impl<T> Axes<T> {
-    /// That of one axis.
+    /// The value of one axis.
     pub const fn get(&self, axis: Axis) -> &T {
         match axis {
             Axis::X => &self.x,
@@ -89,7 +89,7 @@ impl<T> Axes<T> {
         }
     }
 
-    /// That of one axis, to change it.
+    /// The mutable value of one axis.
     pub const fn get_mut(&mut self, axis: Axis) -> &mut T {
         match axis {
             Axis::X => &mut self.x,
@@ -99,17 +99,17 @@ impl<T> Axes<T> {
         }
     }
 
-    /// Made axis by axis.
+    /// Calls `make` for each axis.
     pub fn from_fn(mut make: impl FnMut(Axis) -> T) -> Self {
         Self { x: make(Axis::X), y: make(Axis::Y), z: make(Axis::Z), c: make(Axis::C) }
     }
 
-    /// Each with its axis.
+    /// The values with their axes.
     pub fn iter(&self) -> impl Iterator<Item = (Axis, &T)> {
         Axis::ALL.into_iter().map(|axis| (axis, self.get(axis)))
     }
 
-    /// Changed axis by axis.
+    /// Applies `change` to the value of each axis.
     pub fn map<U>(&self, mut change: impl FnMut(Axis, &T) -> U) -> Axes<U> {
         Axes::from_fn(|axis| change(axis, self.get(axis)))
     }
@@ -139,18 +139,18 @@ impl Carrier {
     }
 }
 
-/// Something for each manipulator.
+/// One value for each manipulator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Pair<T> {
-    /// That of the one at the smaller x.
+    /// The value of the one at the smaller x.
     pub m1: T,
-    /// That of the one at the greater x.
+    /// The value of the one at the greater x.
     pub m2: T,
 }
 
 impl<T> Pair<T> {
-    /// That of one manipulator.
+    /// The value of one manipulator.
     pub const fn get(&self, carrier: Carrier) -> &T {
         match carrier {
             Carrier::M1 => &self.m1,
@@ -158,7 +158,7 @@ impl<T> Pair<T> {
         }
     }
 
-    /// That of one manipulator, to change it.
+    /// The mutable value of one manipulator.
     pub const fn get_mut(&mut self, carrier: Carrier) -> &mut T {
         match carrier {
             Carrier::M1 => &mut self.m1,
@@ -166,17 +166,17 @@ impl<T> Pair<T> {
         }
     }
 
-    /// Made one by one.
+    /// Calls `make` for each manipulator.
     pub fn from_fn(mut make: impl FnMut(Carrier) -> T) -> Self {
         Self { m1: make(Carrier::M1), m2: make(Carrier::M2) }
     }
 
-    /// Each with its manipulator.
+    /// The values with their manipulators.
     pub fn iter(&self) -> impl Iterator<Item = (Carrier, &T)> {
         Carrier::ALL.into_iter().map(|carrier| (carrier, self.get(carrier)))
     }
 
-    /// Changed one by one.
+    /// Applies `change` to the value of each manipulator.
     pub fn map<U>(&self, mut change: impl FnMut(Carrier, &T) -> U) -> Pair<U> {
         Pair::from_fn(|carrier| change(carrier, self.get(carrier)))
     }
@@ -196,27 +196,26 @@ pub struct AxisLimits {
     pub acceleration: f64,
     /// Greatest jerk; mm/s³, or rad/s³.
     pub jerk: f64,
-    /// Longest travel that one request may ask for; mm, or rad.
+    /// Longest travel of one request; mm, or rad.
     pub step: f64,
 }
 
-/// Where both manipulators are, and how fast they are to be there: one set-point of a path.
+/// Target positions of both manipulators and their speeds on the way: one set-point of a path.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Waypoint {
     /// Since the start of the path, s.
     pub at_s: f64,
     /// Targets; absolute.
     pub targets: Pair<Position>,
-    /// Speeds from the previous waypoint to this one, such that all axes arrive at `at_s`; mm/s, rad/s. Zero where
-    /// an axis stays.
+    /// Speeds from the previous waypoint to this one, at which all axes arrive at `at_s`; mm/s, rad/s. Zero for an axis that stays.
     pub speeds: Pair<Position>,
 }
 
-/// Set-points in order of time: what the cell executes. The first is where the path starts, at 0 s.
+/// Set-points in order of time, which the cell executes. The first is the start of the path, at 0 s.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Path {
-    /// At least two.
+    /// At least two set-points.
     pub waypoints: Vec<Waypoint>,
-    /// Which manipulators move; commands go to no other.
+    /// Which manipulators move; commands are sent to no other.
     pub moves: Pair<bool>,
 }

@@ -1,5 +1,5 @@
-//! Whether a path may be executed. Every path is checked when it is planned, and again right before a byte goes to a device: a path
-//! that comes from the store, or was planned under other limits, is checked as if it were new.
+//! Checks whether a path may be executed. Every path is checked when it is planned, and again right before a command is sent to a
+//! device: a path from the store, or one that was planned under other limits, is checked like a new one.
 
 use super::arrangement::Arrangement;
 use super::axes::{Axis, AxisLimits, Carrier, Pair, Path, Position, Waypoint};
@@ -20,11 +20,11 @@ pub(super) struct Burden {
     pub(super) twist: f64,
 }
 
-/// Says whether the cell may execute the path now: it starts where the axes are, within the settling tolerance, and keeps
-/// limits, step caps, speeds, spans, strain and twist all along.
+/// Checks that the cell may execute the path now: it starts at the actual positions of the axes, within the settling tolerance, and
+/// keeps limits, step caps, speeds, spans, strain and twist throughout.
 ///
 /// # Errors
-/// The first reason not to.
+/// The first violation.
 pub fn check_path(arrangement: &Arrangement, actual: &Pair<Position>, path: &Path) -> Result<(), MotionRefusal> {
     arrangement.check()?;
     burden(arrangement, path)?;
@@ -106,7 +106,7 @@ fn check_times_and_speeds(
     Ok(())
 }
 
-/// Limits, step cap and speeds of one axis all along. Returns whether it moves; one that stays needs no travel.
+/// Checks limits, step cap and speeds of one axis throughout. Returns whether it moves; an axis that stays needs no travel.
 fn check_axis(
     arrangement: &Arrangement,
     path: &Path,
@@ -164,7 +164,7 @@ fn check_steps(arrangement: &Arrangement, path: &Path, first: &Waypoint) -> Resu
     Ok(burden)
 }
 
-/// Two that stand too near to each other already may part.
+/// Two manipulators that are already too near to each other may move apart.
 pub(super) fn check_gap(arrangement: &Arrangement, origin: &Step, step: &Step) -> Result<(), MotionRefusal> {
     let (gap_mm, min_mm) = (step.gap(arrangement), arrangement.clearance_min_mm);
     if gap_mm >= min_mm.min(origin.gap(arrangement)) - ROUNDING {

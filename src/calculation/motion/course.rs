@@ -1,24 +1,26 @@
-//! The path of the eight axes and the time it takes.
+//! The path of the eight axes and its timing.
 //!
-//! A [`Course`] is the path apart from time: every axis as a function of one progress s from 0 to 1, so that all arrive together at any
-//! speed. There are two kinds:
+//! A [`Course`] is the path independent of time: every axis as a function of one progress s from 0 to 1, so that all arrive
+//! together at any speed. There are two kinds:
 //!
-//! - [`Course::straight`]: every axis in proportion. A raw move asks for it; the distance of the clamps may change on the way.
-//! - [`Course::rigid`]: the middle of the clamps moves on a straight line, their line turns about it by the shortest way at a constant
-//!   rate, their distance stays, and the turns change in proportion. Axes that each moved in proportion would shorten that distance: a
-//!   line of length L that turns by θ becomes shorter by about L θ²/8 half-way (0.95 mm at 1000 mm and 5°), which would strain the
-//!   part. Libraries that synchronise axes offer only such straight paths; one of them is the reference for our times in the tests.
+//! - [`Course::straight`]: every axis in proportion, for a raw move; the distance of the clamps may change along the course.
+//! - [`Course::rigid`]: the middle of the clamps moves on a straight line, their line turns about it by the shortest rotation at a
+//!   constant rate, their distance stays constant, and the turns change in proportion. Axes moving in proportion would shorten that
+//!   distance: a line of length L that turns by θ becomes shorter by about L θ²/8 half-way (0.95 mm at 1000 mm and 5°), which would
+//!   strain the part. Libraries that synchronise axes offer only straight paths; one of them is the reference for the durations in
+//!   the tests.
 //!
 //! Both are base + slope·s + cos·cos θs + sin·sin θs for each axis, so the largest rates are known in closed form, not by sampling.
 //!
-//! [`Progress`] is s(t) from 0 to 1, from rest to rest, in the shortest time that the largest speed, acceleration and jerk of s allow.
+//! [`Progress`] is s(t) from 0 to 1, from rest to rest, in the shortest time that the largest speed, acceleration and jerk of s
+//! allow.
 //!
 //! ```text
 //! jerk  +J  0  -J   0   -J  0  +J          tj  time at greatest jerk: the least of A/J, √(V/J), ∛(1/2J)
 //! time  tj ta  tj  tv   tj ta  tj          ta  at greatest acceleration a = J tj;  tv  at greatest speed v = a (tj + ta)
 //! ```
 //!
-//! The distance of both ramps is v (2 tj + ta); it is limited by V or by the whole distance, whichever is less. The second half is the
+//! The distance of both ramps is v (2 tj + ta), limited by V or by the total distance, whichever is less. The second half is the
 //! first one in reverse.
 
 use super::arrangement::Arrangement;
@@ -27,12 +29,12 @@ use super::kinematics::{ClampLine, at_centre};
 use nalgebra::Vector3;
 use std::f64::consts::PI;
 
-/// An axis that would go less, mm or rad, stays: it is rounding.
+/// Travel below this, mm or rad, is rounding, and the axis stays.
 const STILL: f64 = 1e-11;
-/// Allowance for rounding of a speed, so that no speed is above its limit by its last digit.
+/// Allowance for rounding, so that no speed exceeds its limit by its last digit.
 const HEADROOM: f64 = 1.0 - 1e-9;
 
-/// One axis.
+/// The curve of one axis.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Curve {
     base: f64,
@@ -41,24 +43,24 @@ struct Curve {
     sin: f64,
 }
 
-/// All eight.
+/// The curves of all eight axes.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Course {
     curves: Pair<Axes<Curve>>,
-    /// By how much the clamps' line turns; rad, below π.
+    /// The rotation of the clamps' line; rad, below π.
     angle: f64,
     from: Pair<Position>,
     to: Pair<Position>,
 }
 
 impl Course {
-    /// Every axis in proportion.
+    /// The course that moves every axis in proportion.
     pub(super) fn straight(from: &Pair<Position>, to: &Pair<Position>) -> Self {
         let curves = from.map(|carrier, axes| axes.map(|axis, base| straight(*base, *to.get(carrier).get(axis))));
         Self { curves, angle: 0.0, from: *from, to: *to }.with_stills()
     }
 
-    /// The clamps' line as a rigid body. The distance of the clamps must be the same at both ends.
+    /// The course that moves the clamps' line as a rigid body. The distance of the clamps must be the same at both ends.
     pub(super) fn rigid(arrangement: &Arrangement, from: &Pair<Position>, to: &Pair<Position>) -> Self {
         let (here, there) = (ClampLine::new(arrangement, from), ClampLine::new(arrangement, to));
         let (u, v) = (here.direction, there.direction);
@@ -83,7 +85,7 @@ impl Course {
         Self { curves, angle, from: *from, to: *to }.with_stills()
     }
 
-    /// Where the axes are at s. Exact at both ends.
+    /// Positions of the axes at s. Exact at both ends.
     pub(super) fn at(&self, s: f64) -> Pair<Position> {
         if s <= 0.0 {
             return self.from;
@@ -95,16 +97,16 @@ impl Course {
         self.curves.map(|_, axes| axes.map(|_, curve| curve.base + curve.slope * s + curve.cos * cos + curve.sin * sin))
     }
 
-    /// Whether an axis goes anywhere.
+    /// Whether an axis of the manipulator moves.
     pub(super) fn moves(&self, carrier: Carrier, axis: Axis) -> bool {
         self.rates(carrier, axis)[0] > 0.0
     }
 
-    /// The greatest pace at which no axis is beyond its speed (times `share`), acceleration or jerk. Not finite where nothing
-    /// moves.
+    /// The greatest pace at which no axis exceeds its speed (times `share`), acceleration or jerk. Not finite if nothing moves.
     ///
-    /// By the chain rule, with d1, d2, d3 the greatest derivatives of an axis by s: speed d1 V, acceleration d2 V² + d1 A, jerk
-    /// d3 V³ + 3 d2 V A + d1 J. V, A, J start from what d1 alone allows; time is then stretched by 1/k so that the rest fits.
+    /// By the chain rule, with d1, d2, d3 the greatest derivatives of an axis by s: speed d1 V, acceleration d2 V² + d1 A, jerk d3
+    /// V³ + 3 d2 V A + d1 J. V, A, J start from the values that d1 alone allows; time is then stretched by 1/k so that the other
+    /// terms stay within the limits.
     pub(super) fn pace(&self, limits: &Pair<Axes<AxisLimits>>, share: f64) -> Pace {
         let axes: Vec<_> = Carrier::ALL
             .into_iter()
@@ -126,7 +128,7 @@ impl Course {
         Pace { speed: v * k, acceleration: a * k * k, jerk: j * k * k * k }
     }
 
-    /// Greatest speeds of a manipulator's axes where s goes at `speed`.
+    /// Greatest speeds of a manipulator's axes when s changes at `speed`.
     pub(super) fn speeds(&self, carrier: Carrier, speed: f64) -> Position {
         Axes::from_fn(|axis| self.rates(carrier, axis)[0] * speed)
     }
@@ -143,7 +145,7 @@ impl Course {
         ]
     }
 
-    /// Takes what is only rounding out of it.
+    /// Removes travel that is only rounding.
     fn with_stills(mut self) -> Self {
         for carrier in Carrier::ALL {
             for axis in Axis::ALL {
@@ -198,7 +200,7 @@ pub(super) struct Progress {
 }
 
 impl Progress {
-    /// The quickest one. All three rates above zero.
+    /// The fastest profile. All three rates are above zero.
     pub(super) fn new(pace: &Pace) -> Self {
         let Pace { speed, acceleration, jerk } = *pace;
         let jerk_time = (acceleration / jerk).min((speed / jerk).sqrt()).min((0.5 / jerk).cbrt());
@@ -216,12 +218,12 @@ impl Progress {
         2.0 * self.ramp() + self.cruise_time
     }
 
-    /// When s is reached.
+    /// The time at which s is reached.
     pub(super) fn time_at(&self, s: f64) -> f64 {
         if s > 0.5 {
             return self.duration() - self.time_at(1.0 - s);
         }
-        // s rises with time, so halving finds it; fifty halvings exhaust double precision.
+        // s increases with time, so bisection finds it; fifty halvings exhaust double precision.
         let (mut early, mut late) = (0.0, 0.5 * self.duration());
         for _ in 0..52 {
             let middle = 0.5 * (early + late);
@@ -265,7 +267,7 @@ mod tests {
     use proptest::prelude::*;
     use rsruckig::prelude::*;
 
-    /// The duration of the same motion by another program, which plans for time optimum.
+    /// The duration of the same motion by an independent time-optimal planner.
     fn duration_by_ruckig(pace: &Pace) -> f64 {
         let mut solver = Ruckig::<1, ThrowErrorHandler>::new(None, 0.01);
         let mut input = InputParameter::<1>::new(None);
@@ -274,12 +276,12 @@ mod tests {
         input.max_acceleration[0] = pace.acceleration;
         input.max_jerk[0] = pace.jerk;
         let mut trajectory = Trajectory::new(None);
-        solver.calculate(&input, &mut trajectory).expect("a motion from rest to rest has an answer");
+        solver.calculate(&input, &mut trajectory).expect("a motion from rest to rest has a solution");
         trajectory.get_duration()
     }
 
     fn paces() -> impl Strategy<Value = Pace> {
-        // Over six decades each, so that every phase is sometimes there and sometimes not.
+        // Over six decades each, so that every phase is sometimes present and sometimes absent.
         (-3.0..3.0, -3.0..3.0, -3.0..3.0).prop_map(|(v, a, j): (f64, f64, f64)| Pace {
             speed: 10f64.powf(v),
             acceleration: 10f64.powf(a),
@@ -291,7 +293,7 @@ mod tests {
         #![proptest_config(crate::motion::tests::fixed())]
 
         #[test]
-        fn no_motion_within_the_rates_is_quicker(pace in paces()) {
+        fn no_motion_within_the_rates_is_faster(pace in paces()) {
             let (ours, theirs) = (Progress::new(&pace).duration(), duration_by_ruckig(&pace));
             prop_assert!((ours / theirs - 1.0).abs() < 1e-7, "{ours} s, {theirs} s");
         }
@@ -303,11 +305,11 @@ mod tests {
             let h = duration / f64::from(n);
             let s = |i: i32| progress.at(duration * f64::from(i) / f64::from(n));
             prop_assert!(s(0) == 0.0 && s(n) == 1.0);
-            // From rest, jerk alone takes it no further.
+            // From rest, the first step is limited by the jerk alone.
             let first = pace.jerk * h * h * h / 6.0 * (1.0 + 1e-9) + 1e-15;
             prop_assert!(s(1) <= first && 1.0 - s(n - 1) <= first, "not at rest at its ends");
             for i in 0..n {
-                // Differences of values that are good to 1e-15.
+                // Differences of values that are accurate to 1e-15.
                 let speed = (s(i + 1) - s(i)) / h;
                 prop_assert!(speed >= 0.0 && speed <= pace.speed * (1.0 + 1e-9) + 1e-15 / h);
                 if i > 0 {
@@ -322,7 +324,7 @@ mod tests {
         }
 
         #[test]
-        fn the_time_of_a_place_is_the_time_at_which_it_is_there(pace in paces(), s in 0.0..=1.0) {
+        fn the_progress_at_the_time_of_a_position_is_that_position(pace in paces(), s in 0.0..=1.0) {
             let progress = Progress::new(&pace);
             prop_assert!((progress.at(progress.time_at(s)) - s).abs() < 1e-12);
         }

@@ -1,17 +1,17 @@
-//! How the part moves with the two clamps: forward ([`carried`]) and back ([`clamps_for`]). Exact, nothing is linearised.
+//! Kinematics of the part between the two clamps: forward ([`carried`]) and inverse ([`clamps_for`]). Exact, without linearisation.
 //!
 //! A clamp's centre in the rail frame is mount + (x, y, z). The part is rigid; each clamp acts on it like a constant-velocity
-//! joint: it lets it tilt, and turns it by c. So the pose of the part follows from the positions of the axes alone:
+//! joint: the part can tilt in it, and turns by c. So the pose of the part follows from the positions of the axes alone:
 //!
 //! ```text
 //! u         = (P2 - P1) / |P2 - P1|              direction of the line through the clamps' centres
-//! A(u, c)   = T(X, u) Rx(c)                      how the part is turned; T(a, b) is the least rotation that takes a to b
+//! A(u, c)   = T(X, u) Rx(c)                      rotation of the part; T(a, b) is the least rotation that maps a to b
 //! P -> M' + A(u', c') A(u, c)^T (P - M)          M the middle of the clamps; c the mean of the two turns
 //! ```
 //!
-//! The part's axis need not lie on the clamps' line: whatever offset and direction it has to it, it keeps.
+//! The part's axis need not lie on the clamps' line: its offset and direction relative to that line remain constant.
 //!
-//! Back: the wanted motion takes the part's axis to the target by the least rotation, rolls it about the target and shifts it
+//! Inverse: the motion moves the part's axis to the target by the least rotation, rolls it about the target and shifts it
 //! along it, R = R(b, roll) T(a, b), and carries the clamps' centres with it. That both turns change by
 //! φ = angle of T(X, u')^T R T(X, u) about X makes A(u', c + φ) A(u, c)^T = R. φ is the roll, but for a term of second order
 //! in the tilts (the area of the triangle X, u, u' on the sphere, as in a Foucault pendulum).
@@ -23,7 +23,7 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 
-/// A part's axis, and the plane across the rail in which its reference point lies on it.
+/// A part's axis, and the plane across the rail that contains its reference point.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PartPose {
@@ -33,15 +33,15 @@ pub struct PartPose {
     pub x_ref: f64,
 }
 
-/// Where a part is wanted.
+/// The target pose of a part.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PoseTarget {
-    /// Where its axis is to lie. The reference point keeps its x, but for the shift.
+    /// The target axis. The reference point keeps its x, except for the shift.
     pub axis: AxisLine,
-    /// How far to shift it along the target axis, towards +X; mm.
+    /// Shift along the target axis, towards +X; mm.
     pub axial_shift: f64,
-    /// How far to turn it about the target axis, from +Y towards +Z, beside the least rotation between the axes; rad.
+    /// Rotation about the target axis, from +Y towards +Z, in addition to the least rotation between the axes; rad.
     pub roll: f64,
 }
 
@@ -53,11 +53,11 @@ impl PoseTarget {
     }
 }
 
-/// Where the part's axis is once the axes went from `before`, where it was `axis_before`, to `after`.
+/// The part's axis, initially `axis_before`, after the axes have moved from `before` to `after`.
 ///
-/// Where the clamps change their distance, it is their middle that the part goes with; where they turn differently, their mean
-/// turn. A line that no longer crosses the planes across the rail, since the clamps stand above one another or in the same
-/// place, has slopes that are not finite.
+/// If the distance of the clamps changes, the part follows their middle; if the turns differ, it follows their mean. The slopes are
+/// not finite for a line that no longer crosses the planes across the rail because the clamps are above one another or in the same
+/// position.
 #[must_use]
 pub fn carried(
     arrangement: &Arrangement,
@@ -73,7 +73,7 @@ pub fn carried(
     AxisLine::through(point.into(), direction.y / direction.x, direction.z / direction.x)
 }
 
-/// Where the axes have to go so that the part comes from `measured` to `target`, and where its reference point is then.
+/// The targets of the axes that move the part from `measured` to `target`, and the position of its reference point there.
 pub(super) fn clamps_for(
     arrangement: &Arrangement,
     from: &Pair<Position>,
@@ -91,7 +91,7 @@ pub(super) fn clamps_for(
     });
     let (before, after) = (ClampLine::new(arrangement, from), ClampLine::new(arrangement, &to));
     let left = after.attitude(0.0).transpose() * rotation * before.attitude(0.0) * Vector3::y();
-    // The same turn, counted so that it is the one next to the roll that was asked for, whole turns included.
+    // The same rotation, counted so that it is nearest to the requested roll, full turns included.
     let turned = target.roll + nearest_turn(left.z.atan2(left.y) - target.roll);
     for carrier in Carrier::ALL {
         to.get_mut(carrier).c += turned;
@@ -99,12 +99,12 @@ pub(super) fn clamps_for(
     (to, PartPose { axis: target.axis, x_ref: there.x })
 }
 
-/// Where the clamp's centre is in the rail frame.
+/// Position of the clamp's centre in the rail frame.
 pub(super) fn clamp_centre(support: &Support, position: &Position) -> Vector3<f64> {
     Vector3::from(support.mount_mm) + Vector3::new(position.x, position.y, position.z)
 }
 
-/// Where the axes are when the clamp's centre is there.
+/// Positions of the axes for a position of the clamp's centre.
 pub(super) fn at_centre(support: &Support, centre: &Vector3<f64>, c: f64) -> Position {
     let way = centre - Vector3::from(support.mount_mm);
     Position { x: way.x, y: way.y, z: way.z, c }
@@ -114,7 +114,7 @@ pub(super) fn at_centre(support: &Support, centre: &Vector3<f64>, c: f64) -> Pos
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ClampLine {
     pub(super) middle: Vector3<f64>,
-    /// Unit, from m1 to m2; not finite where the two coincide.
+    /// Unit vector from m1 to m2; not finite if the two coincide.
     pub(super) direction: Vector3<f64>,
     pub(super) distance: f64,
 }
@@ -127,7 +127,7 @@ impl ClampLine {
         Self { middle: centres.m1 + between * 0.5, direction: between / distance, distance }
     }
 
-    /// How the part is turned between the clamps.
+    /// Rotation of the part between the clamps.
     fn attitude(&self, c: f64) -> Matrix3<f64> {
         least_rotation(&Vector3::x(), &self.direction) * turn_about(&Vector3::x(), c)
     }
@@ -142,8 +142,8 @@ fn on(axis: &AxisLine, x: f64) -> Vector3<f64> {
     Vector3::new(x, y, z)
 }
 
-/// The least rotation that takes the unit vector `a` to the unit vector `b`: I + [v] + [v]²/(1 + a·b) with v = a × b. Not
-/// finite where they are opposite, since there are many then.
+/// The least rotation that maps the unit vector `a` to the unit vector `b`: I + [v] + [v]²/(1 + a·b) with v = a × b. Not finite for
+/// opposite vectors, for which it is not unique.
 fn least_rotation(a: &Vector3<f64>, b: &Vector3<f64>) -> Matrix3<f64> {
     let v = a.cross(b).cross_matrix();
     Matrix3::identity() + v + v * v / (1.0 + a.dot(b))

@@ -1,5 +1,5 @@
-//! Calculates where the axes of the two manipulators have to go so that the part lies where it is wanted, and a path on which they do not
-//! strain it. Pure calculation: positions and limits in, a path or a refusal out.
+//! Calculates the targets of the axes of the two manipulators that bring the part into its target pose, and a path on which they do
+//! not strain it. The input is positions and limits, the output a path or a refusal.
 //!
 //! ```text
 //! measured pose, target -> kinematics: eight targets -> Course::rigid ----\

@@ -1,10 +1,11 @@
-//! From a request to a path, or to the reason for a refusal: [`plan_alignment`] for a part, [`plan_move`] for axes. A plan moves nothing.
+//! From a request to a path, or to the reason for a refusal: [`plan_alignment`] for a part, [`plan_move`] for axes. Planning moves
+//! nothing.
 //!
-//! The course is cut into set-points with times and speeds. The cell sends a set-point to both manipulators, waits until both have
-//! reached it, and sends the next. So set-points cost time, and between them only the devices keep the axes together. The course is cut
-//! into the fewest even steps such that within a step no order of arrival strains or twists the part beyond its limits, see
-//! [`super::strain`]: if one manipulator stops while the other finishes its step, the part stays within its limits. Steps across the part
-//! come out long (mm to cm), steps along it about as long as the strain allowed.
+//! The course is divided into set-points with times and speeds. The cell sends a set-point to both manipulators, waits until both
+//! have reached it, and sends the next. So set-points cost time, and between them only the devices keep the axes synchronised. The
+//! course is divided into the fewest even steps for which no order of arrival within a step strains or twists the part beyond its
+//! limits, see [`super::strain`]: if one manipulator stops while the other finishes its step, the part stays within its limits.
+//! Steps across the part are long (mm to cm), steps along it about as long as the allowed strain.
 
 use super::arrangement::Arrangement;
 use super::axes::{Axes, Axis, Carrier, Pair, Path, Position, Waypoint};
@@ -21,13 +22,13 @@ const SHARE_MIN: f64 = 1e-3;
 /// The travel of one axis.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct AxisTravel {
-    /// Where it starts; mm, or rad.
+    /// Start; mm, or rad.
     pub from: f64,
-    /// Where it ends; mm, or rad.
+    /// End; mm, or rad.
     pub to: f64,
     /// `to` - `from`; mm, or rad.
     pub travel: f64,
-    /// How far it is from its nearest limit at the end; mm, or rad. Below zero where it stays and stands outside.
+    /// Distance from its nearest limit at the end; mm, or rad. Below zero for an axis that stays outside its limits.
     pub margin: f64,
 }
 
@@ -36,7 +37,7 @@ pub struct AxisTravel {
 pub struct Plan {
     /// Each axis.
     pub axes: Pair<Axes<AxisTravel>>,
-    /// Of the path by itself, s; the settling at every set-point comes on top.
+    /// Duration of the path, s, without the settling at every set-point.
     pub duration_s: f64,
     /// The set-points.
     pub path: Path,
@@ -44,19 +45,19 @@ pub struct Plan {
     pub strain_mm: f64,
     /// Largest change of c1 - c2 along the path; rad.
     pub twist: f64,
-    /// Where the part's axis and its reference point are in the end. None for a move of axes, which has no part.
+    /// The part's axis and its reference point at the end. None for a move of axes, which has no part.
     pub predicted: Option<PartPose>,
 }
 
-/// Targets of a move of axes: absolute, mm or rad. What is None stays where it is.
+/// Targets of a move of axes: absolute, mm or rad. An axis with None stays at its position.
 pub type MoveTargets = Pair<Option<Axes<Option<f64>>>>;
 
-/// Plans the motion that takes the part from `measured` to `target`, the clamps being at `from`.
+/// Plans the motion that moves the part from `measured` to `target`, with the clamps at `from`.
 ///
-/// `share` is that of the axes' greatest speeds, from 0.001 to 1.
+/// `share` is the share of the axes' greatest speeds, from 0.001 to 1.
 ///
 /// # Errors
-/// Why the part cannot go there.
+/// Why the part cannot be moved there.
 pub fn plan_alignment(
     arrangement: &Arrangement,
     from: &Pair<Position>,
@@ -80,10 +81,10 @@ pub fn plan_alignment(
 
 /// Plans a straight, synchronous move of axes to absolute targets. The part is assumed to be clamped by both manipulators.
 ///
-/// `share` is that of the axes' greatest speeds, from 0.001 to 1.
+/// `share` is the share of the axes' greatest speeds, from 0.001 to 1.
 ///
 /// # Errors
-/// Why the axes cannot go there.
+/// Why the axes cannot be moved there.
 pub fn plan_move(
     arrangement: &Arrangement,
     from: &Pair<Position>,
@@ -98,14 +99,15 @@ pub fn plan_move(
     check_finite("target", &values(&to))?;
     let course = Course::straight(from, &to);
     check_ends(arrangement, &course)?;
-    // Exact for straight courses, and more helpful than the refusal that the path would be too long.
+    // Exact for straight courses, and more helpful than the refusal of a path that is too long.
     let (origin, whole) = (Step::new(arrangement, from, from), Step::new(arrangement, from, &to));
     check_burden(arrangement, &origin, &whole)?;
     plan(arrangement, &course, share, None)
 }
 
-/// Leaves the turns where they are, where a limit keeps them from going and they would go less than their tolerance: a part
-/// that is not to roll must not be refused for a second-order term at the end of the travel of a turn. The prediction states the remainder.
+/// Leaves the turns at their positions if a limit blocks them and they would move less than their tolerance: a part without a
+/// requested roll must not be refused for a second-order term at the end of the travel of a turn. The prediction states the
+/// remainder.
 fn spare_turns(arrangement: &Arrangement, from: &Pair<Position>, to: &mut Pair<Position>) {
     let outside = |(carrier, at): (Carrier, &Position)| {
         let limits = arrangement.supports.get(carrier).limits.c;
@@ -145,7 +147,7 @@ fn check_request(arrangement: &Arrangement, from: &Pair<Position>, share: f64) -
     check_finite("positions", &values(from))
 }
 
-/// A part lies along the rail only between clamps that stand along it.
+/// A part lies along the rail only if the clamps do.
 fn check_clamps(arrangement: &Arrangement, from: &Pair<Position>) -> Result<(), MotionRefusal> {
     if ClampLine::new(arrangement, from).direction.x > 0.0 {
         return Ok(());
@@ -154,7 +156,7 @@ fn check_clamps(arrangement: &Arrangement, from: &Pair<Position>) -> Result<(), 
     Err(MotionRefusal::SpansMeet { gap_mm, min_mm })
 }
 
-/// The checks before the course is cut: whether it has a length, and whether its ends are allowed.
+/// Checks before the course is divided: whether it has a length, and whether its ends are allowed.
 fn check_ends(arrangement: &Arrangement, course: &Course) -> Result<(), MotionRefusal> {
     let (from, to) = (course.at(0.0), course.at(1.0));
     let settled = |axis, way: f64| way.abs() <= *arrangement.settle_tolerance.get(axis);
@@ -176,7 +178,7 @@ fn values(positions: &Pair<Position>) -> Vec<f64> {
     each(positions).map(|(.., value)| value).collect()
 }
 
-/// Beyond 1e9 mm or rad nothing is meant, and squares would lose what matters.
+/// Numbers beyond 1e9 mm or rad are invalid, and their squares would lose significant digits.
 fn check_finite(what: &'static str, numbers: &[f64]) -> Result<(), MotionRefusal> {
     if numbers.iter().all(|number| number.abs() < 1e9) { Ok(()) } else { Err(MotionRefusal::NotFinite { what }) }
 }
@@ -203,7 +205,7 @@ pub(super) fn cut(arrangement: &Arrangement, course: &Course, share: f64) -> Res
     Ok(Path { waypoints, moves })
 }
 
-/// The fewest even steps that are fine enough: doubled until they are, then halved between.
+/// The fewest even steps that are fine enough, found by doubling and then by bisection.
 fn steps_count(arrangement: &Arrangement, course: &Course) -> Result<usize, MotionRefusal> {
     let steps_max = WAYPOINTS_MAX - 1;
     let mut fine = 1;
@@ -236,7 +238,7 @@ fn share_of(index: usize, count: usize) -> f64 {
     index as f64 / count as f64
 }
 
-/// Where the axes are at s. One that stands beyond a limit by what an axis may be off its place starts from the limit.
+/// Positions of the axes at s. An axis beyond a limit by at most its tolerance starts from the limit.
 fn set_point(arrangement: &Arrangement, course: &Course, s: f64) -> Pair<Position> {
     let (mut at, start) = (course.at(s), course.at(0.0));
     for (carrier, axis, from) in each(&start) {
@@ -254,7 +256,7 @@ fn set_point(arrangement: &Arrangement, course: &Course, s: f64) -> Pair<Positio
     at
 }
 
-/// Refuses an axis that is to move and stands beyond a limit by more than it may be off its place.
+/// Refuses an axis that is to move and lies beyond a limit by more than its tolerance.
 pub(super) fn check_start(
     arrangement: &Arrangement,
     course: &Course,

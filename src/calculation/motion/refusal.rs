@@ -1,5 +1,5 @@
-//! Why a motion is not planned or not executed, in the words of an operator. Values are in mm and degrees,
-//! so that messages and documents agree. Nothing was changed to make it fit.
+//! Why a motion is not planned or not executed, in the terms of an operator. Values are in mm and degrees, so that messages and
+//! documents agree. Requests are never adjusted to make them feasible.
 
 use super::arrangement::ArrangementError;
 use super::axes::{Axis, Carrier};
@@ -14,104 +14,104 @@ pub enum MotionRefusal {
         value = short(*value), lower = short(*lower), upper = short(*upper)
     )]
     OutOfLimits {
-        /// Which.
+        /// The manipulator.
         carrier: Carrier,
-        /// Which.
+        /// The axis.
         axis: Axis,
-        /// Where it would go; mm or degrees.
+        /// Its target; mm or degrees.
         value: f64,
         /// Its lower limit; mm or degrees.
         lower: f64,
         /// Its upper limit; mm or degrees.
         upper: f64,
     },
-    /// An axis is outside its limits already.
+    /// An axis is already outside its limits.
     #[error(
-        "axis {a} of {m} stands at {actual} {u}, outside its limits of {lower} to {upper} {u}; bring it back at its panel",
+        "axis {a} of {m} is at {actual} {u}, outside its limits of {lower} to {upper} {u}; move it back from its panel",
         a = axis.name(), m = carrier.name(), u = axis.unit(),
         lower = short(*lower), upper = short(*upper), actual = short(*actual)
     )]
     StandsOutside {
-        /// Which.
+        /// The manipulator.
         carrier: Carrier,
-        /// Which.
+        /// The axis.
         axis: Axis,
-        /// Where it is; mm or degrees.
+        /// Its position; mm or degrees.
         actual: f64,
         /// Its lower limit; mm or degrees.
         lower: f64,
         /// Its upper limit; mm or degrees.
         upper: f64,
     },
-    /// An axis would go further than one request may ask for.
+    /// The travel of an axis exceeds the limit of one request.
     #[error(
-        "axis {a} of {m} would go {travel} {u} at once, and {max} {u} are allowed; go in shorter steps",
+        "axis {a} of {m} would travel {travel} {u} in one request, at most {max} {u} are allowed; move in shorter steps",
         a = axis.name(), m = carrier.name(), u = axis.unit(),
         travel = short(*travel), max = short(*max)
     )]
     StepTooLarge {
-        /// Which.
+        /// The manipulator.
         carrier: Carrier,
-        /// Which.
+        /// The axis.
         axis: Axis,
-        /// How far, whichever way; mm or degrees.
+        /// The travel in either direction; mm or degrees.
         travel: f64,
-        /// How far it may; mm or degrees.
+        /// The limit; mm or degrees.
         max: f64,
     },
-    /// An axis would be faster than it may.
+    /// An axis would exceed its speed limit.
     #[error(
-        "axis {a} of {m} would move at {speed} {u}/s, and {max} {u}/s are allowed",
+        "axis {a} of {m} would move at {speed} {u}/s, at most {max} {u}/s are allowed",
         a = axis.name(), m = carrier.name(), u = axis.unit(),
         max = short(*max), speed = short(*speed)
     )]
     TooFast {
-        /// Which.
+        /// The manipulator.
         carrier: Carrier,
-        /// Which.
+        /// The axis.
         axis: Axis,
-        /// How fast; mm/s or deg/s.
+        /// The speed; mm/s or deg/s.
         speed: f64,
-        /// How fast it may; mm/s or deg/s.
+        /// The limit; mm/s or deg/s.
         max: f64,
     },
-    /// A manipulator would go on too far after an axis had stuck.
+    /// The run-on of a manipulator after an axis has stuck would exceed its limit.
     #[error(
-        "after an axis had stuck, {m} would run on by {run_on} {unit}, and {max} {unit} are allowed; move more slowly",
+        "if an axis stuck, {m} would run on by {run_on} {unit}, at most {max} {unit} are allowed; move more slowly",
         m = carrier.name(), run_on = short(*run_on), max = short(*max)
     )]
     RunsOn {
-        /// Which.
+        /// The manipulator.
         carrier: Carrier,
-        /// How far; mm or degrees.
+        /// The run-on; mm or degrees.
         run_on: f64,
-        /// How far it may; mm or degrees.
+        /// The limit; mm or degrees.
         max: f64,
         /// mm or deg.
         unit: &'static str,
     },
-    /// The share of the greatest speed is no share.
+    /// The share of the greatest speed is out of range.
     #[error("the share of the greatest speed is {share}; it must be from {min} to 1", share = short(*share))]
     ShareOutOfRange {
         /// The requested value.
         share: f64,
-        /// The least that may be.
+        /// The least allowed share.
         min: f64,
     },
     /// The bodies of the manipulators would come too near to each other.
     #[error(
-        "{gap_mm} mm would be left along x between the two manipulators, and at least {min_mm} mm must be",
+        "the clearance of the two manipulators along x would be {gap_mm} mm, at least {min_mm} mm are required",
         gap_mm = short(*gap_mm), min_mm = short(*min_mm)
     )]
     SpansMeet {
-        /// The clearance that would be left; below zero where they would overlap.
+        /// The remaining clearance; below zero if they would overlap.
         gap_mm: f64,
         /// The required clearance.
         min_mm: f64,
     },
-    /// The part would be stretched or pressed.
+    /// The part would be stretched or compressed.
     #[error(
-        "the distance of the clamps would change by {strain_mm} mm, and {max_mm} mm are allowed; move both together",
+        "the distance of the clamps would change by {strain_mm} mm, at most {max_mm} mm are allowed; move both together",
         strain_mm = short(*strain_mm), max_mm = short(*max_mm)
     )]
     StrainTooLarge {
@@ -122,7 +122,7 @@ pub enum MotionRefusal {
     },
     /// The part would be twisted.
     #[error(
-        "the clamps would twist the part by {twist_deg} deg, and {max_deg} deg are allowed; turn both together",
+        "the clamps would twist the part by {twist_deg} deg, at most {max_deg} deg are allowed; turn both together",
         twist_deg = short(*twist_deg), max_deg = short(*max_deg)
     )]
     TwistTooLarge {
@@ -131,22 +131,22 @@ pub enum MotionRefusal {
         /// The limit.
         max_deg: f64,
     },
-    /// Every axis is where it should be, or nothing was requested.
-    #[error("nothing would move: every axis is within its tolerance of where it should be")]
+    /// Every axis is at its target, or nothing was requested.
+    #[error("nothing would move: every axis is within its tolerance of its target")]
     NothingToMove,
-    /// A number is none, or too large to calculate with.
-    #[error("{what}: there is a number that is not finite or too large")]
+    /// A number is not finite, or too large for the calculation.
+    #[error("{what}: a number is not finite or too large")]
     NotFinite {
-        /// Where: "positions", "measured pose", "target".
+        /// The input: "positions", "measured pose", "target".
         what: &'static str,
     },
-    /// The path would have more waypoints than are kept; the travel is too long for the strain limit of the part.
-    #[error("the path would take more than {max_count} waypoints; go in shorter steps")]
+    /// The path would exceed the largest number of waypoints; the travel is too long for the strain limit of the part.
+    #[error("the path needs more than {max_count} waypoints; move in shorter steps")]
     PathTooLong {
-        /// How many are allowed.
+        /// The largest number of waypoints.
         max_count: usize,
     },
-    /// Between two waypoints an axis that comes late would strain or twist the part too much.
+    /// Between two waypoints an axis that arrives late would strain or twist the part too much.
     #[error(
         "before waypoint {waypoint}, an axis ahead of another could strain the part by {lead} {unit}; {max} {unit} are allowed",
         max = short(*max), lead = short(*lead)
@@ -154,38 +154,38 @@ pub enum MotionRefusal {
     PathTooCoarse {
         /// The later one of the two; the first is 0.
         waypoint: usize,
-        /// By how much; mm or degrees.
+        /// The excess; mm or degrees.
         lead: f64,
         /// The limit; mm or degrees.
         max: f64,
         /// mm or deg.
         unit: &'static str,
     },
-    /// The path is not one that was planned here.
+    /// The path was not planned by this module.
     #[error("the path is malformed at waypoint {waypoint}: {fault}")]
     PathMalformed {
-        /// The first is 0.
+        /// Index of the waypoint; the first is 0.
         waypoint: usize,
         /// The fault.
         fault: PathFault,
     },
-    /// The path does not start where the axis is: something has moved since it was planned.
+    /// The path does not start at the position of the axis: something has moved since it was planned.
     #[error(
-        "axis {a} of {m} is at {actual} {u}, and the path starts at {planned} {u}; it is stale, plan again",
+        "axis {a} of {m} is at {actual} {u}, but the path starts at {planned} {u}; the path is stale, plan again",
         a = axis.name(), m = carrier.name(), u = axis.unit(),
         actual = short(*actual), planned = short(*planned)
     )]
     Stale {
-        /// Which.
+        /// The manipulator.
         carrier: Carrier,
-        /// Which.
+        /// The axis.
         axis: Axis,
-        /// Where it is; mm or degrees.
+        /// Its position; mm or degrees.
         actual: f64,
-        /// Where the path starts; mm or degrees.
+        /// The start of the path; mm or degrees.
         planned: f64,
     },
-    /// The arrangement itself makes no sense.
+    /// The arrangement is invalid.
     #[error(transparent)]
     Arrangement(#[from] ArrangementError),
 }
@@ -193,21 +193,21 @@ pub enum MotionRefusal {
 /// A fault of a waypoint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum PathFault {
-    /// A single waypoint is no path.
+    /// A single waypoint is not a path.
     #[error("a path needs at least two waypoints")]
     TooFew,
-    /// Time stands still, or the path does not start at 0 s.
-    #[error("times must start at 0 and rise")]
+    /// The times do not increase, or the path does not start at 0 s.
+    #[error("times must start at 0 and increase")]
     TimesDoNotRise,
     /// The axes would not arrive together.
-    #[error("the speeds do not fit ways and times")]
+    #[error("the speeds do not match the distances and times")]
     SpeedsDoNotFit,
-    /// A manipulator that should stay has a waypoint elsewhere.
-    #[error("a manipulator that stays has a way to go")]
+    /// A manipulator that should not move has a waypoint elsewhere.
+    #[error("a manipulator that does not move has a target elsewhere")]
     MovesWhatStays,
 }
 
-/// A number as a person reads it: what lies behind the fourth digit behind the point is an artefact of calculating.
+/// Rounds a number for a message: digits beyond the fourth decimal are artefacts of the calculation.
 fn short(value: f64) -> f64 {
     (value * 1e4).round() / 1e4
 }

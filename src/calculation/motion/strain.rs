@@ -1,19 +1,20 @@
 //! The strain of the part by a step from one set-point to the next, and by a manipulator that runs on after the other has stuck.
 //!
-//! A step changes the distance of the clamps and the difference of their turns. Devices do not start at the same moment, and one may stop
-//! while the other continues. So a step is also examined with every axis anywhere between its two ends, independently. The difference of
-//! the two centres is then anywhere in a box, whose nearest and farthest point from zero are known in closed form: no order of arrival
-//! can strain the part more.
+//! A step changes the distance of the clamps and the difference of their turns. Devices do not start at the same moment, and one
+//! may stop while the other continues. So a step is also examined with every axis independently anywhere between its two ends. The
+//! difference of the two centres is then anywhere in a box, whose nearest and farthest point from zero follow in closed form: no
+//! order of arrival can strain the part more.
 //!
-//! After an axis has stuck, the others run on until the cell has noticed it and the halt has arrived, and while they brake. Paths are
-//! planned so slow that neither the distance nor the turn of the clamps then changes by more than the arrangement allows:
+//! After an axis has stuck, the others run on until the cell has detected it and the halt has arrived, and while they brake. The
+//! speeds of a path are planned so that neither the distance nor the turn of the clamps then changes by more than the arrangement
+//! allows:
 //!
 //! ```text
 //! run-on of an axis = v · REACTION + v² / 2a
 //! ```
 //!
-//! The cell supervises both manipulators between set-points and needs at most [`REACTION_S`] from the moment at which an axis
-//! sticks until the others brake, provided that the devices answer within some milliseconds.
+//! The cell supervises both manipulators between set-points. From the moment at which an axis sticks until the others brake it
+//! needs at most [`REACTION_S`], provided that the devices answer within some milliseconds.
 
 use super::arrangement::{Arrangement, Support};
 use super::axes::{AxisLimits, Carrier, Pair, Position};
@@ -22,7 +23,7 @@ use super::kinematics::clamp_centre;
 use super::refusal::MotionRefusal;
 use nalgebra::Vector3;
 
-/// Least and greatest of something.
+/// An interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Range {
     pub(super) least: f64,
@@ -39,14 +40,14 @@ impl Range {
         Self { least: self.least - other.most, most: self.most - other.least }
     }
 
-    /// Square of the least value's size, and of the greatest one's.
+    /// Squares of the least and the greatest absolute value.
     fn squares(self) -> (f64, f64) {
         let (a, b) = (self.least * self.least, self.most * self.most);
         let holds_zero = self.least <= 0.0 && self.most >= 0.0;
         (if holds_zero { 0.0 } else { a.min(b) }, a.max(b))
     }
 
-    /// By how much `wider` goes beyond it, on either side.
+    /// The largest excess of `wider` on either side.
     fn exceeded_by(self, wider: Self) -> f64 {
         (wider.most - self.most).max(self.least - wider.least)
     }
@@ -73,8 +74,8 @@ impl Step {
         Self { start: *start, end: *end, centres }
     }
 
-    /// Distance of the clamps while all axes go together, mm. The difference of the centres goes along a line then: farthest
-    /// at an end, nearest at the foot of the perpendicular.
+    /// Distance of the clamps while all axes move together, mm. The difference of the centres then moves along a line: it is
+    /// farthest at an end, and nearest at the foot of the perpendicular.
     pub(super) fn distance(&self) -> Range {
         let [a, b] = self.centres.map(|centres| centres.m2 - centres.m1);
         let way = b - a;
@@ -91,7 +92,7 @@ impl Step {
         Range::of(self.start.m1.c - self.start.m2.c, self.end.m1.c - self.end.m2.c)
     }
 
-    /// By how much the distance of the clamps can go beyond that of the two set-points when axes come late, mm.
+    /// The largest excess of the distance of the clamps over that of the two set-points if axes arrive late, mm.
     pub(super) fn distance_lead(&self) -> f64 {
         let [a, b] = &self.centres;
         let axis = |of: fn(&Vector3<f64>) -> f64| {
@@ -102,13 +103,13 @@ impl Step {
         Range::of((a.m2 - a.m1).norm(), (b.m2 - b.m1).norm()).exceeded_by(apart)
     }
 
-    /// By how much c1 - c2 can go beyond that of the two set-points when an axis comes late, rad.
+    /// The largest excess of c1 - c2 over that of the two set-points if an axis arrives late, rad.
     pub(super) fn twist_lead(&self) -> f64 {
         let apart = Range::of(self.start.m1.c, self.end.m1.c).minus(Range::of(self.start.m2.c, self.end.m2.c));
         self.twist().exceeded_by(apart)
     }
 
-    /// Least clearance along x between the bodies, in whatever order the axes arrive; mm.
+    /// Least clearance along x between the bodies for any order of arrival; mm.
     pub(super) fn gap(&self, arrangement: &Arrangement) -> f64 {
         let [a, b] = &self.centres;
         let spans = arrangement.supports.m1.half_span_mm + arrangement.supports.m2.half_span_mm;
@@ -116,25 +117,25 @@ impl Step {
     }
 }
 
-/// From the moment at which an axis sticks until the halt has arrived at the other devices, s: two readings of 25 ms each, an
+/// Time from the moment at which an axis sticks until the halt has arrived at the other devices, s: two readings of 25 ms each, an
 /// answer, the transmission of the halt, and 40 ms for a device that starts or answers late.
 const REACTION_S: f64 = 0.1;
 /// Allowance for rounding of a run-on.
 const SLACK: f64 = 1.0 + 1e-6;
-/// Halvings after which double precision shows no difference any more.
+/// Number of halvings that exhausts double precision.
 const HALVINGS: usize = 52;
 
-/// How far one manipulator runs on.
+/// The run-on of one manipulator.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct RunOn {
-    /// Of the clamp's centre, mm.
+    /// Travel of the clamp's centre, mm.
     pub(super) way_mm: f64,
-    /// rad.
+    /// Rotation, rad.
     pub(super) turn: f64,
 }
 
 impl RunOn {
-    /// From these speeds.
+    /// The run-on from these speeds.
     pub(super) fn from_speeds(support: &Support, speeds: &Position) -> Self {
         let run_on = speeds.map(|axis, speed| of_axis(*speed, support.limits.get(axis)));
         Self { way_mm: (run_on.x.powi(2) + run_on.y.powi(2) + run_on.z.powi(2)).sqrt(), turn: run_on.c }
@@ -145,7 +146,7 @@ fn of_axis(speed: f64, limits: &AxisLimits) -> f64 {
     speed * REACTION_S + speed * speed / (2.0 * limits.acceleration)
 }
 
-/// Refuses speeds at which a manipulator would run on too far.
+/// Refuses speeds at which the run-on of a manipulator would exceed its limit.
 pub(super) fn check_run_on(arrangement: &Arrangement, speeds: &Pair<Position>) -> Result<(), MotionRefusal> {
     for (carrier, speeds) in speeds.iter() {
         let RunOn { way_mm, turn } = RunOn::from_speeds(arrangement.supports.get(carrier), speeds);
@@ -161,7 +162,8 @@ pub(super) fn check_run_on(arrangement: &Arrangement, speeds: &Pair<Position>) -
     Ok(())
 }
 
-/// The pace, no faster than the run-on allows. A run-on grows with the speed, so halving finds the greatest one.
+/// The pace, reduced so that the run-on stays within its limit. The run-on increases with the speed, so bisection finds the
+/// greatest pace.
 pub(super) fn slowed(arrangement: &Arrangement, course: &Course, pace: &Pace) -> Pace {
     let allowed = |speed: f64| {
         let speeds = Pair::from_fn(|carrier: Carrier| course.speeds(carrier, speed));

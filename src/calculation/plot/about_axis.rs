@@ -19,7 +19,7 @@ pub(super) struct Names {
     pub(super) x: &'static str,
     pub(super) y: &'static str,
     pub(super) z: &'static str,
-    /// A remark about the frame, where it is not that of the scan.
+    /// A remark about the frame, if it is not that of the scan.
     pub(super) remark: Option<&'static str>,
 }
 
@@ -32,12 +32,12 @@ const OF_SECTIONS: Names = Names {
     remark: Some("x′, y′, z′: frame with X′ along the axis as it was detected"),
 };
 
-/// The names of the frame that a picture is drawn in: that of the scan, or of the sections that were cut along the axis.
+/// The names of the frame of a picture: that of the scan, or of the sections that were cut along the axis.
 pub(super) fn names(estimate: &Estimate) -> Names {
     if pose(estimate).is_some_and(|pose| pose.cut.is_some()) { OF_SECTIONS } else { OF_SCAN }
 }
 
-/// The pose, where there is one.
+/// The pose, if there is one.
 pub(super) fn pose(estimate: &Estimate) -> Option<&Pose> {
     match &estimate.outcome {
         Outcome::Accepted(pose) => Some(pose),
@@ -60,11 +60,11 @@ impl Cylinder {
         centre_x - self.radius * slope / (1.0 + slope * slope).sqrt()
     }
 
-    /// The part of (x, y, z) − axis that is perpendicular to the axis, turned into the plane: length is the distance ρ from
-    /// the axis, direction counts from +Y towards +Z.
+    /// The component of (x, y, z) − axis perpendicular to the axis, rotated into the plane: its length is the distance ρ from the
+    /// axis, its direction counts from +Y towards +Z.
     ///
-    /// With u = y − y_axis(x), w = z − z_axis(x), s = (p·u + q·w)/n²: direction of (u − p·s, w − q·s),
-    /// ρ² = u² + w² − (p·u + q·w)²/n². Every point of the cylinder lies at ρ = R, however the axis is tilted.
+    /// With u = y − y_axis(x), w = z − z_axis(x), s = (p·u + q·w)/n²: direction of (u − p·s, w − q·s), ρ² = u² + w² − (p·u +
+    /// q·w)²/n². Every point of the cylinder lies at ρ = R for any tilt of the axis.
     pub(super) fn polar(&self, [x, y, z]: [f64; 3]) -> Polar {
         let AxisLine { p, q, .. } = self.axis;
         let [axis_y, axis_z] = self.axis.at(x);
@@ -75,12 +75,12 @@ impl Cylinder {
     }
 }
 
-/// A point as seen along the axis.
+/// A point viewed along the axis.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Polar {
-    /// From the axis, mm.
+    /// Distance from the axis, mm.
     pub(super) distance: f64,
-    /// From +Y towards +Z, radians.
+    /// Direction from +Y towards +Z, radians.
     pub(super) angle: f64,
 }
 
@@ -89,7 +89,7 @@ pub(super) struct Polar {
 pub(super) enum Status {
     Valid,
     Rejected,
-    /// There is none: the method uses all points, or the scan was refused before its profiles were evaluated.
+    /// No verdict: the method uses all points, or the scan was refused before its profiles were evaluated.
     Unjudged,
 }
 
@@ -105,8 +105,8 @@ pub(super) fn status(estimate: &Estimate, index: usize) -> Status {
 
 /// At most about `most` points of the scan, spread evenly over it: the profile's index, and (x, y, z).
 ///
-/// One point out of every `step`, at a place within it that moves by the golden ratio: a fixed place would, on rows of
-/// equal length, show the same few directions of every profile.
+/// One point out of every `step`, at a position within it that moves by the golden ratio: on rows of equal length a fixed position
+/// would show the same few directions of every profile.
 pub(super) fn thinned(scan: &Scan, most: usize) -> impl Iterator<Item = (usize, [f64; 3])> {
     let (first, total) = (scan.points().start, scan.points().len());
     let step = total.div_ceil(most.max(1)).max(1);
@@ -135,7 +135,7 @@ mod tests {
         for i in 0..20 {
             let angle = f64::from(i) * 0.3;
             let x = cylinder.x_of_plane(50.0, angle);
-            // The radial vector has this direction in (y, z), and the length R with its x.
+            // The radial vector has this direction in (y, z), and with its x the length R.
             let across = (200.0_f64.powi(2) - (x - 50.0).powi(2)).sqrt();
             let [dy, dz] = [across * angle.cos(), across * angle.sin()];
             assert!((x - 50.0 + 0.3 * dy - 0.2 * dz).abs() < 1e-9, "perpendicular to the direction (1, p, q)");

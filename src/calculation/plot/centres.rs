@@ -1,9 +1,9 @@
-//! The picture of the centres: where each profile's centre lies along x with the fitted axis (above), and how far it
-//! lies from the axis (below), in y and in z. Where the scan is refused, or no profile has a centre, the points of the scan
-//! are shown from above and from the side.
+//! The picture of the centres: the position of each profile's centre along x with the fitted axis (above), and its deviation from
+//! the axis (below), in y and in z. If the scan is refused, or no profile has a centre, the picture shows the points of the scan
+//! from above and from the side.
 //!
-//! A rejected centre may lie tens of millimetres away while the valid ones scatter by hundredths, so the scales follow
-//! the valid ones and everything else becomes an arrow at the border.
+//! A rejected centre may be tens of millimetres off while the valid ones scatter by hundredths, so the scales follow the valid
+//! ones, and all others become arrows at the border.
 
 use super::about_axis::{Names, names, pose};
 use super::header::{BODY_TOP, MARGIN, Subject, page};
@@ -16,11 +16,11 @@ use super::svg::{Anchor, Area, Svg, Type};
 use crate::estimation::{Estimate, Pose, Profile, Reason};
 use crate::scan::Scan;
 
-/// Most markers of one kind on one panel.
+/// Largest number of markers of one kind on one panel.
 const MARKS_MAX: usize = 2500;
-/// Most points on one panel.
+/// Largest number of points on one panel.
 const POINTS_MAX: usize = 4000;
-/// The scale never gets finer than ± this, mm: below it one would look at rounding.
+/// Finest scale, ± mm: a finer one would show only rounding.
 const DEVIATION_LEAST: f64 = 5e-4;
 
 /// A profile's centre.
@@ -32,10 +32,10 @@ struct Centre {
     rejected: Option<Reason>,
 }
 
-/// One of the two directions in which a centre is examined.
+/// One of the two directions of a centre that the picture shows.
 #[derive(Clone, Copy)]
 struct Direction {
-    /// Its place in (y, z).
+    /// Its index in (y, z).
     index: usize,
     left: f64,
 }
@@ -123,7 +123,7 @@ fn centre(profile: &Profile) -> Option<Centre> {
 }
 
 impl Drawing<'_> {
-    /// The points of the scan along x, with the axis where there is one.
+    /// The points of the scan along x, with the axis if there is one.
     fn overview(&mut self, direction: Direction, area: Area) {
         let name = direction.name(self.names);
         let value = |[_, y, z]: [f64; 3]| direction.of([y, z]);
@@ -154,7 +154,7 @@ impl Drawing<'_> {
         self.draw_axis(&panel, direction);
     }
 
-    /// Room for the whole axis and the valid centres; where there is no axis, for most of the centres.
+    /// A range for the whole axis and the valid centres; without an axis, for most of the centres.
     fn trend_range(&self, direction: Direction) -> Range {
         let valid = || self.centres.iter().filter(|centre| centre.rejected.is_none());
         if let Some(pose) = self.pose {
@@ -172,7 +172,7 @@ impl Drawing<'_> {
         Range::new(middle - half, middle + half)
     }
 
-    /// How far the centres lie from the axis.
+    /// The deviations of the centres from the axis.
     fn deviation(&mut self, direction: Direction, area: Area) {
         let Some(pose) = self.pose else { return };
         let name = direction.name(self.names);
@@ -199,7 +199,7 @@ impl Drawing<'_> {
         overlays::draw_end_faces_across(&mut self.svg, panel, pose);
     }
 
-    /// The markers of all kinds, the rejected ones on top because they are few.
+    /// The markers of all kinds, with the few rejected ones on top.
     fn draw_marks(&mut self, panel: &Panel, value: impl Fn(&Centre) -> f64) {
         for kind in [None].into_iter().chain(Reason::ALL.map(Some)) {
             let (symbol, colour) = look(kind);
@@ -212,7 +212,7 @@ impl Drawing<'_> {
         }
     }
 
-    /// The legend with how many profiles of each kind there are, and how many of them have no centre to be drawn.
+    /// The legend with the number of profiles of each kind, and of those without a centre to draw.
     fn entries(&self, estimate: &Estimate, points_count: usize) -> Vec<Entry> {
         let mut entries = Vec::new();
         for kind in [None].into_iter().chain(Reason::ALL.map(Some)).filter(|_| !self.centres.is_empty()) {

@@ -1,5 +1,5 @@
-//! The picture along the axis: a thinned set of all points, each relative to the axis, with the circle of the fitted radius;
-//! where there is no pose, the points as they lie in the coordinates of the scan.
+//! The picture along the axis: a thinned set of all points relative to the axis, with the circle of the fitted radius. Without a
+//! pose it shows the points in the coordinates of the scan.
 
 use super::about_axis::{Cylinder, Status, names};
 use super::grid::Seen;
@@ -13,14 +13,14 @@ use super::svg::{Area, Svg, Type};
 use crate::estimation::{Estimate, Method, Outcome, Pose};
 use crate::scan::Scan;
 
-/// Most points drawn.
+/// Largest number of points.
 const POINTS_MAX: usize = 8000;
-/// Degrees from which a part counts as seen from all sides.
+/// Arc in degrees from which a part counts as scanned from all sides.
 const ALL_AROUND: f64 = 350.0;
 const VIEW: Area = Area::new(90.0, BODY_TOP + 8.0, 560.0, 496.0);
 const SIDE: Area = Area::new(676.0, BODY_TOP + 20.0, 300.0, 440.0);
 
-/// Draws all profiles as seen along the axis; where there is none, as they lie in the coordinates of the scan.
+/// Draws all profiles as viewed along the axis; without a pose, in the coordinates of the scan.
 pub(super) fn end_view(scan: &Scan, estimate: &Estimate, subject: &Subject<'_>) -> String {
     let total = scan.points().len();
     let points = overlays::points(scan, estimate, POINTS_MAX);
@@ -47,7 +47,7 @@ fn draw_about_axis(svg: &mut Svg, points: &[Point], estimate: &Estimate, pose: &
         [polar.distance * polar.angle.cos(), polar.distance * polar.angle.sin()]
     };
     let mut distances: Vec<f64> = points.iter().map(|point| cylinder.polar(point.at).distance).collect();
-    // Room for clamps, but not for a stray point that would shrink the part to a dot.
+    // The range includes clamps, but not a stray point that would shrink the part to a dot.
     let far = quantile(&mut distances, 0.99).unwrap_or(0.0);
     let radius = cylinder.radius;
     let panel = Panel::equal(VIEW, [0.0, 0.0], (1.05 * far).max(1.15 * radius).min(2.0 * radius));
@@ -73,7 +73,7 @@ fn draw_about_axis(svg: &mut Svg, points: &[Point], estimate: &Estimate, pose: &
     paragraph(svg, area, Type::sized(12.0).colour(FAINT_INK), &nearness(points, cylinder, estimate.method));
 }
 
-/// In words what cannot be seen in true proportion.
+/// A text for details that are too small for true proportion.
 fn nearness(points: &[Point], cylinder: Cylinder, method: Method) -> String {
     let used = points.iter().filter(|point| point.status != Status::Rejected);
     let mut distances: Vec<f64> =
@@ -90,7 +90,7 @@ fn nearness(points: &[Point], cylinder: Cylinder, method: Method) -> String {
     )
 }
 
-/// The circle below the points, and two radii between which the part was observed.
+/// The circle below the points, and two radii that bound the observed arc.
 fn draw_circle(svg: &mut Svg, panel: &Panel, radius: f64, arc: Range) {
     let on_circle = |degrees: f64, distance: f64| {
         let (sin, cos) = degrees.to_radians().sin_cos();

@@ -1,14 +1,15 @@
-//! The points of a scan as a grid: x against another coordinate, each cell one value of its points, unrolled around a cylinder or seen
-//! from above where there is none. Profiles come in order of x, so only the values of one column are kept at a time.
+//! The points of a scan as a grid: x against another coordinate, one value for the points of each cell, unrolled around a cylinder,
+//! or viewed from above without one. Profiles come in order of x, so only the values of one column are in memory at a time.
 //!
-//! [`Seen`] finds which directions around a centre have points: where the circle is cut to be unrolled, and which arcs were seen.
+//! [`Seen`] finds which directions around a centre have points: it gives the direction at which the circle is cut for unrolling,
+//! and the observed arcs.
 
 use super::about_axis::{Cylinder, Status, status, thinned};
 use super::scale::{Range, median, quantile};
 use crate::estimation::Estimate;
 use crate::scan::Scan;
 
-/// Most cells along x and across. Their product bounds the file: a cell takes some 15 bytes.
+/// Largest number of cells along x and across. Their product bounds the file: a cell takes some 15 bytes.
 const COLUMNS_MAX: usize = 240;
 const ROWS_MAX: usize = 160;
 const ROWS_MIN: usize = 12;
@@ -19,7 +20,7 @@ pub(super) struct Grid {
     pub(super) across: Range,
     pub(super) columns_count: usize,
     pub(super) rows_count: usize,
-    /// Row after row, by growing coordinate; `None` without points.
+    /// Row by row, in ascending order of the coordinate; `None` without points.
     pub(super) cells: Vec<Option<f64>>,
     /// The profiles of each column.
     pub(super) columns: Vec<Column>,
@@ -40,8 +41,8 @@ impl Column {
 }
 
 impl Grid {
-    /// No cell yet. Columns are no narrower than the profiles lie apart, so that a regular scan leaves no stripes, and a row holds
-    /// some points of each column; there are at most `rows_max`.
+    /// A grid without cells. Columns are no narrower than the distance of the profiles, so that a regular scan leaves no stripes,
+    /// and a row contains some points of each column; there are at most `rows_max`.
     pub(super) fn empty(scan: &Scan, across: Range, rows_max: usize) -> Self {
         let stations = scan.stations();
         let mut gaps: Vec<f64> =
@@ -63,7 +64,7 @@ impl Grid {
         }
     }
 
-    /// Fills every cell: `place` gives the coordinate across and the value of a point, `settle` the value of a cell from those of
+    /// Fills every cell: `place` returns the coordinate across and the value of a point, `settle` the value of a cell from those of
     /// its points.
     pub(super) fn filled(
         mut self,
@@ -86,7 +87,7 @@ impl Grid {
             }
             for point in scan.points_of(station) {
                 let (across, value) = place(point);
-                // The range across may have been found on a thinned scan: a few points at its edge may be outside.
+                // The range across may come from a thinned scan: a few points at its edge may be outside.
                 if (self.across.lo..self.across.hi).contains(&across) && value.is_finite() {
                     let row = cell(across, self.across, self.rows_count);
                     values.get_mut(row).into_iter().for_each(|values| values.push(value));
@@ -97,7 +98,7 @@ impl Grid {
         self
     }
 
-    /// Writes the cells of a column and forgets the values of its points.
+    /// Writes the cells of a column and clears the values of its points.
     fn write(&mut self, column: usize, values: &mut [Vec<f64>], settle: fn(&mut [f64]) -> Option<f64>) {
         for (row, values) in values.iter_mut().enumerate() {
             if let Some(cell) = self.cells.get_mut(row * self.columns_count + column) {
@@ -123,16 +124,17 @@ fn cell(value: f64, range: Range, count: usize) -> usize {
 
 /// Points that are examined for the range across.
 const POINTS_MAX: usize = 50_000;
-/// Share of the points of a cell below its height: of a closed part the upper side is seen, and one stray point above it is not.
+/// Share of the points of a cell below its height: the picture shows the upper side of a closed part, and a single stray point
+/// above it has no effect.
 const UPPER: f64 = 0.9;
 
-/// Direction around the axis in degrees against x, each cell the median signed distance of its points from the cylinder, mm.
+/// Direction around the axis in degrees against x; each cell is the median signed distance of its points from the cylinder, mm.
 ///
-/// The median, because a single spike would colour the mean of a cell of ten points.
+/// The median, because a single spike would dominate the mean of a cell of ten points.
 pub(super) fn unrolled(scan: &Scan, estimate: &Estimate, cylinder: Cylinder) -> Grid {
     let seen = Seen::new(thinned(scan, POINTS_MAX).map(|(_, at)| cylinder.polar(at).angle.to_degrees()));
     let degrees = seen.window();
-    // No finer than the points of a profile lie apart.
+    // Rows are no finer than the distance of the points of a profile.
     Grid::empty(scan, degrees, seen.bins_count()).filled(
         scan,
         estimate,
@@ -144,7 +146,7 @@ pub(super) fn unrolled(scan: &Scan, estimate: &Estimate, cylinder: Cylinder) -> 
     )
 }
 
-/// y against x in the coordinates of the scan, each cell the height z of its upper points, mm.
+/// y against x in the coordinates of the scan; each cell is the height z of its upper points, mm.
 pub(super) fn from_above(scan: &Scan, estimate: &Estimate) -> Grid {
     let mut y: Vec<f64> = thinned(scan, POINTS_MAX).map(|(_, [_, y, _])| y).collect();
     let [lo, hi] = [0.002, 0.998].map(|part| quantile(&mut y, part).unwrap_or(0.0));
@@ -192,7 +194,7 @@ impl Seen {
         self.bins.iter().filter(|bin| **bin).count()
     }
 
-    /// The smallest window of degrees that contains all of them, its middle in (−180°, 180°].
+    /// The smallest window of degrees that contains all directions, its middle in (−180°, 180°].
     pub(super) fn window(&self) -> Range {
         let Some(gap) = self.gaps().into_iter().max_by_key(|gap| gap.length) else {
             return Range::new(-180.0, 180.0);
@@ -203,8 +205,8 @@ impl Seen {
         Range::new(lo - turns, lo - turns + width)
     }
 
-    /// The arcs that contain points, each as degrees from and to (from < to). Gaps that are no larger than the spacing of
-    /// the points makes likely do not divide an arc.
+    /// The arcs that contain points, each as degrees from and to (from < to). Gaps that the spacing of the points explains do not
+    /// divide an arc.
     pub(super) fn arcs(&self) -> Vec<[f64; 2]> {
         let gaps = self.gaps();
         let widest = gaps.iter().map(|gap| gap.length).max().unwrap_or(0);
@@ -223,7 +225,7 @@ impl Seen {
         arcs.filter(|[from, to]| to > from && self.points_count > 0).collect()
     }
 
-    /// The empty runs around the circle, in order; one of them may go past the last bin.
+    /// The empty runs around the circle, in order; one of them may extend beyond the last bin.
     fn gaps(&self) -> Vec<Run> {
         let Some(start) = self.bins.iter().position(|&bin| bin) else {
             return vec![Run { first: 0, length: BINS }];
@@ -269,16 +271,16 @@ mod seen_tests {
     }
 
     #[test]
-    fn the_window_holds_the_seen_side_only() {
+    fn the_window_contains_only_the_observed_side() {
         let window = Seen::new(every_degree(30, 150)).window();
         assert!((window.lo - 30.0).abs() < 1.0 && (window.hi - 150.0).abs() < 1.0, "{window:?}");
-        // Across the direction of 180°.
+        // Across the direction 180°.
         let window = Seen::new(every_degree(150, 230)).window();
         assert!((window.width() - 79.5).abs() < 1.0 && (window.middle() + 170.0).abs() < 1.0, "{window:?}");
     }
 
     #[test]
-    fn holes_divide_the_seen_arc_and_missing_points_do_not() {
+    fn holes_divide_the_observed_arc_and_missing_points_do_not() {
         let arcs = Seen::new(every_degree(30, 80).chain(every_degree(95, 150))).arcs();
         assert_eq!(arcs.len(), 2, "{arcs:?}");
         // Twenty points, six degrees apart.

@@ -1,5 +1,5 @@
-//! The text above every picture: what it shows and of what; when and how that was measured; the result with its uncertainty, or why
-//! there is none; and a line about the picture itself.
+//! The text above every picture: its content and subject; date and method of the measurement; the result with its uncertainty, or
+//! the reason why there is none; and a line about the picture itself.
 //!
 //! The result is stated in the coordinates of the scan, whatever frame a picture uses, and every number is rounded to its expanded
 //! uncertainty. Text is wrapped into lines.
@@ -16,33 +16,33 @@ use jiff::Timestamp;
 pub struct Subject<'a> {
     /// The measured object, e.g. the id of the measurement or the name of the file; any text.
     pub title: &'a str,
-    /// When it was measured, where that is known.
+    /// Time of the measurement, if known.
     pub measured_at: Option<Timestamp>,
-    /// Name of the recipe, where there is one.
+    /// Name of the recipe, if there is one.
     pub recipe: Option<&'a str>,
-    /// The software that measured it, where that is known.
+    /// The software that measured, if known.
     pub software: Option<&'a str>,
     /// The setting `epsilon_mm` of the estimation.
     pub epsilon_mm: f64,
-    /// Index in the scan of the profile that the picture `section` shows; `None` takes the valid one nearest to the middle, or the
-    /// middle one where none is valid.
+    /// Index in the scan of the profile for the picture `section`; `None` takes the valid one nearest to the middle, or the middle
+    /// one if none is valid.
     pub profile: Option<usize>,
-    /// Number that the first profile of the scan is known by; 0 but for a part of a scan.
+    /// Number of the first profile of the scan in results; 0 except for a part of a scan.
     pub first_profile: usize,
 }
 
-/// Where the picture may begin below the words, pixels.
+/// Upper edge of the picture below the text, pixels.
 pub(super) const BODY_TOP: f64 = 140.0;
 
 const ROOM: f64 = WIDTH - 2.0 * MARGIN;
 const LINE: f64 = 16.0;
-/// Lines of the result or of the refusal, with remarks about them, and lines about the picture.
+/// Largest number of lines of the result or of the refusal, with remarks about them, and of lines about the picture.
 const LINES_MAX: usize = 3;
 const CAPTION_LINES_MAX: usize = 2;
 const SMALL: Type = Type::sized(12.0);
 const BETWEEN: &str = " · ";
 
-/// Opens a page with its words.
+/// Opens a page with its text.
 pub(super) fn page(what: &str, caption: &str, estimate: &Estimate, subject: &Subject<'_>) -> Svg {
     let heading = format!("{what}{BETWEEN}{}", subject.title);
     let (lines, colour) = match &estimate.outcome {
@@ -78,7 +78,7 @@ pub(super) fn page(what: &str, caption: &str, estimate: &Estimate, subject: &Sub
     svg
 }
 
-/// When and how it was measured, as far as that is known.
+/// Date and method of the measurement, as far as known.
 fn origin(estimate: &Estimate, subject: &Subject<'_>) -> Vec<String> {
     let mut words = Vec::new();
     words.extend(subject.measured_at.map(|at| format!("measured {}", at.strftime("%Y-%m-%d %H:%M:%S UTC"))));
@@ -93,10 +93,10 @@ fn origin(estimate: &Estimate, subject: &Subject<'_>) -> Vec<String> {
     words
 }
 
-/// Left and right margin of the words, pixels.
+/// Left and right margin of the text, pixels.
 pub(super) const MARGIN: f64 = 24.0;
 
-/// Writes `text` into `area` in as many lines as it takes; returns where they end.
+/// Writes `text` into `area` in as many lines as needed; returns the lower edge of the last one.
 pub(super) fn paragraph(svg: &mut Svg, area: Area, look: Type, text: &str) -> f64 {
     let mut y = area.top + look.size;
     for line in in_lines(look, text.split_whitespace(), " ", area.width, usize::MAX) {
@@ -106,7 +106,7 @@ pub(super) fn paragraph(svg: &mut Svg, area: Area, look: Type, text: &str) -> f6
     y
 }
 
-/// Pieces of text in lines of this width; what does not fit into `most` lines is left out, with an ellipsis.
+/// Divides text into lines of this width; text that does not fit into `most` lines is cut off with an ellipsis.
 pub(super) fn in_lines<'a>(
     look: Type,
     pieces: impl Iterator<Item = &'a str>,
@@ -134,13 +134,13 @@ pub(super) fn in_lines<'a>(
     lines
 }
 
-/// Most decimals of a number, and what an uncertainty is at least to be written with its digits.
+/// Largest number of decimals, and the least uncertainty that is written with its digits.
 const DECIMALS_MAX: i32 = 6;
 const LEAST: f64 = 1e-6;
 /// Decimals of a number without an uncertainty.
 const DECIMALS: usize = 4;
 
-/// The numbers of a pose, one after the other.
+/// The numbers of a pose.
 pub(super) fn result(pose: &Pose) -> Vec<String> {
     let mut words = match pose.on_rail() {
         Some(found) => line(pose, &found),
@@ -175,7 +175,7 @@ pub(super) fn end_faces(pose: &Pose) -> Vec<(&'static str, EndFace)> {
     faces.filter(|(_, face)| face.centre.iter().all(|v| v.is_finite())).collect()
 }
 
-/// The meaning of the numbers behind ±.
+/// The meaning of the numbers after ±.
 pub(super) fn about_uncertainty(pose: &Pose) -> String {
     let scope = if pose.uncertainty.includes_calibration() {
         "of repeatability and calibration"
@@ -185,7 +185,7 @@ pub(super) fn about_uncertainty(pose: &Pose) -> String {
     format!("±: expanded uncertainty U = k·u with k = {COVERAGE_FACTOR} (about 95 %), {scope}")
 }
 
-/// Of an axis near X: its slopes, and where it meets x = 0.
+/// For an axis near X: its slopes, and its intersection with x = 0.
 fn line(pose: &Pose, found: &OnRail) -> Vec<String> {
     let OnRail { axis, x_ref, uncertainty } = found;
     let [[deflection, ..], [_, pitch, ..], ..] = uncertainty.covariance;
@@ -200,7 +200,7 @@ fn line(pose: &Pose, found: &OnRail) -> Vec<String> {
     ]
 }
 
-/// Of an axis in any direction: a point of it, and its direction.
+/// For an axis in any direction: a point of it, and its direction.
 fn axis(pose: &Pose) -> Vec<String> {
     let axis = pose.axis_in_scan();
     let [direction, position] = pose.axis_standard();
@@ -220,8 +220,7 @@ fn axis(pose: &Pose) -> Vec<String> {
     ]
 }
 
-/// `value ± U` with its unit, both rounded to two digits of U (JCGM 100, 7.2.6); the value alone where there is no
-/// uncertainty.
+/// `value ± U` with its unit, both rounded to two digits of U (JCGM 100, 7.2.6); the value alone without an uncertainty.
 fn quantity(value: f64, standard: f64, unit: &str) -> String {
     let space = if unit == "°" { "" } else { " " };
     let half_width = COVERAGE_FACTOR * standard;
@@ -234,7 +233,7 @@ fn quantity(value: f64, standard: f64, unit: &str) -> String {
     }
 }
 
-/// Decimals that show two digits of an uncertainty; `None` where it is none.
+/// Number of decimals for two digits of an uncertainty; `None` if the uncertainty is zero or invalid.
 fn decimals_of(half_width: f64) -> Option<usize> {
     if !(half_width.is_finite() && half_width > 0.0) {
         return None;

@@ -1,4 +1,4 @@
-//! Markers, many of one kind gathered into one path so that the file stays small, and the legend that explains them.
+//! Markers, those of one kind combined into one path so that the file stays small, and the legend that explains them.
 
 use super::panel::{Panel, Spot};
 use super::svg::{Area, Px, Svg, Type};
@@ -23,7 +23,7 @@ pub(super) enum Symbol {
     Dashes,
     /// A filled field.
     Field,
-    /// The arrow of a value that lies off the scale.
+    /// The arrow of a value off the scale.
     Arrow,
 }
 
@@ -32,7 +32,7 @@ impl Symbol {
     fn data(self, [x, y]: [f64; 2]) -> String {
         let at = |dx: f64, dy: f64| format!("M{} {}", Px(x + dx), Px(y + dy));
         match self {
-            // A line of no length with round ends: by far the shortest way to write a dot.
+            // A line of zero length with round ends: the shortest way to write a dot.
             Self::Speck | Self::Dot => at(0.0, 0.0) + "h0",
             Self::Ring => at(-3.2, 0.0) + "a3.2 3.2 0 1 0 6.4 0a3.2 3.2 0 1 0-6.4 0",
             Self::Square => at(-2.8, -2.8) + "h5.6v5.6h-5.6z",
@@ -71,12 +71,12 @@ pub(super) struct Marks {
     colour: &'static str,
     inside: String,
     arrows: String,
-    /// Pieces of the border that have an arrow: side by side arrows would merge into a block.
+    /// Pieces of the border that already have an arrow: adjacent arrows would merge into a block.
     taken: HashSet<(i32, i32)>,
     beyond_count: usize,
 }
 
-/// Length of the border that one arrow takes, pixels.
+/// Length of the border for one arrow, pixels.
 const ARROW_ROOM: f64 = 7.0;
 
 impl Marks {
@@ -85,8 +85,8 @@ impl Marks {
         Self { symbol, colour, inside, arrows, taken: HashSet::new(), beyond_count: 0 }
     }
 
-    /// One more marker. Beyond the border it is an arrow in its colour that points to the border: its own shape there would
-    /// pass for a value.
+    /// Adds a marker. Beyond the border it is an arrow in its colour that points to the border, because its own shape there would
+    /// be mistaken for a value.
     pub(super) fn add(&mut self, panel: &Panel, values: [f64; 2]) {
         match panel.spot(values) {
             Spot::Inside(at) => self.inside += &self.symbol.data(at),
@@ -100,7 +100,7 @@ impl Marks {
         }
     }
 
-    /// Draws all of them; returns how many lie beyond the border.
+    /// Draws all markers; returns how many lie beyond the border.
     pub(super) fn draw(&self, svg: &mut Svg) -> usize {
         svg.path(&self.inside, self.symbol.paint(self.colour));
         svg.path(&self.arrows, Symbol::Arrow.paint(self.colour));
@@ -119,12 +119,12 @@ fn arrow([x, y]: [f64; 2], [dx, dy]: [f64; 2]) -> String {
     data
 }
 
-/// Every how many-th of `count` things is drawn so that no more than `most` are.
+/// The stride at which at most `most` of `count` items are drawn.
 pub(super) fn stride(count: usize, most: usize) -> usize {
     count.div_ceil(most.max(1)).max(1)
 }
 
-/// A polyline through places on the page.
+/// A polyline through positions on the page.
 pub(super) fn polyline(places: impl Iterator<Item = [f64; 2]>) -> String {
     let mut data = String::new();
     for [x, y] in places {
@@ -142,7 +142,7 @@ const ROW: f64 = 20.0;
 
 /// A marker and its meaning.
 pub(super) struct Entry {
-    /// Shape and colour; a remark has none.
+    /// Shape and colour; none for a remark.
     marker: Option<(Symbol, &'static str)>,
     text: String,
 }
@@ -152,13 +152,13 @@ impl Entry {
         Self { marker: Some((symbol, colour)), text: text.into() }
     }
 
-    /// Words without a marker.
+    /// Text without a marker.
     pub(super) fn remark(text: impl Into<String>) -> Self {
         Self { marker: None, text: text.into() }
     }
 }
 
-/// Draws the entries from the top left of `area`, as many to a row as fit its width; returns where they end.
+/// Draws the entries from the top left of `area`, as many to a row as fit its width; returns the lower edge of the last row.
 pub(super) fn legend(svg: &mut Svg, area: Area, entries: &[Entry]) -> f64 {
     let [mut x, mut y] = [area.left, area.top + ROW / 2.0];
     for entry in entries {

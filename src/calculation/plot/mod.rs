@@ -1,7 +1,8 @@
-//! Pictures of a measurement as self-contained SVG, for people: the result, and the data that support it.
+//! Pictures of a measurement as self-contained SVG: the result, and the data that support it.
 //!
-//! A scan and its estimate come in, text goes out; equal input gives equal bytes. Every picture stays below about 1 MB whatever the size of the
-//! scan, and states the result with its uncertainty, or why the scan was refused; of a refused scan it shows the points.
+//! The input is a scan and its estimate, the output text; equal input gives equal bytes. Every picture stays below about 1 MB
+//! whatever the size of the scan, and states the result with its uncertainty, or the reason why the scan was refused. The pictures
+//! of a refused scan show its points.
 
 mod about_axis;
 mod centres;
@@ -25,14 +26,14 @@ use crate::scan::Scan;
 /// The pictures that can be drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Picture {
-    /// The centres of the profiles along x, the axis through them, and how far they lie from it; without a pose the points
-    /// from above and from the side.
+    /// The centres of the profiles along x, the axis through them, and their deviations from it; without a pose the points from
+    /// above and from the side.
     Centres,
     /// The unrolled surface: signed distance of the points from the fitted cylinder; without a pose the surface from above.
     ResidualMap,
     /// One profile: its points, their weights and its section.
     Section,
-    /// All points seen along the axis; without a pose along X.
+    /// All points viewed along the axis; without a pose along X.
     EndView,
 }
 

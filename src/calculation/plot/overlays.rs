@@ -1,5 +1,5 @@
-//! Marks that several pictures share: the points of the scan, in the colours of the verdicts on their profiles, and the end faces that
-//! were found, with their entries of the legend.
+//! Marks that several pictures share: the points of the scan, in the colours of the verdicts on their profiles, and the detected
+//! end faces, with their entries in the legend.
 
 use super::about_axis::{Cylinder, Status, status, thinned};
 use super::header::{end_faces, x_of};
@@ -17,7 +17,7 @@ pub(super) struct Point {
     pub(super) status: Status,
 }
 
-/// The rejected ones first, so that the others are drawn over them.
+/// The rejected ones come first, so that the others are drawn over them.
 const KINDS: [(Status, &str, &str); 3] = [
     (Status::Rejected, REJECTED, "points of rejected profiles"),
     (Status::Unjudged, UNJUDGED, "points of the scan"),
@@ -29,7 +29,7 @@ pub(super) fn points(scan: &Scan, estimate: &Estimate, most: usize) -> Vec<Point
     thinned(scan, most).map(|(index, at)| Point { at, status: status(estimate, index) }).collect()
 }
 
-/// Draws points where `place` puts them; returns how many lie off the scale.
+/// Draws points at the positions from `place`; returns how many lie off the scale.
 pub(super) fn draw_points(svg: &mut Svg, panel: &Panel, points: &[Point], place: impl Fn(&Point) -> [f64; 2]) -> usize {
     let symbol = if points.len() > 1000 { Symbol::Speck } else { Symbol::Dot };
     let mut beyond = 0;
@@ -54,17 +54,17 @@ pub(super) fn point_entries(points: &[Point], total: usize) -> Vec<Entry> {
     entries
 }
 
-/// The entry of the arrows, where there are any.
+/// The entry of the arrows, if there are any.
 pub(super) fn off_scale_entry(count: usize) -> Option<Entry> {
     (count > 0).then(|| Entry::new(Symbol::Arrow, INK, "off scale, in the colour of its kind"))
 }
 
-/// Where the axis meets the end faces, x in mm.
+/// Intersections of the axis with the end faces, x in mm.
 pub(super) fn end_face_places(pose: &Pose) -> Vec<f64> {
     end_faces(pose).iter().map(|(_, face)| face.centre[0]).collect()
 }
 
-/// Lines across a panel at the x where the axis meets the end faces.
+/// Lines across a panel at the x of the intersections of the axis with the end faces.
 pub(super) fn draw_end_faces_across(svg: &mut Svg, panel: &Panel, pose: &Pose) {
     for x in end_face_places(pose).into_iter().filter(|x| panel.x.contains(*x)) {
         svg.line(panel.place([x, panel.y.lo]), panel.place([x, panel.y.hi]), Symbol::Dashes.paint(END_FACE));

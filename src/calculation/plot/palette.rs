@@ -1,11 +1,11 @@
-//! The colours, all from palettes that the colour-blind can distinguish: Okabe and Ito's for kinds, ColorBrewer's RdYlBu
-//! for signed values, viridis for heights. Where a colour means a kind, a shape means it too.
+//! The colours, all from palettes that colour-blind readers can distinguish: Okabe and Ito's for kinds, ColorBrewer's RdYlBu for
+//! signed values, viridis for heights. Each kind has a shape as well as a colour.
 
 use crate::estimation::Reason;
 
 /// Text and frames.
 pub(super) const INK: &str = "#222222";
-/// Text that may be overlooked.
+/// Secondary text.
 pub(super) const FAINT_INK: &str = "#5a5a5a";
 /// Grid lines.
 pub(super) const GRID: &str = "#e3e3e3";
@@ -13,7 +13,7 @@ pub(super) const GRID: &str = "#e3e3e3";
 pub(super) const VALID: &str = "#0072b2";
 /// Points of rejected profiles.
 pub(super) const REJECTED: &str = "#e69f00";
-/// Points of profiles on which there is no verdict.
+/// Points of profiles without a verdict.
 pub(super) const UNJUDGED: &str = "#56789a";
 /// The fitted shapes.
 pub(super) const FITTED: &str = "#000000";
@@ -40,7 +40,7 @@ pub(super) const fn reason_colour(reason: Reason) -> &'static str {
     }
 }
 
-/// Steps of a colour scale on either side of the middle one.
+/// Steps of a colour scale on either side of the middle.
 pub(super) const LEVELS: i32 = 10;
 
 /// From far inside to far outside.

@@ -1,4 +1,4 @@
-//! A pair of axes on the page: where a pair of values lies in pixels, frame, grid, ticks and labels.
+//! A pair of axes on the page: positions of values in pixels, frame, grid, ticks and labels.
 
 use super::palette::{FAINT_INK, GRID, INK};
 use super::scale::{Range, quantile};
@@ -15,11 +15,11 @@ pub(super) struct Panel {
     pub(super) y: Range,
 }
 
-/// Where a pair of values lies: in the panel, or beyond its border in a direction.
+/// Position of a pair of values: in the panel, or beyond its border in a direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Spot {
     Inside([f64; 2]),
-    /// The nearest place on the border and the unit vector that points outwards.
+    /// The nearest position on the border and the unit vector that points outwards.
     Beyond([f64; 2], [f64; 2]),
 }
 
@@ -28,14 +28,14 @@ impl Panel {
         Self { area, x, y }
     }
 
-    /// Equal scales on both axes, the square of ±`half` about `centre` as large as it fits.
+    /// Equal scales on both axes, with the square of ±`half` about `centre` as large as it fits.
     pub(super) fn equal(area: Area, [x, y]: [f64; 2], half: f64) -> Self {
         let scale = Range::about_zero(half).width() / area.width.min(area.height);
         let range = |middle: f64, pixels: f64| Range::new(middle - scale * pixels / 2.0, middle + scale * pixels / 2.0);
         Self::new(area, range(x, area.width), range(y, area.height))
     }
 
-    /// Equal scales on both axes with space for the bulk of the points: a few stray ones would shrink the rest to a dot.
+    /// Equal scales on both axes with a range for most of the points: a few stray ones would shrink the others to a dot.
     pub(super) fn around(area: Area, points: &[[f64; 2]]) -> Self {
         let bulk = |coordinate: fn(&[f64; 2]) -> f64| {
             let mut values: Vec<f64> = points.iter().map(coordinate).collect();
@@ -54,7 +54,7 @@ impl Panel {
         ]
     }
 
-    /// Where a pair of finite values lies.
+    /// Position of a pair of finite values.
     pub(super) fn spot(&self, values: [f64; 2]) -> Spot {
         let [x, y] = self.place(values);
         let nearest = [x.clamp(self.area.left, self.area.right()), y.clamp(self.area.top, self.area.bottom())];
@@ -63,7 +63,7 @@ impl Panel {
         if beyond < 0.05 { Spot::Inside([x, y]) } else { Spot::Beyond(nearest, [dx / beyond, dy / beyond]) }
     }
 
-    /// Frame, grid, numbers and labels; the data go on top of them.
+    /// Frame, grid, numbers and labels; the data are drawn on top of them.
     pub(super) fn draw(&self, svg: &mut Svg, x_label: &str, y_label: &str) {
         let Area { left, top, width, height } = self.area;
         let (right, bottom) = (self.area.right(), self.area.bottom());
@@ -90,7 +90,7 @@ impl Panel {
         self.frame(svg);
     }
 
-    /// The frame alone, to be drawn again over what was painted to its edge.
+    /// The frame alone, for drawing it again over content that reaches its edge.
     pub(super) fn frame(&self, svg: &mut Svg) {
         svg.rect(self.area, format_args!("fill=\"none\" stroke=\"{FAINT_INK}\" stroke-width=\"0.8\""));
     }
@@ -101,7 +101,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_lies_beyond_the_border_is_marked_on_it() {
+    fn values_beyond_the_border_are_marked_on_it() {
         let panel = Panel::new(Area::new(10.0, 10.0, 100.0, 50.0), Range::new(0.0, 1.0), Range::new(0.0, 1.0));
         assert_eq!(panel.spot([0.5, 0.5]), Spot::Inside([60.0, 35.0]));
         assert_eq!(panel.spot([0.5, 9.0]), Spot::Beyond([60.0, 10.0], [0.0, -1.0]));

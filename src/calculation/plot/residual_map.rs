@@ -1,9 +1,9 @@
-//! The picture of the surface: direction around the axis against x, coloured by the signed distance of the points from the
-//! fitted cylinder; clamps, holes and wrong shapes are seen here at once. Where the scan is refused there is no cylinder, and
-//! the surface is shown from above, coloured by its height.
+//! The picture of the surface: direction around the axis against x, coloured by the signed distance of the points from the fitted
+//! cylinder, which shows clamps, holes and form deviations. For a refused scan it shows the surface from above, coloured by its
+//! height.
 //!
-//! Cells stay blank without points. The scale of the distances is centred on 0 and saturates at about four robust spreads of
-//! the cells.
+//! Cells without points stay blank. The scale of the distances is centred on 0 and saturates at about four robust spreads of the
+//! cells.
 
 use super::about_axis::{Cylinder, Names, names};
 use super::grid::{Grid, from_above, unrolled};
@@ -24,7 +24,7 @@ const LEGEND: Area = Area::new(MARGIN, 650.0, 952.0, 40.0);
 /// Values by colour.
 struct Scale {
     middle: f64,
-    /// From the middle to where the colours saturate.
+    /// Distance from the middle at which the colours saturate.
     limit: f64,
     colour: fn(i32) -> String,
     /// Whether numbers have a sign.
@@ -33,7 +33,7 @@ struct Scale {
 }
 
 impl Scale {
-    /// The values that are written beside the colours, and what they are.
+    /// The values that are written beside the colours, and their meaning.
     fn numbers(&self) -> (Vec<(f64, String)>, String) {
         if !self.signed {
             let ticks = Range::new(self.middle - self.limit, self.middle + self.limit).ticks(6.0);
@@ -93,13 +93,13 @@ fn heights(scan: &Scan, estimate: &Estimate, subject: &Subject<'_>) -> String {
     svg.finish()
 }
 
-/// Where the colours saturate, mm: a round number above four robust spreads of the cells, no more than the largest
-/// needs.
+/// The distance at which the colours saturate, mm: a round number above four robust spreads of the cells, not larger than the
+/// largest value requires.
 fn limit(grid: &Grid, radius: f64) -> f64 {
     let mut sizes: Vec<f64> = grid.not_rejected().map(f64::abs).collect();
     let spread = 1.4826 * quantile(&mut sizes, 0.5).unwrap_or(0.0);
     let largest = sizes.iter().copied().fold(0.0, f64::max);
-    // Below this one would look at the rounding of the coordinates.
+    // A finer scale would show only the rounding of the coordinates.
     round_up((4.0 * spread).min(largest).max(radius.abs() * 1e-7).clamp(1e-6, 1e12))
 }
 
@@ -113,12 +113,12 @@ fn draw(svg: &mut Svg, grid: &Grid, scale: &Scale, x_label: &str, y_label: &str)
     panel
 }
 
-/// The cells, one path a colour; neighbours of one colour in a row are one field.
+/// Draws the cells, one path a colour; neighbours of one colour in a row become one rectangle.
 fn draw_cells(svg: &mut Svg, grid: &Grid, scale: &Scale) {
     let mut fields = vec![String::new(); (2 * LEVELS + 1) as usize];
     let colour = |cell: &Option<f64>| cell.map(|value| (level(value - scale.middle, scale.limit) + LEVELS) as usize);
     for (index, row) in grid.cells.chunks(grid.columns_count).enumerate() {
-        // The coordinate grows upwards, pixels downwards.
+        // The coordinate increases upwards, pixels downwards.
         let top = grid.rows_count - 1 - index;
         let mut column = 0;
         for run in row.chunk_by(|a, b| colour(a) == colour(b)) {
@@ -138,7 +138,7 @@ fn draw_cells(svg: &mut Svg, grid: &Grid, scale: &Scale) {
     });
 }
 
-/// A strip above the map: where most profiles were rejected.
+/// Draws a strip above the map at the x where most profiles were rejected.
 fn draw_rejected(svg: &mut Svg, grid: &Grid) {
     let strip = Area::new(AREA.left, AREA.top - 11.0, AREA.width, 6.0);
     let mut fields = String::new();
@@ -160,7 +160,7 @@ fn entries(grid: &Grid) -> impl Iterator<Item = Entry> {
     rejected.into_iter().chain([Entry::remark("tips of the colour bar: off scale")])
 }
 
-/// The colours and what they mean, in millimetres.
+/// The colours and their meaning, in millimetres.
 fn draw_colour_bar(svg: &mut Svg, scale: &Scale) {
     let bar = Area::new(892.0, AREA.top + 20.0, 20.0, AREA.height - 40.0);
     let step = bar.height / f64::from(2 * LEVELS + 1);
@@ -168,7 +168,7 @@ fn draw_colour_bar(svg: &mut Svg, scale: &Scale) {
         let top = bar.top + f64::from(LEVELS - level) * step;
         svg.rect(Area { top, height: step + 0.3, ..bar }, format_args!("fill=\"{}\"", (scale.colour)(level)));
     }
-    // The outermost colours stand for everything beyond.
+    // The outermost colours represent all values beyond them.
     for (y, tip, level) in [(bar.top, -12.0, LEVELS), (bar.bottom() + 0.3, 12.0, -LEVELS)] {
         let data = format!("M{} {}h20l-10 {}z", Px(bar.left), Px(y), Px(tip));
         svg.path(&data, format_args!("fill=\"{}\"", (scale.colour)(level)));

@@ -7,11 +7,11 @@ pub(super) struct Range {
     pub(super) hi: f64,
 }
 
-/// Beyond this nothing is drawn to scale: sums and products stay finite below it.
+/// Largest value that is drawn to scale: sums and products stay finite below it.
 const LARGEST: f64 = 1e100;
 
 impl Range {
-    /// From one value to another. Where they are too near to one another for their size, as far as needed around them.
+    /// From one value to another, widened if they are too near to each other for their size.
     pub(super) fn new(lo: f64, hi: f64) -> Self {
         let sane = |v: f64| if v.is_nan() { 0.0 } else { v.clamp(-LARGEST, LARGEST) };
         let (lo, hi) = (sane(lo.min(hi)), sane(lo.max(hi)));
@@ -23,7 +23,7 @@ impl Range {
         Self { lo: lo - half, hi: hi + half }
     }
 
-    /// The smallest range that contains all values; about 0 where there is none.
+    /// The smallest range that contains all values; about 0 if there are none.
     pub(super) fn around(values: impl Iterator<Item = f64>) -> Self {
         let (lo, hi) = values
             .filter(|v| v.is_finite())
@@ -56,7 +56,7 @@ impl Range {
 
     /// About `count` round numbers inside.
     pub(super) fn ticks(&self, count: f64) -> Ticks {
-        // Rounding down turns this into 0.6 to 1.5 times `count`.
+        // Rounding down gives 0.6 to 1.5 times `count`.
         let step = round_step(self.width() / (0.6 * count.max(1.5)));
         let (first, last) = ((self.lo / step).ceil(), (self.hi / step).floor());
         let values: Vec<f64> =
@@ -65,7 +65,7 @@ impl Range {
     }
 }
 
-/// 1, 2 or 5 times a power of ten, not above `most` by more than rounding.
+/// 1, 2 or 5 times a power of ten, at most `most` within rounding.
 fn round_step(most: f64) -> f64 {
     let decade = 10f64.powf((most * 1.001).log10().floor());
     [5.0, 2.0, 1.0].map(|n| n * decade).into_iter().find(|&step| step <= most * 1.001).unwrap_or(decade)
@@ -75,7 +75,7 @@ fn round_step(most: f64) -> f64 {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Ticks {
     pub(super) values: Vec<f64>,
-    /// The offset that has to be added to every label: not 0 where the numbers would be too long to be distinguished.
+    /// The offset that has to be added to every label: not 0 if the numbers would otherwise be too long to be distinguished.
     base: f64,
     decimals: usize,
     scientific: bool,
@@ -92,7 +92,7 @@ impl Ticks {
         Self { values, base, decimals, scientific: decimals > 6 || step >= 1e5 }
     }
 
-    /// The axis label, with the base that is subtracted where there is one: `y − 1200 (mm)`.
+    /// The axis label with the base that is subtracted, if there is one: `y − 1200 (mm)`.
     pub(super) fn with_base(&self, label: &str) -> String {
         if self.base == 0.0 {
             return label.to_owned();
@@ -109,7 +109,7 @@ impl Ticks {
     }
 }
 
-/// A number with so many decimals, a true minus sign and never a negative zero.
+/// A number with this many decimals, a true minus sign and never a negative zero.
 pub(super) fn fixed(value: f64, decimals: usize) -> String {
     if !value.is_finite() {
         return "?".to_owned();
@@ -126,7 +126,7 @@ fn typographic(text: &str) -> String {
     text.replace('-', "\u{2212}")
 }
 
-/// The value below which the share `part` (0 to 1) of the values lies; reorders them. `None` where there are none.
+/// The quantile of the values at the share `part` (0 to 1); reorders them. `None` without values.
 pub(super) fn quantile(values: &mut [f64], part: f64) -> Option<f64> {
     let last = values.len().checked_sub(1)?;
     let index = (part * last as f64).round().clamp(0.0, last as f64) as usize;
@@ -142,13 +142,13 @@ pub(super) fn median(values: &mut [f64]) -> Option<f64> {
     Some(other + (*middle - other) / 2.0)
 }
 
-/// The half-width that shows the values about 0 as large as it can: the largest of them, or, where a few lie far out,
-/// six times the robust spread 1.4826·median|v|. At least `least`.
+/// The half-width that shows the values about 0 as large as possible: the largest of them or, if a few lie far out, six times the
+/// robust spread 1.4826·median|v|. At least `least`.
 pub(super) fn half_width(values: impl Iterator<Item = f64>, least: f64) -> f64 {
     let mut sizes: Vec<f64> = values.map(f64::abs).filter(|v| v.is_finite()).collect();
     let largest = sizes.iter().copied().fold(0.0, f64::max);
     let spread = 1.4826 * quantile(&mut sizes, 0.5).unwrap_or(0.0);
-    // Without the second term two or three exact values would send all others off the scale.
+    // Without the second term two or three exact values would put all others off the scale.
     let shown = largest.min((6.0 * spread).max(quantile(&mut sizes, 0.9).unwrap_or(0.0)));
     (1.15 * shown).max(least)
 }

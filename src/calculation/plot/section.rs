@@ -1,9 +1,9 @@
-//! The picture of one profile: its points with the fitted section in true proportion (left), and, since a noise of
-//! hundredths cannot be seen on a radius of hundreds, their distances from it against direction with the band of the inliers
-//! (right). Without a section the right side shows the points, each coordinate at its own scale.
+//! The picture of one profile: its points with the fitted section in true proportion (left). A noise of hundredths is invisible on
+//! a radius of hundreds, so the right side shows the distances from the section against direction with the band of the inliers.
+//! Without a section the right side shows the points, each coordinate at its own scale.
 //!
-//! The points are compared with what decided on the profile: the section of the one cylinder of all profiles, or the ellipse of
-//! the profile, and with the limit of the inliers that the verdict used.
+//! The points are compared with the reference of the verdict: the section of the common cylinder or the ellipse of the profile,
+//! with the inlier limit that the verdict used.
 
 use super::about_axis::{Cylinder, Names, Status, names, pose, status};
 use super::grid::{Seen, turned_into};
@@ -18,13 +18,13 @@ use crate::estimation::{Estimate, Method, Profile, Section, TUKEY_C};
 use crate::geometry::SectionEllipse;
 use crate::scan::{Scan, Station};
 
-/// Most markers of one kind on one panel.
+/// Largest number of markers of one kind on one panel.
 const MARKS_MAX: usize = 2000;
 const SHAPE: Area = Area::new(84.0, BODY_TOP + 10.0, 400.0, 440.0);
 const RESIDUALS: Area = Area::new(580.0, BODY_TOP + 10.0, 396.0, 440.0);
 const LEGEND: Area = Area::new(MARGIN, 634.0, 952.0, 60.0);
 
-/// Draws one profile: the one that the subject names, else the valid one nearest to the middle, else the middle one.
+/// Draws one profile: the one that the subject names, otherwise the valid one nearest to the middle, otherwise the middle one.
 pub(super) fn section(scan: &Scan, estimate: &Estimate, subject: &Subject<'_>) -> String {
     let index = subject.profile.unwrap_or_else(|| middle_profile(scan, estimate));
     let Some(&station) = scan.stations().get(index) else {
@@ -65,7 +65,7 @@ fn middle_profile(scan: &Scan, estimate: &Estimate) -> usize {
         .unwrap_or(stations.len() / 2)
 }
 
-/// The reference that decided on the profile; `None` where it has no section that could be drawn.
+/// The reference that decided on the profile; `None` if it has no section that can be drawn.
 fn reference(estimate: &Estimate, profile: Option<&Profile>, station: Station, epsilon_mm: f64) -> Option<Reference> {
     let own = profile.and_then(|profile| profile.section);
     let cylinder = match estimate.method {
@@ -121,7 +121,7 @@ fn about(profile: Option<&Profile>, reference: Option<&Reference>) -> String {
     )
 }
 
-/// Where the axis has already left the part in this plane.
+/// Remark if the axis has already left the part in this plane.
 fn beyond_end(estimate: &Estimate, x: f64) -> String {
     let Some(pose) = pose(estimate) else { return String::new() };
     let is_beyond = |centre_x: f64, near: bool| if near { x < centre_x } else { x > centre_x };
@@ -156,7 +156,7 @@ fn draw_shape(svg: &mut Svg, names: Names, ellipse: &SectionEllipse, points: &[J
     beyond
 }
 
-/// The whole ellipse; where it dwarfs the points (a line that passed for an arc), the points.
+/// The complete ellipse, or only the points if the ellipse is far larger (a line that was fitted as an arc).
 fn shape_panel(ellipse: &SectionEllipse, points: &[Judged]) -> Panel {
     let y = Range::around(points.iter().map(|point| point.at[0]));
     let z = Range::around(points.iter().map(|point| point.at[1]));
@@ -205,7 +205,7 @@ fn draw_residuals(svg: &mut Svg, names: Names, reference: &Reference, points: &[
     beyond
 }
 
-/// The points by kind, the rare ones on top; returns how many lie beyond the border.
+/// Draws the points by kind, the rare ones on top; returns how many lie beyond the border.
 fn draw_marks(svg: &mut Svg, panel: &Panel, points: &[Judged], values: impl Fn(&Judged) -> [f64; 2]) -> usize {
     let mut beyond = 0;
     for kind in Kind::ALL {
@@ -275,16 +275,16 @@ fn draw_points(svg: &mut Svg, names: Names, points: &[[f64; 3]]) {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Reference {
     pub(super) ellipse: SectionEllipse,
-    /// The cylinder that was fitted to all profiles, where `ellipse` is a section of it; distances are then those from its
-    /// surface, as in the fit.
+    /// The cylinder that was fitted to all profiles, if `ellipse` is a section of it; distances are then those from its surface, as
+    /// in the fit.
     pub(super) cylinder: Option<Cylinder>,
     /// Robust standard deviation of the residuals, mm.
     pub(super) sigma: f64,
-    /// Distance below which a point is an inlier, mm; infinite where the method distinguishes none.
+    /// Distance below which a point is an inlier, mm; infinite if the method distinguishes none.
     pub(super) limit: f64,
 }
 
-/// A point and its place relative to the reference.
+/// A point and its position relative to the reference.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Judged {
     /// y and z in the plane of the profile, mm.
@@ -296,10 +296,10 @@ pub(super) struct Judged {
     pub(super) kind: Kind,
 }
 
-/// Inlier or outlier, and how much weight.
+/// Inlier or outlier, and its weight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// One of all points, which have equal weights and no verdict.
+    /// A point of a method with equal weights and without verdicts.
     Equal,
     /// Inlier, weight above 0.75.
     InlierHeavy,
@@ -353,7 +353,7 @@ impl Kind {
 
 /// Compares every point of the profile at `x` with the reference. A method without re-weighting gives every point the weight 1.
 pub(super) fn judge(points: &[[f64; 3]], x: f64, reference: &Reference, method: Method) -> Vec<Judged> {
-    // An exact profile has no spread; its points are no outliers for that.
+    // An exact profile has no spread, but its points are not outliers.
     let reach = (TUKEY_C * reference.sigma).max(1e-9);
     let weight = |r: f64| match method {
         Method::SectionLine | Method::Cylinder if r.abs() < reach => (1.0 - (r / reach).powi(2)).powi(2),
@@ -364,7 +364,8 @@ pub(super) fn judge(points: &[[f64; 3]], x: f64, reference: &Reference, method: 
     let judged = points.iter().map(|&[own_x, y, z]| {
         let (at, residual) = match &reference.cylinder {
             Some(cylinder) => {
-                // Along the axis into the plane of the profile, which leaves the distance from the axis as it is.
+                // The point is moved along the axis into the plane of the profile, which leaves its distance from the axis
+                // unchanged.
                 let step = own_x - x;
                 let at = [y - cylinder.axis.p * step, z - cylinder.axis.q * step];
                 (at, cylinder.polar([own_x, y, z]).distance - cylinder.radius)
@@ -377,7 +378,7 @@ pub(super) fn judge(points: &[[f64; 3]], x: f64, reference: &Reference, method: 
     judged.filter(|point| point.residual.is_finite()).collect()
 }
 
-/// F/|∇F| with F = (u/a)² + (v/b)² − 1 in the ellipse's own axes, mm; not finite in its centre.
+/// F/|∇F| with F = (u/a)² + (v/b)² − 1 in the ellipse's own axes, mm; not finite at its centre.
 fn first_order_distance(ellipse: &SectionEllipse, [y, z]: [f64; 2]) -> f64 {
     let (sin, cos) = ellipse.rotation.radians().sin_cos();
     let (dy, dz) = (y - ellipse.centre_y, z - ellipse.centre_z);
@@ -411,9 +412,9 @@ mod tests {
         }
     }
 
-    /// Two points of one generating line lie at the same place of the profile, and at the same distance.
+    /// Two points of one generating line have the same position in the profile and the same distance.
     #[test]
-    fn points_beside_the_plane_of_their_profile_are_moved_along_the_axis() {
+    fn points_outside_the_plane_of_their_profile_are_moved_along_the_axis() {
         let cylinder = Cylinder { axis: AxisLine { p: 0.1, q: -0.2, y0: 1.0, z0: 2.0 }, radius: 50.0 };
         let ellipse = cylinder.axis.section(50.2, 30.0);
         let [y, z] = ellipse.point(1.0);

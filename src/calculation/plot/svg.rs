@@ -1,5 +1,5 @@
-//! Writes SVG: elements in, one document out. Numbers have a fixed form, so equal pictures are equal bytes; text is escaped; a
-//! coordinate that is not a number cannot get into the file. Areas of the page are in pixels; y grows downwards.
+//! Writes SVG. Numbers have a fixed form, so equal pictures are equal bytes; text is escaped; a coordinate that is not a number
+//! cannot get into the file. Areas of the page are in pixels; y grows downwards.
 
 use super::palette::INK;
 use std::fmt::{self, Display, Write as _};
@@ -14,7 +14,7 @@ pub(super) struct Px(pub(super) f64);
 
 impl Display for Px {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // Far outside the page all places look alike; a non-number is a mistake that must not break the document.
+        // Positions far outside the page are equivalent; a NaN is a programming error that must not break the document.
         let value = if self.0.is_finite() { self.0.clamp(-1e6, 1e6) } else { 0.0 };
         let tenths = (value * 10.0).round() as i64;
         let sign = if tenths < 0 { "-" } else { "" };
@@ -25,7 +25,7 @@ impl Display for Px {
     }
 }
 
-/// Where a text's place lies in it.
+/// Position of the anchor in a text.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Anchor {
     Start,
@@ -33,19 +33,19 @@ pub(super) enum Anchor {
     End,
 }
 
-/// How a text looks.
+/// Style of a text.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Type {
     pub(super) size: f64,
     pub(super) anchor: Anchor,
     pub(super) colour: &'static str,
     pub(super) bold: bool,
-    /// Reads upwards.
+    /// Rotated to read upwards.
     pub(super) turned: bool,
 }
 
 impl Type {
-    /// Upright ink, its place at its start.
+    /// Normal text with its anchor at its start.
     pub(super) const fn sized(size: f64) -> Self {
         Self { size, anchor: Anchor::Start, colour: INK, bold: false, turned: false }
     }
@@ -66,13 +66,13 @@ impl Type {
         Self { turned: true, ..self }
     }
 
-    /// About how wide a text is, pixels: no font is known here, so this is on the safe side.
+    /// Approximate width of a text, pixels: the font is unknown here, so this is an upper estimate.
     pub(super) fn width_of(&self, text: &str) -> f64 {
         let ems: f64 = text.chars().map(|c| if c as u32 >= 0x2E80 { 1.0 } else { 0.54 }).sum();
         ems * self.size * if self.bold { 1.08 } else { 1.0 }
     }
 
-    /// `text`, cut with an ellipsis where it would be wider than `width`.
+    /// `text`, cut with an ellipsis if it would be wider than `width`.
     pub(super) fn fitted(&self, text: &str, width: f64) -> String {
         if self.width_of(text) <= width {
             return text.to_owned();
@@ -93,7 +93,7 @@ impl Type {
 pub(super) struct Svg(String);
 
 impl Svg {
-    /// Opens a white page. `title` and `description` are for those who cannot see it.
+    /// Opens a white page. `title` and `description` are for screen readers.
     pub(super) fn new(title: &str, description: &str) -> Self {
         let mut svg = Self(String::with_capacity(16 * 1024));
         svg.put(format_args!(
@@ -130,7 +130,7 @@ impl Svg {
         self.put(format_args!("<line x1=\"{x1}\" y1=\"{y1}\" x2=\"{x2}\" y2=\"{y2}\" {paint}/>"));
     }
 
-    /// A path of path data; nothing where there is none.
+    /// A path of path data; nothing for empty data.
     pub(super) fn path(&mut self, data: &str, paint: impl Display) {
         if !data.is_empty() {
             self.put(format_args!("<path d=\"{data}\" {paint}/>"));
@@ -153,7 +153,7 @@ impl Svg {
         self.put(format_args!("<text {place} font-size=\"{size}\" fill=\"{colour}\"{anchor}{weight}>{text}</text>"));
     }
 
-    /// The output of `draw` is clipped to `area`. `id` must be the only one of its name on the page.
+    /// Clips the output of `draw` to `area`. `id` must be unique on the page.
     pub(super) fn clipped(&mut self, id: &str, area: Area, draw: impl FnOnce(&mut Self)) {
         self.put(format_args!("<clipPath id=\"{id}\">"));
         self.rect(area, "");
@@ -162,7 +162,7 @@ impl Svg {
         self.put(format_args!("</g>"));
     }
 
-    /// The output of `draw` is measured in cells of `cell` pixels from the corner of `area`.
+    /// Scales the output of `draw` to cells of `cell` pixels from the corner of `area`.
     pub(super) fn gridded(&mut self, area: Area, cell: [f64; 2], draw: impl FnOnce(&mut Self)) {
         let [width, height] = cell;
         let (left, top) = (Px(area.left), Px(area.top));
@@ -174,7 +174,7 @@ impl Svg {
     }
 }
 
-/// Text that may stand between tags: markup is escaped, and what XML forbids is shown as a question mark.
+/// Text that may appear between tags: markup is escaped, and characters that XML forbids are shown as a question mark.
 struct Escaped<'a>(&'a str);
 
 impl Display for Escaped<'_> {

@@ -1,4 +1,5 @@
-//! Properties of every picture: well-formed, only numbers, small, drawn for any measurement. Scans and estimates are simulated here, from the section of a cylinder whose axis is known.
+//! Properties of every picture: well-formed, only numbers, small, drawn for any measurement. Scans and estimates are simulated here
+//! from the section of a cylinder with a known axis.
 
 use super::{Picture, Subject, draw};
 use crate::estimation::{
@@ -23,13 +24,13 @@ const SUBJECT: Subject<'_> = Subject {
 };
 const RADIUS: f64 = 200.0;
 
-/// A synthetic part: profiles of a known cylinder, some of them with a clamp that spoils their centre.
+/// A synthetic part: profiles of a known cylinder, some of them with a clamp that displaces their centre.
 struct Simulated {
     axis: AxisLine,
     spacing: f64,
     profiles: usize,
     points: usize,
-    /// Every so many-th profile has a clamp and is rejected.
+    /// Every n-th profile has a clamp and is rejected.
     clamp_every: usize,
 }
 
@@ -58,7 +59,7 @@ impl Simulated {
             }
             stations.push(Station { x, start, end: y.len() });
         }
-        Scan::new(stations, Columns::F64 { y, z }, "made".to_owned()).expect("made in order")
+        Scan::new(stations, Columns::F64 { y, z }, "simulated".to_owned()).expect("a valid scan")
     }
 
     fn is_clamped(&self, index: usize) -> bool {
@@ -120,7 +121,7 @@ fn drawn(picture: Picture, scan: &Scan, estimate: &Estimate, subject: &Subject<'
     svg
 }
 
-/// Every tag is closed by its own, and no markup is left in texts and attributes.
+/// Every tag has its closing tag, and no markup remains in texts and attributes.
 fn assert_well_formed(svg: &str, name: &str) {
     let mut open = Vec::new();
     for piece in svg.split('<').skip(1) {
@@ -142,7 +143,7 @@ fn assert_well_formed(svg: &str, name: &str) {
 /// The shape of a profile that was rejected for its inliers.
 const RING: &str = "a3.2 3.2 0 1 0 6.4 0";
 
-/// Arrows of values that lie off the scale, with those of the legend.
+/// Arrows of values off the scale, including those of the legend.
 fn arrows_count(svg: &str) -> usize {
     let paths = svg.lines().filter(|line| line.starts_with("<path") && line.contains("stroke-width=\"1.2\"/>"));
     paths.map(|path| path.matches('M').count() / 2).sum()
@@ -155,7 +156,7 @@ fn all_drawn(scan: &Scan, estimate: &Estimate) {
 }
 
 #[test]
-fn every_picture_has_a_name_of_its_own() {
+fn every_picture_has_a_distinct_name() {
     for picture in Picture::ALL {
         assert_eq!(Picture::from_name(picture.name()), Some(picture));
     }
@@ -163,7 +164,7 @@ fn every_picture_has_a_name_of_its_own() {
 }
 
 #[test]
-fn a_made_part_is_drawn_and_equal_input_gives_equal_bytes() {
+fn a_simulated_part_is_drawn_and_equal_input_gives_equal_bytes() {
     let (scan, estimate) = (PART.scan(), PART.estimate());
     for picture in Picture::ALL {
         let svg = drawn(picture, &scan, &estimate, &SUBJECT);
@@ -175,8 +176,8 @@ fn a_made_part_is_drawn_and_equal_input_gives_equal_bytes() {
 #[test]
 fn every_centre_is_marked_in_the_trend_and_in_the_deviation_of_both_directions() {
     let svg = drawn(Picture::Centres, &PART.scan(), &PART.estimate(), &SUBJECT);
-    // 100 valid dots on four panels and one in the legend. Of the 20 others, spoilt by 30 mm in z alone, rings on the two panels
-    // of y, and arrows on the two of z.
+    // 100 valid dots on four panels and one in the legend. The 20 others, displaced by 30 mm in z alone, are rings on the two
+    // panels of y, and arrows on the two of z.
     assert_eq!(svg.matches("h0").count(), 4 * 100 + 1);
     assert_eq!(svg.matches(RING).count(), 2 * 20 + 1);
     assert_eq!(arrows_count(&svg), 2 * 20 + 1);
@@ -187,7 +188,7 @@ fn every_centre_is_marked_in_the_trend_and_in_the_deviation_of_both_directions()
 #[test]
 fn the_scale_of_the_deviation_follows_the_valid_centres() {
     let svg = drawn(Picture::Centres, &PART.scan(), &PART.estimate(), &SUBJECT);
-    // They scatter by ± 0.1 mm in z, the spoilt ones lie 30 mm away.
+    // They scatter by ± 0.1 mm in z, the displaced ones are 30 mm off.
     assert!(svg.contains(">0.10<") && !svg.contains(">30<"), "{svg}");
 }
 
@@ -206,7 +207,7 @@ fn every_reason_that_occurs_is_in_the_legend_with_its_count() {
 }
 
 #[test]
-fn the_map_shows_a_clamp_as_far_outside_and_the_sound_surface_as_near() {
+fn the_map_shows_a_clamp_far_outside_and_the_surface_near_zero() {
     let part = Simulated { clamp_every: 2, ..PART };
     let svg = drawn(Picture::ResidualMap, &part.scan(), &part.estimate(), &SUBJECT);
     let columns_of_clamps = svg.lines().filter(|l| l.contains("fill=\"#a50026\"") && l.contains("<path")).count();
@@ -241,7 +242,7 @@ fn every_point_of_the_section_is_marked_once_on_each_panel() {
 }
 
 #[test]
-fn a_refused_scan_is_drawn_with_the_words_of_its_refusal() {
+fn a_refused_scan_is_drawn_with_the_text_of_its_refusal() {
     let scan = PART.scan();
     for estimate in [refused(Vec::new()), refused(PART.profiles())] {
         all_drawn(&scan, &estimate);
@@ -253,7 +254,7 @@ fn a_refused_scan_is_drawn_with_the_words_of_its_refusal() {
 }
 
 #[test]
-fn odd_scans_are_drawn() {
+fn unusual_scans_are_drawn() {
     for part in [
         Simulated { profiles: 1, ..PART },
         Simulated { profiles: 2, points: 1, ..PART },
@@ -272,7 +273,7 @@ fn odd_scans_are_drawn() {
 fn identical_points_are_drawn() {
     let stations = (0..3).map(|i| Station { x: f64::from(i as i32), start: i * 10, end: i * 10 + 10 }).collect();
     let columns = Columns::F32 { y: vec![3.0; 30], z: vec![4.0; 30] };
-    let scan = Scan::new(stations, columns, "made".to_owned()).expect("made in order");
+    let scan = Scan::new(stations, columns, "simulated".to_owned()).expect("a valid scan");
     let part = Simulated { profiles: 3, ..PART };
     all_drawn(&scan, &part.estimate());
     all_drawn(&scan, &refused(Vec::new()));
@@ -310,7 +311,7 @@ fn a_hundred_thousand_profiles_and_a_million_points_make_small_files() {
 }
 
 #[test]
-fn hostile_titles_stay_text() {
+fn markup_in_titles_is_escaped() {
     let (scan, estimate) = (PART.scan(), PART.estimate());
     let title = format!("</text><script>x</script>\u{0}\u{8}\"'&{}", "長".repeat(500));
     for picture in Picture::ALL {
@@ -331,7 +332,7 @@ fn estimated_scans_are_drawn_by_every_method() {
     }
 }
 
-/// How many points or cells a picture shows.
+/// Number of points or cells in a picture.
 fn shown(picture: Picture, svg: &str) -> usize {
     match picture {
         Picture::ResidualMap => svg.matches("v1h-").count(),
@@ -357,7 +358,7 @@ fn a_refused_scan_is_shown_from_above_by_its_height() {
     let part = Simulated { clamp_every: 2, ..PART };
     let svg = drawn(Picture::ResidualMap, &part.scan(), &refused(part.profiles()), &SUBJECT);
     assert!(svg.contains("Surface from above") && svg.contains(">z (mm)<") && svg.contains(">y (mm)<"));
-    // The lowest and the highest colours are in cells, not only in the colour bar.
+    // The lowest and the highest colours appear in cells, not only in the colour bar.
     for colour in ["#440154", "#fde725"] {
         let cells = svg.lines().filter(|line| line.contains(colour) && line.contains("v1h-")).count();
         assert_eq!(cells, 1, "{colour}");
@@ -365,10 +366,10 @@ fn a_refused_scan_is_shown_from_above_by_its_height() {
 }
 
 #[test]
-fn a_value_off_the_scale_looks_like_no_profile_and_both_are_in_the_legend() {
+fn a_value_off_the_scale_differs_from_every_profile_and_both_are_in_the_legend() {
     let svg = drawn(Picture::Centres, &PART.scan(), &PART.estimate(), &SUBJECT);
     assert!(svg.contains("off scale") && svg.contains("rejected, low_inlier_ratio"));
-    // The mark of a kind is not drawn where an arrow stands for it.
+    // A point that is drawn as an arrow has no other mark.
     let off = arrows_count(&svg) - 1;
     assert_eq!(off + svg.matches(RING).count() - 1, 4 * 20);
     // Without a value off the scale the legend does not mention any.
@@ -442,7 +443,7 @@ fn the_end_faces_are_drawn_where_a_picture_shows_x() {
         svg.lines().filter(|line| line.contains(GREEN)).count()
     };
     let with = with_uncertainty(false);
-    // A line on each of the four panels, or the edge on the map, and a piece in the legend, of both faces.
+    // A line on each of the four panels, or the edge on the map, and an entry in the legend, for both faces.
     assert_eq!(count(Picture::Centres, &with), 2 * 5);
     assert_eq!(count(Picture::ResidualMap, &with), 2 * 2);
     assert_eq!(Picture::ALL.map(|picture| count(picture, &PART.estimate())), [0; 4]);
@@ -453,7 +454,7 @@ fn the_end_faces_are_drawn_where_a_picture_shows_x() {
 }
 
 #[test]
-fn labels_say_what_is_subtracted_and_use_the_terms_of_the_ellipse() {
+fn labels_state_the_subtracted_base_and_use_the_terms_of_the_ellipse() {
     let (scan, estimate) = (PART.scan(), PART.estimate());
     let svg = drawn(Picture::Centres, &scan, &estimate, &SUBJECT);
     assert!(svg.contains("y of centre − y of axis (mm)") && svg.contains("z of centre − z of axis (mm)"));
@@ -470,7 +471,7 @@ fn in_legend(svg: &str, words: &str) -> usize {
 
 #[test]
 fn a_section_counts_the_inliers_that_the_verdict_counted() {
-    // Noise for which 2.22 σ is more than ε, and a tilt that makes the sections of the cylinder ellipses.
+    // A noise for which 2.22 σ is more than ε, and a tilt that makes the sections of the cylinder ellipses.
     let axis = AxisLine { p: 0.05, q: 0.1, y0: 3.0, z0: -4.0 };
     let part = Part { axis, noise_sigma_mm: 0.12, profiles_count: 40, points_count: 300, ..Part::with_interference(5) };
     let (scan, _) = make(&part).expect("a scan");

@@ -1,20 +1,20 @@
-//! The content of a scan file before its points are grouped into profiles, the unit of length of the file, and the steps of the lattice
-//! that its coordinates may lie on. All coordinates become millimetres while the points are gathered.
+//! The content of a scan file before its points are grouped into profiles, the unit of length of the file, and the steps of the
+//! lattice of its coordinates. All coordinates become millimetres while the points are collected.
 
 use super::columns::Columns;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// Successive points of a file that share a label and an x: the laser's stripe, or a piece of it.
+/// Successive points of a file that share a label and an x: a laser line, or a piece of it.
 ///
-/// Run-length coding keeps x out of the way where a file is organised, and costs nothing to take apart where it is not.
+/// Run-length coding removes the repeated x of organised files, and costs nothing if there are no runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stripe {
-    /// Value of the profile column, or number of the row; 0 where there is neither.
+    /// Value of the profile column, or number of the row; 0 without either.
     pub label: f64,
     /// Common x, mm.
     pub x: f64,
-    /// One past the stripe's last point; it starts where the one before it ends.
+    /// Index after the stripe's last point; the stripe starts at the end of the previous one.
     pub end: usize,
 }
 
@@ -29,7 +29,7 @@ pub enum Labels {
     Column(String),
 }
 
-/// The points of a file, in its own order, finite and in millimetres.
+/// The points of a file, in the order of the file, finite and in millimetres.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cloud {
     /// Runs of points that share a label and an x.
@@ -38,11 +38,11 @@ pub struct Cloud {
     pub columns: Columns,
     /// The kind of the labels.
     pub labels: Labels,
-    /// The unit that the file's coordinates were read in.
+    /// The unit of the file's coordinates.
     pub unit: Unit,
-    /// Planes of rows or profiles whose points in the file are all missing, as far as the file states their x, mm.
+    /// Planes of rows or profiles without a valid point, as far as the file states their x, mm.
     pub blanks: Vec<f64>,
-    /// Points that the file marks as missing (NaN, infinite, empty cell); they are in no column.
+    /// Points that the file marks as missing (NaN, infinite, empty cell); no column contains them.
     pub missing_count: u64,
 }
 
@@ -78,7 +78,7 @@ impl Unit {
     /// Every unit, in the order in which messages list them.
     pub const ALL: [Self; 4] = [Self::Millimetre, Self::Metre, Self::Micrometre, Self::Inch];
 
-    /// The name used in requests and records.
+    /// The name used in requests and results.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -89,7 +89,7 @@ impl Unit {
         }
     }
 
-    /// The unit of a name, whatever its case; `µm`, `in` and the written-out names too.
+    /// The unit of a name, irrespective of case; also `µm`, `in` and the full names.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         match name.trim().to_lowercase().as_str() {
@@ -123,13 +123,14 @@ impl fmt::Display for Unit {
 
 /// Points that are examined.
 const POINTS_MAX: usize = 4096;
-/// A value is on the lattice where it is no farther from it than this share of a step: the decimals of a file round to less.
+/// A value is on the lattice if its distance from it is at most this share of a step: the rounding to the decimals of a file is
+/// smaller.
 const OFF_MAX: f64 = 1e-2;
-/// Shares of the gaps between neighbouring values that are whole multiples of the least one. Of gaps of any length one in fifty
-/// is, by [`OFF_MAX`] on either side.
+/// Least share of the gaps between neighbouring values that are multiples of the smallest one. Of random gaps one in fifty is, by
+/// [`OFF_MAX`] on either side.
 const ON_LATTICE: f64 = 0.9;
 
-/// The step of x, y and z, mm; 0 where the values of a coordinate lie on no lattice.
+/// The step of x, y and z, mm; 0 for a coordinate whose values lie on no lattice.
 pub(super) fn steps(cloud: &Cloud) -> [f64; 3] {
     let count = cloud.columns.len();
     let stride = count.div_ceil(POINTS_MAX).max(1);
@@ -150,7 +151,7 @@ fn step(mut values: Vec<f64>) -> f64 {
     values.sort_unstable_by(f64::total_cmp);
     values.dedup();
     let largest = values.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
-    // Differences of values in single precision are known to its rounding.
+    // Differences of values in single precision are accurate to its rounding.
     let rounding = largest * f64::from(f32::EPSILON);
     let gaps: Vec<f64> = values.windows(2).filter_map(|pair| Some(pair.last()? - pair.first()?)).collect();
     let gaps: Vec<f64> = gaps.into_iter().filter(|gap| *gap > rounding).collect();

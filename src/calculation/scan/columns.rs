@@ -1,13 +1,13 @@
 //! The flat arrays of the y and z of a cloud, in the precision of the file: single precision halves the memory that a pass over a
 //! large scan has to read.
 //!
-//! Large columns ask the kernel for huge pages: filling fresh memory 4 KiB at a time costs more than reading a whole scan, 2 MiB at a
-//! time a tenth of that. It is a hint: where the kernel ignores it, everything works as before, slower.
+//! Large columns request huge pages from the kernel: filling fresh memory 4 KiB at a time costs more than reading a complete scan,
+//! 2 MiB at a time a tenth of that. The request is a hint: if the kernel ignores it, the result is the same but slower.
 
 use rustix::mm::{Advice, madvise};
 use std::ops::Range;
 
-/// The y and z of many points, mm; both of one length.
+/// The y and z of many points, mm; both have the same length.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Columns {
     /// From a file in single precision and in millimetres.
@@ -17,7 +17,7 @@ pub enum Columns {
         /// All z.
         z: Vec<f32>,
     },
-    /// From everything else.
+    /// From every other file.
     F64 {
         /// All y.
         y: Vec<f64>,
@@ -26,7 +26,7 @@ pub enum Columns {
     },
 }
 
-/// Neighbouring points of [`Columns`] as they are stored, mm; y and z are of one length.
+/// Neighbouring points of [`Columns`] in their stored precision, mm; y and z have the same length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Stretch<'a> {
     /// In single precision.
@@ -46,7 +46,7 @@ pub enum Stretch<'a> {
 }
 
 impl Columns {
-    /// The points of `range`; none where it reaches beyond the end.
+    /// The points of `range`; none if it extends beyond the end.
     #[must_use]
     pub fn stretch(&self, range: Range<usize>) -> Stretch<'_> {
         match self {
@@ -93,7 +93,7 @@ impl Columns {
         y.into_iter().chain(z).min()
     }
 
-    /// Copies `range` into `y` and `z`, cleared first; what lies beyond the end is left out.
+    /// Copies `range` into `y` and `z`, which are cleared first; points beyond the end are omitted.
     pub fn load(&self, range: Range<usize>, y: &mut Vec<f64>, z: &mut Vec<f64>) {
         y.clear();
         z.clear();
@@ -115,8 +115,8 @@ pub(super) fn first_not_finite(values: &[f64]) -> Option<usize> {
     first_where(values, |v| !v.is_finite())
 }
 
-/// The first value that is `wrong`. Asks for whole blocks first, without a branch: a scan that is fine passes at the
-/// speed of memory.
+/// The first value that is `wrong`. Complete blocks are tested first without a branch, so that a valid scan passes at the speed of
+/// memory.
 fn first_where<T: Copy>(values: &[T], wrong: impl Fn(T) -> bool) -> Option<usize> {
     const BLOCK: usize = 1024;
     let block = values.chunks(BLOCK).position(|block| block.iter().fold(false, |any, value| any | wrong(*value)))?;
@@ -125,11 +125,11 @@ fn first_where<T: Copy>(values: &[T], wrong: impl Fn(T) -> bool) -> Option<usize
     Some(start + within)
 }
 
-/// Smaller columns gain nothing.
+/// Smaller columns do not benefit.
 const LEAST_BYTES: usize = 4 << 20;
 const PAGE_BYTES: usize = 4096;
 
-/// Reserves space for `more` elements, backed by huge pages where that pays.
+/// Reserves space for `more` elements, backed by huge pages if worthwhile.
 pub(super) fn reserve<T>(column: &mut Vec<T>, more: usize) {
     let before = column.capacity();
     column.reserve(more);
@@ -138,7 +138,7 @@ pub(super) fn reserve<T>(column: &mut Vec<T>, more: usize) {
     }
 }
 
-/// So many zeros; the memory is touched where it is filled, by whatever thread does that.
+/// A vector of zeros; its memory is touched when it is filled, by the thread that fills it.
 pub(crate) fn zeroed<T: Copy + Default>(count: usize) -> Vec<T> {
     let mut column = vec![T::default(); count];
     advise(&mut column);
@@ -151,14 +151,14 @@ fn advise<T>(column: &mut Vec<T>) {
         return;
     }
     let start = column.as_mut_ptr().cast::<u8>();
-    // From the first page to the last one, the column's or not: a large allocation has its pages for itself, and one whose
-    // pages are not all alike could not grow without being copied.
+    // The advice covers the first to the last page, including bytes outside the column: a large allocation owns its pages, and one
+    // with different kinds of pages could not grow without a copy.
     let before = start.addr() % PAGE_BYTES;
     let whole = (before + bytes_count).next_multiple_of(PAGE_BYTES);
-    // SAFETY: every page of the range holds a byte of the column's own allocation, so all of them are mapped, and this
-    // advice changes neither contents nor access, only how the pages are backed. A kernel without huge pages refuses it,
-    // and nothing depends on that.
-    #[expect(unsafe_code, reason = "the standard library has no safe way to say this")]
+    // SAFETY: every page of the range contains a byte of the column's own allocation, so all of them are mapped. The advice changes
+    // neither contents nor access, only how the pages are backed. A kernel without huge pages returns an error, on which nothing
+    // depends.
+    #[expect(unsafe_code, reason = "the standard library has no safe function for this advice")]
     let _taken = unsafe { madvise(start.wrapping_sub(before).cast(), whole, Advice::LinuxHugepage) };
 }
 
@@ -182,7 +182,7 @@ mod huge_pages_tests {
     use super::*;
 
     #[test]
-    fn a_column_keeps_its_contents_and_gets_its_room() {
+    fn a_column_keeps_its_contents_and_gets_its_capacity() {
         for count in [0_usize, 10, 3_000_000] {
             let mut column: Vec<f32> = (0..count).map(|i| i as f32).collect();
             reserve(&mut column, 2_000_000);

@@ -1,4 +1,4 @@
-//! From a scan to the bytes of a file. What is written reads back as the same points, profile by profile.
+//! From a scan to the bytes of a file, which decode to the same points, profile by profile.
 //!
 //! | format | layout |
 //! |---|---|
@@ -6,13 +6,13 @@
 //! | gocator_csv | version 2, section RawProfile |
 //! | json | `{"profiles": [{"x_mm": …, "points": [[y, z], …]}]}` |
 //! | ply | binary little-endian, x y z |
-//! | pcd | binary, a row per profile, filled up with NaN |
-//! | npy | (P, M, 3), filled up with NaN |
-//! | npz | x, y and z as (P, M), filled up with NaN |
+//! | pcd | binary, a row per profile, padded with NaN |
+//! | npy | (P, M, 3), padded with NaN |
+//! | npz | x, y and z as (P, M), padded with NaN |
 //!
-//! Profiles without a point are written last, by the text formats alone: the others have no place for their x.
+//! Profiles without a point are written last, and only by the text formats: the others cannot store their x.
 //!
-//! The binary formats are written in single precision where the scan has it and its x lose nothing by it. Those with a row per
+//! The binary formats are written in single precision if the scan has it and its x are represented exactly. Those with a row per
 //! profile grow with the longest one: a scan of very uneven profiles is better written as csv or ply.
 //!
 //! [`encode_cloud`] writes a cloud as binary PLY that reads back as the same cloud.
@@ -27,7 +27,7 @@ use zip::write::SimpleFileOptions;
 /// Writes a scan.
 ///
 /// # Errors
-/// Those of `out`; of kind `InvalidInput` where the format has one x for all points of a profile and the scan has not.
+/// Those of `out`; of kind `InvalidInput` if the format has one x for all points of a profile and the scan does not.
 pub fn encode(scan: &Scan, format: Format, out: &mut dyn Write) -> io::Result<()> {
     if matches!(format, Format::GocatorCsv | Format::Json) && !scan.is_planar() {
         let reason = "this format has one x for all points of a profile, and the points of this scan have an x of their own: write csv, ply, pcd, npy or npz";
@@ -143,7 +143,7 @@ impl Float {
     }
 }
 
-/// Vertices without more; where two profiles share an x, their border is lost.
+/// Only vertices; if two profiles share an x, the boundary between them is lost.
 pub(super) fn write_ply(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
     let float = Float::of(scan);
     let kind = match float {
@@ -161,7 +161,7 @@ pub(super) fn write_ply(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
     Ok(())
 }
 
-/// The points of a profile, filled up with NaN to `width`.
+/// The points of a profile, padded with NaN to `width`.
 fn row(scan: &Scan, station: &Station, width: usize) -> impl Iterator<Item = [f64; 3]> {
     scan.points_of(station).chain(std::iter::repeat([f64::NAN; 3])).take(width)
 }
@@ -186,11 +186,11 @@ pub(super) fn write_pcd(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
     write_rows(scan, float, out)
 }
 
-/// The header of an array, filled up with blanks to a multiple of 64 bytes.
+/// The header of an array, padded with blanks to a multiple of 64 bytes.
 fn write_npy_header(shape: &str, float: Float, out: &mut dyn Write) -> io::Result<()> {
     let size = float.size();
     let mut header = format!("{{'descr': '<f{size}', 'fortran_order': False, 'shape': {shape}, }}");
-    // Magic, version and length take ten bytes, the line's end one.
+    // Magic, version and length take ten bytes, the line end one.
     let blanks = 63 - (header.len() + 10) % 64;
     header.push_str(&" ".repeat(blanks));
     header.push('\n');
@@ -211,7 +211,7 @@ pub(super) fn write_npy(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
 pub(super) fn write_npz(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
     let (float, width) = (Float::of(scan), longest(scan));
     let shape = format!("({}, {width})", scan.stations().len());
-    // The archive's directory points back into it, so it is put together in memory.
+    // The archive's directory refers back to the entries, so the archive is built in memory.
     let mut archive = zip::ZipWriter::new(Cursor::new(Vec::new()));
     for (axis, name) in ["x.npy", "y.npy", "z.npy"].into_iter().enumerate() {
         archive.start_file(name, SimpleFileOptions::default().large_file(true))?;
@@ -225,8 +225,8 @@ pub(super) fn write_npz(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
     out.write_all(archive.finish()?.get_ref())
 }
 
-/// Writes a cloud in the order of its points. What reads it finds the same points, and the same profiles, so whatever is
-/// measured from either is the same; missing points are not written.
+/// Writes a cloud in the order of its points. A reader gets the same points and the same profiles, and therefore the same
+/// measurement; missing points are not written.
 ///
 /// # Errors
 /// Those of `out`.
@@ -271,11 +271,11 @@ mod tests {
 
     fn written(scan: &Scan, format: Format) -> Vec<u8> {
         let mut bytes = Vec::new();
-        encode(scan, format, &mut bytes).expect("memory takes everything");
+        encode(scan, format, &mut bytes).expect("writes to memory");
         bytes
     }
 
-    /// Reads as an upload is read: its format is found from its bytes, its rule is chosen.
+    /// Reads the bytes like an upload: the format is found from the bytes, and the rule is chosen.
     fn read(bytes: &[u8]) -> Scan {
         let limits = Limits::default();
         let format = find_format(&FormatClaims::default(), bytes).expect("known");
@@ -284,7 +284,7 @@ mod tests {
         slice(cloud, &SliceRequest::default(), &limits).expect("slices")
     }
 
-    /// Profiles of eight to twelve points at rising x, so that x alone separates them, too.
+    /// Profiles of eight to twelve points at increasing x, so that x alone separates them.
     fn any_scan() -> impl Strategy<Value = Scan> {
         let profile = |coordinate: BoxedStrategy<f64>| {
             (0.001..50.0f64, proptest::collection::vec([coordinate.clone(), coordinate], 8..12))
@@ -304,7 +304,7 @@ mod tests {
             let narrow = |values: &[f64]| values.iter().map(|v| *v as f32).collect();
             let columns =
                 if single { Columns::F32 { y: narrow(&ys), z: narrow(&zs) } } else { Columns::F64 { y: ys, z: zs } };
-            Scan::new(stations, columns, "made".to_owned()).expect("a valid scan")
+            Scan::new(stations, columns, "simulated".to_owned()).expect("a valid scan")
         })
     }
 
@@ -317,7 +317,7 @@ mod tests {
         #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
         #[test]
-        fn every_format_gives_the_same_points_back(scan in any_scan()) {
+        fn every_format_preserves_the_points(scan in any_scan()) {
             for format in Format::ALL {
                 let back = read(&written(&scan, format));
                 prop_assert_eq!(all_points(&back), all_points(&scan), "{}", format);
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn single_precision_stays_single_where_nothing_is_lost() {
+    fn single_precision_is_kept_if_it_is_exact() {
         let columns = Columns::F32 { y: vec![0.1; 8], z: vec![0.2; 8] };
         let station = |x| vec![Station { x, start: 0, end: 8 }];
         let exact = Scan::new(station(0.5), columns.clone(), String::new()).expect("valid");
@@ -357,7 +357,7 @@ mod cloud_tests {
     use crate::scan::decode::{Format, Limits, Unit, decode};
 
     #[test]
-    fn a_cloud_reads_back_as_itself() {
+    fn a_cloud_is_decoded_unchanged() {
         let stripe = |label, x, end| Stripe { label, x, end };
         let mut cloud = Cloud {
             stripes: vec![stripe(3.0, 0.5, 2), stripe(4.0, 0.25, 3)],
@@ -370,7 +370,7 @@ mod cloud_tests {
         for x in [0.25, 0.1] {
             cloud.stripes[1].x = x;
             let mut bytes = Vec::new();
-            encode_cloud(&cloud, &mut bytes).expect("memory takes it");
+            encode_cloud(&cloud, &mut bytes).expect("writes to memory");
             let limits = Limits::default();
             let request = Request::new(&limits);
             let read = decode(Format::Ply, &mut &*bytes, &request).expect("it reads");

@@ -6,8 +6,8 @@
 //!                  (frame, region)  synthetic
 //! ```
 //!
-//! A [`Cloud`] is the content of a file; a [`Scan`] is the input of an estimator: points, each with its own x, y and z, and the
-//! profiles that they belong to.
+//! A [`Cloud`] is the content of a file. A [`Scan`] is the input of an estimator: points with individual x, y and z, and the
+//! profiles to which they belong.
 
 mod cloud;
 pub(crate) mod columns;
@@ -25,25 +25,25 @@ pub use rule::{ProfileRule, RuleError};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Where one profile's points lie in the columns of its [`Scan`].
+/// Range of one profile's points in the columns of its [`Scan`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Station {
-    /// The x of the profile, mm; the median over its points where they differ.
+    /// The x of the profile, mm; the median over its points if they differ.
     pub x: f64,
-    /// First point.
+    /// Index of the first point.
     pub start: usize,
-    /// One past the last point.
+    /// Index after the last point.
     pub end: usize,
 }
 
-/// Points grouped into profiles. The x of the profiles never decreases, every coordinate is finite, no profile is empty. Where
-/// the points of a profile do not share their x, every point has an x of its own. The points may be shared with the scan that
-/// this one was cut from.
+/// Points grouped into profiles. The x of the profiles never decreases, every coordinate is finite, no profile is empty. If the
+/// points of a profile do not share their x, every point has an individual x. The points may be shared with the scan from which
+/// this one was cut.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scan {
     stations: Vec<Station>,
     columns: Arc<Columns>,
-    /// The x of every point, mm, in the order of the columns; `None` where every profile lies in one plane.
+    /// The x of every point, mm, in the order of the columns; `None` if every profile lies in one plane.
     own_x: Option<Arc<Vec<f64>>>,
     grouping: Grouping,
     lattice: [f64; 3],
@@ -52,42 +52,43 @@ pub struct Scan {
     blanks: Vec<f64>,
 }
 
-/// Where the grouping of points into profiles comes from.
+/// The origin of the grouping of points into profiles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Grouping {
     /// From the file, the sensor or the caller.
     #[default]
     Given,
-    /// From the x that points share, which may as well be the lattice of another sensor.
+    /// The x that points share, which may also be the lattice of another sensor.
     SharedX,
-    /// Slabs along the rail that the caller asked for: the sensor need not have taken the points of one together.
+    /// Slabs along the rail that the caller requested: the sensor need not have taken the points of one slab together.
     Slabs,
-    /// The points came without profiles and were grouped so that there are some.
+    /// The points came without profiles and were grouped by this module.
     Chosen,
 }
 
-/// Why profiles do not make a scan.
+/// Why profiles do not form a scan.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum ScanError {
-    /// There is no point at all.
-    #[error("the scan holds no point")]
+    /// There are no points.
+    #[error("the scan contains no point")]
     Empty,
-    /// A station is not where the one before it ends, has no point, lies behind its predecessor or beyond the columns.
+    /// A station does not start at the end of the previous one, has no point, has a smaller x than the previous one, or lies beyond
+    /// the columns.
     #[error("profile {index} does not follow the one before it")]
     Station {
-        /// Its position in the scan.
+        /// Index of the station in the scan.
         index: usize,
     },
     /// A coordinate is NaN or infinite.
     #[error("point {index} of the scan is not finite")]
     NotFinite {
-        /// Its position in the columns.
+        /// Index of the point in the columns.
         index: usize,
     },
 }
 
 impl Scan {
-    /// The constructor. `rule` states in words how the profiles were separated, e.g. `x_pitch_mm=0.5`.
+    /// A scan from its profiles. `rule` states in words how the profiles were separated, e.g. `x_pitch_mm=0.5`.
     ///
     /// # Errors
     /// [`ScanError`] names the first profile or point that is not valid.
@@ -116,7 +117,7 @@ impl Scan {
         }
     }
 
-    /// The same with an x for every point, in the order of the columns, mm.
+    /// The same scan with an x for every point, in the order of the columns, mm.
     ///
     /// # Errors
     /// [`ScanError::NotFinite`] names the first x that is not finite or that is missing.
@@ -128,37 +129,37 @@ impl Scan {
         Ok(Self { own_x: Some(Arc::new(own_x)), ..self })
     }
 
-    /// The same with another origin of its grouping.
+    /// The same scan with another origin of its grouping.
     #[must_use]
     pub fn with_grouping(self, grouping: Grouping) -> Self {
         Self { grouping, ..self }
     }
 
-    /// Where its grouping comes from.
+    /// The origin of its grouping.
     #[must_use]
     pub fn grouping(&self) -> Grouping {
         self.grouping
     }
 
-    /// The same with the steps of a lattice that the x, y and z of its points lie on, mm; 0 where they lie on none.
+    /// The same scan with the steps of a lattice of the x, y and z of its points, mm; 0 without a lattice.
     #[must_use]
     pub fn with_lattice(self, lattice: [f64; 3]) -> Self {
         Self { lattice, ..self }
     }
 
-    /// The steps of the lattice that the x, y and z of its points lie on, mm; 0 where they lie on none.
+    /// The steps of the lattice of the x, y and z of its points, mm; 0 without a lattice.
     #[must_use]
     pub fn lattice(&self) -> [f64; 3] {
         self.lattice
     }
 
-    /// The same in a frame that has the origin of the rail frame at this point, mm.
+    /// The same scan in a frame in which the origin of the rail frame is at this point, mm.
     #[must_use]
     pub fn with_origin(self, origin: [f64; 3]) -> Self {
         Self { origin, ..self }
     }
 
-    /// Where the origin of the rail frame lies, mm.
+    /// Position of the origin of the rail frame, mm.
     #[must_use]
     pub fn origin(&self) -> [f64; 3] {
         self.origin
@@ -170,7 +171,7 @@ impl Scan {
         self.own_x.is_none()
     }
 
-    /// The same with the planes of profiles that were taken and have no point, mm. They show where there is no part.
+    /// The same scan with the planes of profiles that were measured and have no point, mm. They show that the part is absent there.
     #[must_use]
     pub fn with_blanks(self, mut blanks: Vec<f64>) -> Self {
         blanks.retain(|x| x.is_finite());
@@ -179,7 +180,7 @@ impl Scan {
         Self { blanks, ..self }
     }
 
-    /// The planes of profiles that have no point, as far as they are known, in order of x.
+    /// The planes of profiles without a point, as far as they are known, in order of x.
     #[must_use]
     pub fn blanks(&self) -> &[f64] {
         &self.blanks
@@ -191,35 +192,35 @@ impl Scan {
         &self.stations
     }
 
-    /// The profiles of these positions as a scan of their own, whose points are shared, not copied, without
-    /// blanks. `None` where there is none.
+    /// The profiles with these indices as a separate scan without blanks, whose points are shared, not copied. `None` if the range
+    /// is empty.
     #[must_use]
     pub fn part(&self, stations: Range<usize>) -> Option<Self> {
         let stations = self.stations.get(stations).filter(|stations| !stations.is_empty())?.to_vec();
         Some(Self { stations, blanks: Vec::new(), ..self.clone() })
     }
 
-    /// Where its points lie in the columns.
+    /// Range of its points in the columns.
     #[must_use]
     pub fn points(&self) -> Range<usize> {
         let (first, last) = (self.stations.first(), self.stations.last());
         first.map_or(0, |station| station.start)..last.map_or(0, |station| station.end)
     }
 
-    /// The columns that contain its points, profile after profile; those of a part are those of the whole scan.
+    /// The columns that contain its points, profile by profile; a part has the columns of the complete scan.
     #[must_use]
     pub fn columns(&self) -> &Columns {
         &self.columns
     }
 
-    /// The point at a position of the columns, which belongs to this profile, mm.
+    /// The point at an index of the columns, which belongs to this profile, mm.
     #[must_use]
     pub fn point(&self, station: &Station, index: usize) -> Option<[f64; 3]> {
         let [y, z] = self.columns.get(index)?;
         Some([self.x_of(station, index), y, z])
     }
 
-    /// The x of the point at a position of the columns, which belongs to this profile, mm.
+    /// The x of the point at an index of the columns, which belongs to this profile, mm.
     #[must_use]
     pub fn x_of(&self, station: &Station, index: usize) -> f64 {
         self.own_x.as_ref().and_then(|own_x| own_x.get(index)).copied().unwrap_or(station.x)
@@ -231,7 +232,7 @@ impl Scan {
         (station.start..station.end).filter_map(move |index| self.point(&station, index))
     }
 
-    /// The first point, mm, and every one that lies `stride` behind the one before, without a look at those between.
+    /// The first point, mm, and every point at a distance of `stride` from the previous one, without reading those between.
     pub fn every_nth_point(&self, stride: usize) -> impl Iterator<Item = [f64; 3]> {
         let (first, stride) = (self.points().start, stride.max(1));
         self.stations.iter().flat_map(move |station| {
@@ -241,7 +242,7 @@ impl Scan {
         })
     }
 
-    /// The x of the points of a profile where they differ; `None` where the profile lies in one plane.
+    /// The x of the points of a profile if they differ; `None` if the profile lies in one plane.
     #[must_use]
     pub fn own_x(&self, station: &Station) -> Option<&[f64]> {
         self.own_x.as_ref()?.get(station.start..station.end)
@@ -253,7 +254,7 @@ impl Scan {
         &self.rule
     }
 
-    /// Copies a profile's points into `y` and `z` (cleared first), in double precision, millimetres.
+    /// Copies a profile's points into `y` and `z` (which are cleared first), in double precision, millimetres.
     pub fn load(&self, station: Station, y: &mut Vec<f64>, z: &mut Vec<f64>) {
         self.columns.load(station.start..station.end, y, z);
     }

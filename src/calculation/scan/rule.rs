@@ -1,13 +1,13 @@
-//! How profiles are separated, as a caller writes it: `column=frame`, `row`, `x_pitch_mm=0.5`, `x_value`.
+//! The rule by which profiles are separated, as a caller writes it: `column=frame`, `row`, `x_pitch_mm=0.5`, `x_value`.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// Which points belong to one profile, as asked for.
+/// The requested rule for the points of one profile.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ProfileRule {
-    /// Points that share a value of the profile column: the one named, or the one that the reader recognised.
+    /// Points that share a value of the profile column: the named one, or the one that the reader recognised.
     Column(Option<String>),
     /// Rows of organised data (PCD with HEIGHT > 1, NPY of three dimensions, JSON profiles, Gocator frames).
     Row,
@@ -20,7 +20,7 @@ pub enum ProfileRule {
 /// Why a text is not a rule.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum RuleError {
-    /// Its first word is none of the rules.
+    /// Its first word is not one of the rules.
     #[error("{text:?} is no profile rule; use column, column=NAME, row, x_pitch_mm, x_pitch_mm=NUMBER or x_value")]
     Unknown {
         /// The text, shortened.
@@ -43,10 +43,10 @@ impl RuleError {
 }
 
 impl ProfileRule {
-    /// Reads what [`fmt::Display`] writes; `:` may stand for `=`.
+    /// Parses the output of [`fmt::Display`]; `:` may replace `=`.
     ///
     /// # Errors
-    /// [`RuleError`] where the text is no rule.
+    /// [`RuleError`] if the text is not a rule.
     pub fn parse(text: &str) -> Result<Self, RuleError> {
         let text = text.trim();
         let (word, value) = match text.split_once(['=', ':']) {
@@ -93,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rule_reads_back_as_it_is_written() {
+    fn a_formatted_rule_is_parsed_unchanged() {
         for rule in [
             ProfileRule::Column(None),
             ProfileRule::Column(Some("frame no".to_owned())),
@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_rule_is_refused() {
+    fn an_invalid_rule_is_refused() {
         for text in ["", "gap", "row=3", "x_value=1", "Row"] {
             assert_eq!(ProfileRule::parse(text).expect_err("no rule").code(), "profile_rule_unknown", "{text}");
         }

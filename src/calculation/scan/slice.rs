@@ -4,14 +4,14 @@
 //! Cloud --frame--> Cloud --region--> Cloud --choose--> key of each stripe --group--> Scan
 //! ```
 //!
-//! Without a rule asked for, the first that fits decides:
+//! Without a requested rule, the first that applies is used:
 //!
-//! | rule | where |
+//! | rule | condition |
 //! |---|---|
 //! | `column` | the file has a profile column, and its labels separate profiles: x differs more from label to label than within one |
-//! | `row` | it is organised in rows, and x varies along every row by at most a tenth of the usual step between rows |
+//! | `row` | the file is organised in rows, and x varies along every row by at most a tenth of the usual step between rows |
 //! | `x_value` | x takes few values, eight points or more for each on average; or the cloud has less than 1000 points |
-//! | `x_pitch_mm` | else; slabs of about a hundred points, their thickness the next 1, 2, 2.5 or 5·10ⁿ mm below |
+//! | `x_pitch_mm` | otherwise; slabs of about a hundred points, their thickness the next 1, 2, 2.5 or 5·10ⁿ mm below |
 
 use super::cloud::{self, Cloud};
 use super::decode::Limits;
@@ -28,18 +28,18 @@ pub use place::{Region, RegionError};
 /// The request of a caller.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SliceRequest {
-    /// How profiles are separated; `None` chooses.
+    /// The rule that separates profiles; `None` chooses one.
     pub rule: Option<ProfileRule>,
-    /// The rail frame in the cloud's coordinates; `None` where they are one.
+    /// The rail frame in the cloud's coordinates; `None` if these are the rail frame.
     pub frame: Option<Frame>,
-    /// The region that is kept, in the rail frame; `None` keeps all.
+    /// The region that is retained, in the rail frame; `None` retains all.
     pub region: Option<Region>,
 }
 
-/// Cuts a cloud into profiles. Every point keeps its own x; the points of a profile keep the file's order.
+/// Divides a cloud into profiles. Every point keeps its own x; the points of a profile keep the file's order.
 ///
 /// # Errors
-/// [`SliceError`] where the request does not fit the cloud, or the result is beyond `limits`.
+/// [`SliceError`] if the request does not fit the cloud, or the result exceeds `limits`.
 pub fn slice(cloud: Cloud, request: &SliceRequest, limits: &Limits) -> Result<Scan, SliceError> {
     let mut cloud = cloud;
     let mut lattice = cloud::steps(&cloud);
@@ -53,7 +53,7 @@ pub fn slice(cloud: Cloud, request: &SliceRequest, limits: &Limits) -> Result<Sc
     let (key, rule) = profiles::choose_key(&cloud, request.rule.as_ref(), limits)?;
     let grouping = match (&request.rule, profiles::grouping(&cloud)) {
         (None, grouping) => grouping,
-        // Slabs of a file that is ordered in profiles contain whole profiles.
+        // Slabs of a file that is ordered by profiles contain complete profiles.
         (Some(ProfileRule::XPitch(_)), Grouping::SharedX | Grouping::Slabs | Grouping::Chosen) => Grouping::Slabs,
         (Some(_), _) => Grouping::Given,
     };

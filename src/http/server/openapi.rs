@@ -307,7 +307,7 @@ fn problem(status: u16, names: &[&str]) -> Response {
         HeaderBuilder::new().schema(Some(schema)).description(Some(description)).build()
     };
     match status {
-        405 => response.header("Allow", text("What the address takes")).build(),
+        405 => response.header("Allow", text("The methods of this address")).build(),
         503 => response.header("Retry-After", text("Seconds until another try is worth it")).build(),
         _ => response.build(),
     }

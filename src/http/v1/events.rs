@@ -36,7 +36,7 @@ const PIECES_WAITING: usize = 8;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::http) struct EventsQuery {
-    /// Number of the last event that is known; 0 where nothing is said.
+    /// Number of the last event that is known; 0 by default.
     after: Option<u64>,
     /// `instance_id` of the answer that `after` is from: where the service was restarted since, that is told by `missed_count`,
     /// and the events come from the first on.
@@ -85,7 +85,7 @@ pub(in crate::http) struct EventDocument {
     /// The state before.
     #[serde(skip_serializing_if = "Option::is_none")]
     from: Option<&'static str>,
-    /// The state of cell or job from now on. `job_ended` tells of the cell's part: whether a scan became a measurement is told by
+    /// The state of cell or job from now on. `job_ended` reports the end in the cell: whether a scan became a measurement is reported by
     /// `measured` or `not_measured` after it.
     #[serde(skip_serializing_if = "Option::is_none")]
     state: Option<&'static str>,
@@ -101,7 +101,7 @@ pub(in crate::http) struct EventDocument {
     /// A short word for what happened.
     #[serde(skip_serializing_if = "Option::is_none")]
     code: Option<String>,
-    /// What happened, in words.
+    /// A description of what happened.
     #[serde(skip_serializing_if = "Option::is_none")]
     text: Option<String>,
 }

@@ -34,15 +34,15 @@ pub(in crate::http) struct ManipulatorDocument {
     link: &'static str,
     /// `good`, `stale`, `lost`.
     quality: &'static str,
-    /// Age of what it said last; null where it never answered.
+    /// Age of its last reading; null if it never answered.
     age_ms: Option<u64>,
     /// Where its clamp's centre is in the rail frame while all axes are at zero: x, y, z.
     mount_mm: [f64; 3],
-    /// What it said last; null where it never answered.
+    /// Its last reading; null if it never answered.
     reading: Option<ReadingDocument>,
 }
 
-/// What a manipulator said.
+/// The reading of a manipulator.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Reading)]
 pub(in crate::http) struct ReadingDocument {
@@ -65,7 +65,7 @@ pub(in crate::http) struct ReadingDocument {
     fault_code: u32,
     /// Number of the newest command that it has seen.
     acknowledged_sequence: u16,
-    /// What became of that command.
+    /// The outcome of that command.
     #[schema(value_type = String, example = "done")]
     acknowledged_result: CommandResult,
     /// Along the rail.
@@ -82,7 +82,7 @@ pub(in crate::http) struct ReadingDocument {
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = AxisFlags)]
 pub(in crate::http) struct FlagsDocument {
-    /// What it does.
+    /// Its current activity.
     #[schema(value_type = String, example = "standstill")]
     state: AxisState,
     /// Its reference is known.
@@ -154,7 +154,7 @@ impl<S: Send + Sync> FromRequestParts<S> for Chosen {
 
 /// List the manipulators
 ///
-/// Both, with what each said last.
+/// Both, each with its last reading.
 #[utoipa::path(
     get, path = "/v1/manipulators", tag = "manipulators",
     responses((status = 200, description = "Both manipulators", body = ManipulatorList))
@@ -170,7 +170,7 @@ pub(in crate::http) async fn list_manipulators(
 
 /// Get a manipulator
 ///
-/// Positions, limits and states, as it said them last, with their age.
+/// Positions, limits and states of the last reading, with their age.
 #[utoipa::path(
     get, path = "/v1/manipulators/{id}", tag = "manipulators",
     params(("id" = String, Path, description = "`m1` or `m2`")),

@@ -28,7 +28,7 @@ pub(in crate::http) struct MoveRequestDocument {
     m1: Option<TargetsDocument>,
     /// Absolute targets of the manipulator at the greater x.
     m2: Option<TargetsDocument>,
-    /// Share of the greatest speeds; 1 where nothing is said.
+    /// Share of the greatest speeds; 1 by default.
     #[schema(minimum = 0.001, maximum = 1.0)]
     speed_ratio: Option<f64>,
     /// The same as the header `Lease-Id`.
@@ -79,7 +79,7 @@ pub(in crate::http) struct MoveDocument {
     twist_deg: f64,
     /// Set-points of the path; null where it was refused, since those are not kept.
     waypoints_count: Option<u64>,
-    /// What each axis does.
+    /// The state of each axis.
     axes: TravelsDocument,
 }
 
@@ -99,7 +99,7 @@ pub(in crate::http) struct EndingDocument {
 pub(in crate::http) struct MoveList {
     /// The moves.
     moves: Vec<EntryDocument<MoveDocument>>,
-    /// What `cursor` has to be for the next page; null at the end.
+    /// The `cursor` of the next page; null at the end.
     next_cursor: Option<String>,
 }
 

@@ -29,13 +29,13 @@ use utoipa::ToSchema;
     "target": {"deflection_deg": 0.0, "pitch_deg": 0.0, "y_c0_mm": 0.0, "z_c0_mm": 0.0}
 }))]
 pub(in crate::http) struct PlanRequestDocument {
-    /// The measurement that says where the part is.
+    /// The measurement of the position of the part.
     measurement_id: String,
-    /// Which part of it, by name or by number from 1; the only one where nothing is said.
+    /// Which part of it, by name or by number from 1; the only one by default.
     part: Option<String>,
     /// Where it is wanted.
     target: TargetDocument,
-    /// Share of the greatest speeds; 1 where nothing is said.
+    /// Share of the greatest speeds; 1 by default.
     #[schema(minimum = 0.001, maximum = 1.0)]
     speed_ratio: Option<f64>,
     /// A repeated request of the same id gets the first answer again.
@@ -60,11 +60,11 @@ pub(in crate::http) struct TargetDocument {
     /// Where the axis is to meet the plane x = 0.
     #[schema(minimum = -100000.0, maximum = 100000.0)]
     z_c0_mm: f64,
-    /// Turn about the axis from where it is, from +Y towards +Z; 0 where nothing is said.
+    /// Turn about the axis from where it is, from +Y towards +Z; 0 by default.
     #[serde(default)]
     #[schema(minimum = -3600.0, maximum = 3600.0)]
     roll_deg: f64,
-    /// Shift along the axis from where it is; 0 where nothing is said.
+    /// Shift along the axis from where it is; 0 by default.
     #[serde(default)]
     #[schema(minimum = -100000.0, maximum = 100000.0)]
     shift_x_mm: f64,
@@ -105,7 +105,7 @@ pub(in crate::http) struct PlanDocument {
     twist_deg: f64,
     /// Set-points of the path.
     waypoints_count: u64,
-    /// What each axis would do.
+    /// The travel of each axis.
     axes: TravelsDocument,
 }
 
@@ -130,7 +130,7 @@ pub(in crate::http) struct AxisDocument {
 pub(in crate::http) struct PlanList {
     /// The plans.
     plans: Vec<EntryDocument<PlanDocument>>,
-    /// What `cursor` has to be for the next page; null at the end.
+    /// The `cursor` of the next page; null at the end.
     next_cursor: Option<String>,
 }
 

@@ -47,7 +47,7 @@ pub(in crate::http) struct StoredRecipeDocument {
 pub(in crate::http) struct RecipeList {
     /// The recipes.
     recipes: Vec<EntryDocument<StoredRecipeDocument>>,
-    /// What `cursor` has to be for the next page; null at the end.
+    /// The `cursor` of the next page; null at the end.
     next_cursor: Option<String>,
 }
 
@@ -104,7 +104,7 @@ pub(in crate::http) async fn get_recipe(
         ("If-Match" = Option<String>, Header, description = "ETag of the revision that is replaced, or *"),
         ("If-None-Match" = Option<String>, Header, description = "* to make a new one only"),
     ),
-    request_body(content = RecipeDocument, description = "What the recipe says; what is left out keeps its default"),
+    request_body(content = RecipeDocument, description = "The fields of the recipe; a missing field keeps its default"),
     responses(
         (status = 201, description = "The first of its name", body = StoredRecipeDocument,
             headers(("ETag" = String, description = "Names the revision"))),

@@ -34,7 +34,7 @@ pub(in crate::http) struct ScanDocument {
     created_at: Timestamp,
     /// Length of the file.
     bytes_count: u64,
-    /// What it was read as.
+    /// The format in which it was read.
     #[schema(example = "ply")]
     format: String,
     /// Points in it.
@@ -46,7 +46,7 @@ pub(in crate::http) struct ScanDocument {
 pub(in crate::http) struct ScanList {
     /// The scans.
     scans: Vec<ScanDocument>,
-    /// What `cursor` has to be for the next page; null at the end.
+    /// The `cursor` of the next page; null at the end.
     next_cursor: Option<String>,
 }
 
@@ -55,7 +55,7 @@ pub(in crate::http) struct ScanList {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::http) struct CreateQuery {
-    /// Format of the scan; found by Content-Type and first bytes where nothing is said.
+    /// Format of the scan; found by Content-Type and first bytes by default.
     #[param(inline)]
     format: Option<FormatName>,
     /// Sign before the decimals of a text file's numbers, where its cells do not show it.
@@ -71,8 +71,7 @@ pub(in crate::http) struct CreateQuery {
 
 /// Keep a scan
 ///
-/// The bytes are kept under their SHA-256 after they were read once; gzip and zstd are decompressed, whether
-/// Content-Encoding says so or their first bytes do.
+/// The bytes are kept under their SHA-256 after they were read once; gzip and zstd are decompressed, by Content-Encoding or by their first bytes.
 #[utoipa::path(
     post, path = "/v1/scans", tag = "scans", params(CreateQuery),
     request_body(description = "A scan file", content((Vec<u8> = "application/octet-stream"))),

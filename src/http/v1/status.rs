@@ -14,7 +14,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-/// How the service is: fixed keys in a fixed order, null for what is not known, below 512 bytes.
+/// How the service is: fixed keys in a fixed order, null for unknown values, below 512 bytes.
 #[derive(Debug, Serialize, ToSchema)]
 pub(in crate::http) struct Status {
     /// `idle`, `measuring`, or `busy` where a further measurement would be refused.
@@ -41,7 +41,7 @@ pub(in crate::http) struct Status {
     running_max_count: u64,
     /// Measurements that may wait.
     queue_max_count: u64,
-    /// What the cell does; null where there is none.
+    /// The state of the cell; null if there is none.
     #[schema(example = "idle")]
     cell_state: Option<&'static str>,
     /// The newest measurement.
@@ -55,7 +55,7 @@ pub(in crate::http) struct Status {
     last_created_at: Option<Timestamp>,
 }
 
-/// What the service does.
+/// The state of the service.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 #[schema(as = ServiceState)]
@@ -102,7 +102,7 @@ pub(in crate::http) async fn get_status(State(app): State<App>, _: NoQuery) -> J
     })
 }
 
-/// What a probe that found nothing wrong answers.
+/// The answer of a successful probe.
 #[derive(Debug, Serialize, ToSchema)]
 pub(in crate::http) struct Healthy {
     /// `ok`.

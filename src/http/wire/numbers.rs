@@ -114,7 +114,7 @@ impl TargetsDocument {
     }
 }
 
-/// What each axis of both manipulators would do, or does.
+/// The travel of each axis of both manipulators.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 #[schema(as = Travels)]
 pub(in crate::http) struct TravelsDocument {
@@ -124,7 +124,7 @@ pub(in crate::http) struct TravelsDocument {
     m2: ManipulatorTravelDocument,
 }
 
-/// What each axis of a manipulator would do.
+/// The travel of each axis of a manipulator.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 #[schema(as = ManipulatorTravel)]
 pub(in crate::http) struct ManipulatorTravelDocument {

@@ -24,7 +24,7 @@ const LIMIT_MAX: u32 = 1000;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::http) struct PageQuery {
-    /// Most entries of the page; 100 where nothing is said.
+    /// Most entries of the page; 100 by default.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
     /// `next_cursor` of the page before.
@@ -82,7 +82,7 @@ pub(in crate::http) fn link_next(uri: &Uri, cursor: Option<&str>) -> HeaderMap {
     headers
 }
 
-/// A record of a list, or what is known of one that cannot be read.
+/// A record of a list, or the known fields of one that cannot be read.
 #[derive(Debug, Serialize, ToSchema)]
 #[serde(untagged)]
 pub(in crate::http) enum EntryDocument<T> {
@@ -92,7 +92,7 @@ pub(in crate::http) enum EntryDocument<T> {
     Unreadable(UnreadableDocument),
 }
 
-/// What is known of a record that cannot be read.
+/// The known fields of a record that cannot be read.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Unreadable)]
 pub(in crate::http) struct UnreadableDocument {

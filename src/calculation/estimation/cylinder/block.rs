@@ -1,12 +1,12 @@
-//! A block of projected points in the first-level cache, sums over it, eight lanes wide on every processor, and the moments that the
-//! sums make.
+//! A block of projected points that fits the first-level cache, sums over it in eight lanes, and the moments that follow from the
+//! sums.
 //!
-//! Eight partial sums in a fixed order and no fused multiply-add: the bits are the same with vectors of eight, four, two or one. The
-//! code that runs on every point is a method that is always inlined, never a closure: the compiler may not inline a closure, and then
-//! it does not use the instructions that were chosen.
+//! Eight partial sums in a fixed order without fused multiply-add give the same bits with vectors of eight, four, two or one lanes.
+//! The code that runs on every point is an always inlined method and not a closure: the compiler may leave a closure out of line,
+//! where it does not use the selected instructions.
 //!
 //! The gradient and the normal matrix follow from weighted moments. Where all points lie in one plane x = const, fifteen moments
-//! suffice, since the lever of the slopes follows from the direction; points with an x of their own need nineteen.
+//! suffice, because the lever of the slopes follows from the direction; points with individual x need nineteen.
 
 use super::model::{Oblique, Projection};
 use super::normal_equations::Sums;
@@ -15,10 +15,10 @@ use pulp::Simd;
 
 pub(super) const LANES: usize = 8;
 pub(super) const BLOCK: usize = 128;
-/// Where a lane without a point lies, mm: beyond every cut-off.
+/// Coordinate of an unused lane, mm: beyond every cut-off.
 const FAR: f64 = 1e12;
 
-/// A few projected points; lanes beyond the last lie far away.
+/// A few projected points; unused lanes are filled with a far point.
 pub(super) struct Block {
     cos: [f64; BLOCK],
     sin: [f64; BLOCK],
@@ -27,17 +27,17 @@ pub(super) struct Block {
     rows_count: usize,
 }
 
-/// Where the points of a block are along x.
+/// Positions of the points of a block along x.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Place<'a> {
     /// All in one plane x = const.
     Plane(&'a Projection),
-    /// Each at an x of its own.
+    /// Each at its own x.
     Own(&'a Oblique, &'a [f64]),
 }
 
-/// Some points of a block: direction from the axis, distance from the surface and offset along the axis. The offset counts from
-/// where the axis meets the plane of the profile, or from the reference point where each point has an x of its own.
+/// Some points of a block: direction from the axis, distance from the surface and offset along the axis. The offset counts from the
+/// intersection of the axis with the plane of the profile or, for points with individual x, from the reference point.
 #[derive(Clone, Copy)]
 pub(super) struct Points<V> {
     pub(super) cos: V,
@@ -46,9 +46,9 @@ pub(super) struct Points<V> {
     pub(super) axial: V,
 }
 
-/// How points change N running values.
+/// Folds points into N running values.
 pub(super) trait Fold<const N: usize> {
-    /// The values with these points in them.
+    /// The values after these points.
     fn fold<S: Simd>(&self, simd: S, values: [S::f64s; N], points: Points<S::f64s>) -> [S::f64s; N];
 }
 
@@ -59,7 +59,7 @@ impl Block {
         Self { cos, sin, distance, axial, rows_count: 0 }
     }
 
-    /// Takes in the points (y, z), at most as many as a block contains.
+    /// Projects the points (y, z), at most as many as a block contains.
     #[inline(always)]
     pub(super) fn fill<T: Copy + Into<f64>>(&mut self, place: Place<'_>, y: &[T], z: &[T]) {
         match place {
@@ -109,7 +109,7 @@ impl Block {
         let zero = simd.splat_f64s(0.0);
         let [cos, sin, distance, axial] =
             [&self.cos, &self.sin, &self.distance, &self.axial].map(|column| S::as_simd_f64s(column).0);
-        // As many lanes as fit a register go down the whole block, so that their values never leave the registers.
+        // Each group of lanes that fits a register runs down the whole block, so that its values stay in the registers.
         for strip in 0..strips_count {
             let mut running = [zero; N];
             for (running, lanes) in running.iter_mut().zip(values.iter()) {
@@ -143,7 +143,7 @@ pub(super) struct Moments {
     pub(super) bend: [f64; 9],
 }
 
-/// Sums as those of [`Moments`] over points with an x of their own, with the lever t in place of s.
+/// The same sums as [`Moments`] for points with individual x, with the lever t in place of s.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct OwnMoments {
     /// Σ w,
@@ -159,8 +159,8 @@ pub(super) struct OwnMoments {
 impl Moments {
     /// The sums in the parameters along e₁ and e₂.
     ///
-    /// The gradient is exact. In the normal matrix s is that of the foot on the surface, R(−e₁ₓC − e₂ₓS): off by d/R of a
-    /// term that is small itself, as is the second derivative of ρ, which Gauss and Newton leave out.
+    /// The gradient is exact. The normal matrix uses s at the surface, R(−e₁ₓC − e₂ₓS): a relative error of d/R in a term that is
+    /// small itself, like the second derivative of ρ, which the Gauss-Newton step omits.
     pub(super) fn sums(&self, projection: &Projection) -> Sums {
         let dx = projection.dx;
         let [wd, wdc, wds, wdcs, wdss] = self.pull;
@@ -194,8 +194,8 @@ impl Moments {
 }
 
 impl OwnMoments {
-    /// The sums in the parameters along e₁ and e₂; both are exact but for the second derivative of ρ, which Gauss and Newton
-    /// leave out.
+    /// The sums in the parameters along e₁ and e₂; both are exact except for the second derivative of ρ, which the Gauss-Newton
+    /// step omits.
     pub(super) fn sums(&self) -> Sums {
         let [wd, wdc, wds, wdct, wdst] = self.pull;
         let [k, c, s, cc, cs] = self.bend;

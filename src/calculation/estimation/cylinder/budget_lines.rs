@@ -1,16 +1,17 @@
 //! The lines of the uncertainty budget of a cylinder fit: scatter, the nominal radius, the curvature of the surface, layers, the
 //! resolution of the coordinates, calibration (`type_b`), and the form of the part.
 //!
-//! Sensor linearity: a point that is shifted by δ in z has its distance changed by ∂d/∂z·δ = −b·δ with b = ∂d/∂z_ref. The estimating
-//! equation Σ w·d·J = 0 then moves the parameters by −B Σ ψ′ J (−b δ) = B Σ ψ′ J b δ, B the inverse of Σ ψ′ J Jᵀ.
+//! Sensor linearity: shifting a point by δ in z changes its distance by ∂d/∂z·δ = −b·δ with b = ∂d/∂z_ref. The estimating equation
+//! Σ w·d·J = 0 then moves the parameters by −B Σ ψ′ J (−b δ) = B Σ ψ′ J b δ, B the inverse of Σ ψ′ J Jᵀ.
 //!
-//! Resolution: points whose coordinates lie on a lattice share the error of their cell, however many they are.
+//! Resolution: all points in one cell of the lattice of coordinates share the rounding error of that cell.
 //!
-//! Form: the part may be tapered or bent. A cylinder fit to a cone that is seen from one side gives a wrong pitch with a small scatter,
-//! so a taper and a bow are estimated beside the five parameters; a significant one gives a warning, and its effect on the pose is a
-//! line of the budget. With ξ = (x − x_ref)/L the distance of the extended model is d − τ·ξ for a radius that grows by τ over L, and
-//! that of an axis displaced by κ·ξ² for a bow. Its rows are J₈ = J·A_i, A_i = [1 | ξ e_R | ξ² e_y | ξ² e_z], so the sums of profile i
-//! become A_iᵀ N_i A_i and A_iᵀ g_i. One Gauss-Newton step gives the three and the change of the five with them.
+//! Form: the part may be tapered or bent. A cylinder fit to a cone that is scanned from one side gives a wrong pitch with a small
+//! scatter, so a taper and a bow are estimated together with the five parameters. A significant one gives a warning, and its effect
+//! on the pose is a line of the budget. With ξ = (x − x_ref)/L the distance of the extended model is d − τ·ξ for a radius that
+//! grows by τ over L, and an axis displaced by κ·ξ² describes a bow. Its rows are J₈ = J·A_i, A_i = [1 | ξ e_R | ξ² e_y | ξ² e_z],
+//! so the sums of profile i become A_iᵀ N_i A_i and A_iᵀ g_i. One Gauss-Newton step gives the three form parameters and the change
+//! of the five others.
 
 use super::normal_equations::{self, RadiusConstraint, Sums};
 use super::patches::{self, Near, Surface};
@@ -25,13 +26,13 @@ use crate::scan::{Scan, Station};
 use nalgebra::{Matrix5, SMatrix, SVector, Vector5};
 use std::collections::HashMap;
 
-/// Where y_ref and, behind it, z_ref stand among the parameters.
+/// Index of y_ref among the parameters; z_ref follows it.
 const Y_REF: usize = 2;
 const RADIUS: usize = 4;
-/// A share of the variance that is negligible beside it.
+/// A share of the variance below which a contribution is negligible.
 const CURVATURE_MIN: f64 = 1e-3;
 
-/// The scatter of the data, and the nominal radius.
+/// The lines for the scatter of the data and for the nominal radius.
 pub(super) fn from_data(solution: &Solution, constraint: RadiusConstraint, settings: &Settings) -> Vec<Line> {
     let axis = solution.cylinder.axis();
     let repeatability =
@@ -41,8 +42,9 @@ pub(super) fn from_data(solution: &Solution, constraint: RadiusConstraint, setti
     [Some(repeatability), radius].into_iter().flatten().collect()
 }
 
-/// The effect of the curvature of the surface: noise σ along the surface puts points outside by σ²/2R on average, whatever
-/// their number. How much of the noise lies along the surface cannot be seen, so this is stated in full, where it matters.
+/// The effect of the curvature of the surface: noise σ along the surface puts points outside by σ²/2R on average, whatever their
+/// number. The scan does not show how much of the noise lies along the surface, so the line states the full amount, where it is
+/// significant.
 pub(super) fn from_curvature(solution: &Solution, constraint: RadiusConstraint) -> Option<Line> {
     let shift = if_outside(solution, constraint)? * (solution.sigma.powi(2) / (2.0 * solution.cylinder.radius));
     let matters = |(shift, variance): (&f64, &f64)| shift * shift > CURVATURE_MIN * variance;
@@ -50,8 +52,8 @@ pub(super) fn from_curvature(solution: &Solution, constraint: RadiusConstraint) 
     counts.then(|| Line::of_shift(Line::FIT_BIAS, &shift, &solution.cylinder.axis()))
 }
 
-/// How the parameters move where all points lie outside of the surface by 1 mm, as they do on a larger radius: a free one takes
-/// up all of it, and with a fixed one the others follow.
+/// The change of the parameters if all points lie outside the surface by 1 mm, as on a larger radius: a free radius absorbs all of
+/// it; with a fixed radius the other parameters change.
 fn if_outside(solution: &Solution, constraint: RadiusConstraint) -> Option<Vector5<f64>> {
     match constraint {
         RadiusConstraint::Fixed { .. } => {
@@ -68,7 +70,7 @@ pub(super) fn from_layers(solution: &Solution) -> Option<Line> {
     solution.field.map(|field| Line::of_slopes(Line::LAYERS, &field, &solution.cylinder.axis()))
 }
 
-/// The effect of the resolution of the coordinates, where they lie on a lattice.
+/// The effect of the resolution of the coordinates, if they lie on a lattice.
 pub(super) fn from_resolution(scan: &Scan, solution: &Solution, constraint: RadiusConstraint) -> Option<Line> {
     let used = vec![true; scan.stations().len()];
     let reach = statistics::TUKEY_C * solution.sigma;
@@ -95,9 +97,9 @@ pub(super) fn from_calibration(
     settings.type_b.lines(&found, &influences(scan, solution, constraint), &patches)
 }
 
-/// The change of (p, q, y_ref, z_ref, R) by a nominal radius that is off by its standard uncertainty.
+/// The change of (p, q, y_ref, z_ref, R) if the nominal radius is off by its standard uncertainty.
 ///
-/// Fixed, the others follow as −B N e_R and R itself by 1. As a prior it pulls with its stiffness: B e_R σ²/σ_R².
+/// With a fixed radius the others change by −B N e_R and R itself by 1. As a prior its effect is B e_R σ²/σ_R².
 fn by_radius(solution: &Solution, constraint: RadiusConstraint, settings: &Settings) -> Option<Vector5<f64>> {
     match constraint {
         RadiusConstraint::Free => None,
@@ -108,7 +110,7 @@ fn by_radius(solution: &Solution, constraint: RadiusConstraint, settings: &Setti
     }
 }
 
-/// How the others follow where R is 1 mm larger than it is: −B N e_R.
+/// The change of the other parameters if R is 1 mm larger: −B N e_R.
 fn with_radius(solution: &Solution, constraint: RadiusConstraint) -> Option<Vector5<f64>> {
     let pull =
         solution.bread(constraint)? * solution.total().normal.column(RADIUS).component_mul(&normal_equations::OTHERS);
@@ -129,17 +131,17 @@ fn influences(scan: &Scan, solution: &Solution, constraint: RadiusConstraint) ->
     scan.stations().iter().zip(&solution.profiles).filter(serves).map(influence).collect()
 }
 
-/// The change of the gradient by a shift of the points of a patch: of all of them by 1 mm, and of each by its z.
+/// The change of the gradient by a shift of the points of a patch: of all of them by 1 mm, and of each in proportion to its z.
 #[derive(Debug, Clone, Copy, Default)]
 struct Shift {
     all: Vector5<f64>,
     by_z: Vector5<f64>,
-    /// Sum of z, mm, and of points.
+    /// Sum of z, mm, and number of points.
     z: f64,
     count: f64,
 }
 
-/// The response to each patch; empty where there is none.
+/// The response to each patch; empty if the scan has none.
 fn patch_influences(scan: &Scan, solution: &Solution, constraint: RadiusConstraint) -> Vec<PatchInfluence> {
     patch_responses(scan, solution, constraint).unwrap_or_default()
 }
@@ -178,8 +180,8 @@ fn patch_responses(scan: &Scan, solution: &Solution, constraint: RadiusConstrain
     Some(patches.influences(shifts.into_iter().map(effects).collect()))
 }
 
-/// The covariance of (p, q, y_ref, z_ref, R) where the errors of the cells are independent of each other and each is shared by
-/// all points of its cell; `None` where the coordinates lie on no lattice.
+/// The covariance of (p, q, y_ref, z_ref, R) for errors that are independent between cells and shared by all points of a cell;
+/// `None` if the coordinates lie on no lattice.
 fn resolution_covariance(
     surface: &Surface,
     steps: [f64; 3],
@@ -201,7 +203,7 @@ fn resolution_covariance(
         let cell = [(point.y / step_y).round() as i64, (point.z / step_z).round() as i64];
         *cells.entry(cell).or_default() += row * weight;
     }
-    // Each point stands for those that were not looked at, beside which a prior weighs as it does in the fit.
+    // Each point represents those that were not examined, so that a prior weighs as it does in the fit.
     let stands_for = surface.thinned() as f64;
     whole.normal *= stands_for;
     cells.values_mut().for_each(|pull| *pull *= stands_for);
@@ -212,7 +214,7 @@ fn resolution_covariance(
     } else {
         Vector5::repeat(1.0)
     };
-    // In a fixed order, so that the sum is the same in every run.
+    // The fixed order makes the sum the same in every run.
     let mut cells: Vec<([i64; 2], Vector5<f64>)> = cells.into_iter().collect();
     cells.sort_unstable_by_key(|(cell, _)| *cell);
     let scatter: Matrix5<f64> = cells
@@ -225,12 +227,12 @@ fn resolution_covariance(
     Some(scatter * (standard * standard))
 }
 
-/// The form of the part as far as it shows.
+/// The form deviations of the part that the scan shows.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Form {
-    /// How (p, q, y_ref, z_ref, R) would move with the form set free.
+    /// The change of (p, q, y_ref, z_ref, R) if the form parameters are free.
     pub(super) shift: Vector5<f64>,
-    /// One for each form that is significant.
+    /// One for each significant form deviation.
     pub(super) warnings: Vec<Warning>,
 }
 
@@ -241,12 +243,12 @@ type Extension = SMatrix<f64, 5, 8>;
 const TAPER: usize = 5;
 const BOW_Y: usize = 6;
 const BOW_Z: usize = 7;
-/// A form that is this many of its standard uncertainties is none of chance.
+/// A form deviation of at least this many standard uncertainties is significant.
 const SIGNIFICANT: f64 = 5.0;
-/// With fewer profiles a form cannot be distinguished from their scatter.
+/// With fewer profiles a form deviation cannot be distinguished from their scatter.
 const PROFILES_MIN: usize = 20;
 
-/// The form, where one is significant.
+/// The form deviations, if any is significant.
 pub(super) fn form(scan: &Scan, solution: &Solution, constraint: RadiusConstraint) -> Option<Form> {
     let cylinder = &solution.cylinder;
     let serving = || scan.stations().iter().zip(&solution.profiles).filter(|(_, sums)| sums.weight > 0.0);
@@ -291,7 +293,7 @@ pub(super) fn form(scan: &Scan, solution: &Solution, constraint: RadiusConstrain
     if warnings.is_empty() {
         return None;
     }
-    // A form that is not significant is none: set free beside one that is, it would move the pose by its own noise.
+    // Only significant form parameters stay free: the others would move the pose by their own noise.
     let is_free = |index: usize| index <= RADIUS || found(index).is_some();
     let free = Matrix8::from_diagonal(&Vector8::from_fn(|index, _| if is_free(index) { 1.0 } else { 0.0 }));
     let significant = free * normal * free + (Matrix8::identity() - free);
@@ -299,7 +301,7 @@ pub(super) fn form(scan: &Scan, solution: &Solution, constraint: RadiusConstrain
     Some(Form { shift: step.fixed_rows::<5>(0).into_owned(), warnings })
 }
 
-/// A_i; a fixed radius has no column of its own.
+/// A_i; a fixed radius has no column.
 fn extension(place: f64, constraint: RadiusConstraint) -> Extension {
     let mut extension = Extension::identity();
     if matches!(constraint, RadiusConstraint::Fixed { .. }) {
@@ -313,7 +315,7 @@ fn extension(place: f64, constraint: RadiusConstraint) -> Extension {
     extension
 }
 
-/// The inverse, scaled by the diagonal so that millimetres and slopes weigh alike.
+/// The inverse, scaled by the diagonal so that millimetres and slopes have equal weight.
 fn inverse(normal: &Matrix8) -> Option<Matrix8> {
     let scale = Matrix8::from_diagonal(&normal.diagonal().map(|v| v.sqrt().recip()));
     let inverse = scale * (scale * normal * scale).cholesky()?.inverse() * scale;
@@ -340,7 +342,7 @@ mod tests {
         let shift = |constraint: RadiusConstraint| if_outside(&solution, constraint).expect("regular");
         let [free, fixed] = [RadiusConstraint::Free, RadiusConstraint::Fixed { radius }].map(shift);
         assert!((free - Vector5::ith(RADIUS, 1.0)).norm() < 1e-9, "{free}");
-        // Seen from above over 90°, depth stands for radius: with 1 mm outside, z moves by 1 mm and more.
+        // Scanned from above over 90°, depth and radius are correlated: with all points 1 mm outside, z moves by 1 mm and more.
         assert!(fixed[RADIUS] == 0.0 && fixed[3] > 1.0 && fixed[3] < 1.5, "{fixed}");
         let [loose, tight] = [1e3, 1e-6].map(|sigma| shift(RadiusConstraint::Prior { radius, sigma }));
         assert!((loose - free).norm() < 1e-4 && (tight - fixed).norm() < 1e-4, "{loose} {tight}");

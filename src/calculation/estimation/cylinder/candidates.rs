@@ -1,13 +1,13 @@
 //! Which cylinders a scan could be, and which of them is the part.
 //!
-//! A clamp that follows the part can have most of the points and still not be the part, which is the surface common to the profiles. So
-//! a candidate is rated by its coverage, the share of the profiles that show it. Where two are on nearly all profiles, the nominal
-//! radius decides; without one the choice is refused.
+//! A clamp that follows the part can have most of the points and still not be the part, which is the surface common to the
+//! profiles. So a candidate is rated by its coverage, the share of the profiles that show it. If two candidates cover nearly all
+//! profiles, the nominal radius decides; without one the choice is refused.
 //!
-//! A rough cylinder becomes the nearest robust fit of a sample by iteratively re-weighted least squares whose window shrinks from coarse
-//! to fine, so that the surface with most points near the start prevails over points beside it. [`settle`] estimates the noise from the
-//! points. [`narrow`] is for a sample whose noise is known: its window shrinks to a multiple of that noise, so that two surfaces a few σ
-//! apart are not taken for one rough surface.
+//! A rough cylinder becomes the nearest robust fit of a sample by iteratively re-weighted least squares whose window shrinks from
+//! coarse to fine, so that the surface with most points near the start prevails over points beside it. [`settle`] estimates the
+//! noise from the points. [`narrow`] is for a sample of known noise: its window shrinks to a multiple of that noise, so that two
+//! surfaces a few σ apart are not taken for one rough surface.
 
 use super::consensus::{self, Bounds};
 use super::kernel::Curvature;
@@ -27,7 +27,7 @@ pub(super) struct Candidate {
     pub(super) support: f64,
 }
 
-/// The noise of the points, as far as it is known beforehand.
+/// The noise of the points, if it is known beforehand.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Noise {
     /// Unknown: it is estimated for each surface.
@@ -45,33 +45,33 @@ pub(super) enum Choice {
     None,
 }
 
-/// Starts that are settled before the best is taken.
+/// Starts that are refined before the best is taken.
 const STARTS_MAX: usize = 12;
-/// Of these so many have their windows opened.
+/// The number of refined starts whose windows are then widened.
 const OPENED: usize = 3;
 /// How often a window may double.
 const GROWTHS_MAX: usize = 8;
-/// Surfaces that are looked for.
+/// The largest number of surfaces to search for.
 const SURFACES_MAX: usize = 3;
 /// A profile shows a surface when at least this many of its sampled points lie on it,
 const SHOWN_POINTS: usize = 5;
-/// or this share of them, where there are few,
+/// or this share of them, if there are few,
 const SHOWN_FEW: f64 = 0.15;
 /// and at least this share of them.
 const SHOWN_SHARE: f64 = 0.08;
-/// A surface on fewer profiles than this cannot be the part where another is on more.
+/// A surface on fewer profiles than this is not the part if another surface is on more.
 pub(super) const COVERAGE_MIN: f64 = 0.75;
-/// Coverages that differ by more than this decide.
+/// A larger difference of coverage decides between two candidates.
 const COVERAGE_LEAD: f64 = 0.08;
-/// Radii that differ by more standard uncertainties are different.
+/// Radii are different if they differ by more standard uncertainties than this.
 const RADIUS_SIGMAS: f64 = 3.0;
-/// Beyond the radii that are looked for by this factor lies a plane.
+/// A radius beyond the largest allowed one by this factor is a plane.
 const PLANE: f64 = 1.5;
-/// Less of a scan than this on a surface is chance.
+/// A surface with a smaller share of the points is a chance result.
 const SUPPORT_MIN: f64 = 0.1;
-/// The sample without a surface is searched again where more than this share is left.
+/// The sample without a surface is searched again if more than this share remains.
 const REST_MIN: f64 = 0.1;
-/// A second surface may be so much rougher than the first before it is no surface.
+/// A second surface that is rougher than the first by more than this factor is rejected.
 const ROUGHER: f64 = 3.0;
 
 /// The surfaces of a sample, the best supported first.
@@ -89,7 +89,7 @@ pub(super) fn candidates(
             break;
         }
         found.push(settled);
-        // Generously, so that the rim of the noise is not taken for a surface of its own.
+        // The window is wide, so that the tail of the noise is not taken for a separate surface.
         let reach = 2.0 * statistics::TUKEY_C * settled.sigma;
         let before = rest.len();
         rest = rest.without(|[x, y, z]| settled.cylinder.slice(x).distance(y, z).abs() < reach);
@@ -97,22 +97,22 @@ pub(super) fn candidates(
             break;
         }
     }
-    // A plane that is all there is becomes a refusal of its own later on.
+    // A scan that shows only a plane is refused later.
     if found.iter().any(|settled| !is_plane(settled, sample, bounds)) {
         found.retain(|settled| !is_plane(settled, sample, bounds));
     }
     counted(&found, sample)
 }
 
-/// A support or the face of a clamp is a plane: a cylinder of any large radius fits it, and none is the part.
+/// A support or the face of a clamp is a plane: a cylinder of any large radius fits it, and none of these is the part.
 fn is_plane(settled: &Settled, sample: &Sample, bounds: &Bounds) -> bool {
     let [_, most] = bounds.radius_mm;
     let radius = settled.cylinder.radius;
     radius > PLANE * most || radius < RADIUS_SIGMAS * radius_uncertainty(settled, sample)
 }
 
-/// The start that most points agree with once it has settled. What a poor one settles on can need many rounds to open to, so
-/// only the windows of the best are opened.
+/// The start that agrees with most points after it has settled. Widening the window of a poor start can take many rounds, so only
+/// the windows of the best ones are widened.
 fn best(sample: &Sample, bounds: &Bounds, noise: Noise, constraint: RadiusConstraint) -> Option<Settled> {
     let starts = consensus::hypotheses(sample, bounds, STARTS_MAX);
     let window = 2.0 * bounds.tolerance;
@@ -136,7 +136,7 @@ fn best(sample: &Sample, bounds: &Bounds, noise: Noise, constraint: RadiusConstr
     self::ranked(opened, sample, noise, least_reach).into_iter().next()
 }
 
-/// The surface that most points agree with first, within what the finest of them calls near.
+/// The surfaces sorted by the number of points within the tolerance of the finest of them.
 fn ranked(mut settled: Vec<Settled>, sample: &Sample, noise: Noise, least_reach: f64) -> Vec<Settled> {
     let finest = settled.iter().map(|s| s.sigma).fold(f64::INFINITY, f64::min);
     let reach = match noise {
@@ -147,7 +147,7 @@ fn ranked(mut settled: Vec<Settled>, sample: &Sample, noise: Noise, least_reach:
     settled
 }
 
-/// With its window opened until it is as wide as the noise.
+/// The surface after its window has been widened until it covers the noise.
 fn opened(sample: &Sample, mut settled: Settled, mut window: f64, constraint: RadiusConstraint) -> Option<Settled> {
     for _ in 0..GROWTHS_MAX {
         let wanted = statistics::TUKEY_C * settled.sigma;
@@ -160,8 +160,8 @@ fn opened(sample: &Sample, mut settled: Settled, mut window: f64, constraint: Ra
     Some(settled)
 }
 
-/// How much of the sample lies on each surface. A point counts for the nearest surface alone: a cylinder that crosses the
-/// part shares a strip of it in every profile, and is still not what the profiles have in common.
+/// How much of the sample lies on each surface. A point counts only for the nearest surface: a cylinder that crosses the part
+/// shares a strip of it in every profile without being the surface common to the profiles.
 fn counted(found: &[Settled], sample: &Sample) -> Vec<Candidate> {
     let (mut shown_counts, mut on_counts) = (vec![0_usize; found.len()], vec![0_usize; found.len()]);
     let mut on = vec![0_usize; found.len()];
@@ -197,7 +197,7 @@ fn counted(found: &[Settled], sample: &Sample) -> Vec<Candidate> {
 pub(super) fn choose(candidates: &[Candidate], nominal_radius: Option<f64>, sample: &Sample) -> Choice {
     let mut possible: Vec<&Candidate> = candidates.iter().collect();
     if let Some(nominal) = nominal_radius {
-        // The nominal radius decides where the data distinguish the radii.
+        // The nominal radius decides if the data distinguish the radii.
         let off = |c: &Candidate| (c.settled.cylinder.radius - nominal).abs();
         let nearest = possible.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b)));
         let known = |c: &Candidate| RADIUS_SIGMAS * radius_uncertainty(&c.settled, sample);
@@ -236,7 +236,7 @@ const SHRINK: f64 = 0.5;
 /// A spread below this share of the radius is rounding.
 const SPREAD_FLOOR: f64 = 1e-11;
 
-/// Settles from `start`, first looking at points within `window` mm of it.
+/// Settles from `start`, beginning with the points within `window` mm of it.
 pub(super) fn settle(sample: &Sample, start: Cylinder, window: f64, constraint: RadiusConstraint) -> Option<Settled> {
     let (mut cylinder, mut window) = (start, window);
     let mut sigma = window / statistics::TUKEY_C;
@@ -280,15 +280,16 @@ fn squared_distances_within(sample: &Sample, cylinder: &Cylinder, window: f64, s
     }
 }
 
-/// Half of the window in units of the noise: narrower than Tukey's for efficiency, since only a choice hangs on it.
+/// Half of the window in units of the noise. It is narrower than Tukey's for efficiency, because it only affects the choice of a
+/// surface.
 pub(super) const WINDOW: f64 = 3.0;
 const NARROWINGS_MAX: usize = 40;
 /// The window shrinks by this in one round.
 const NARROWING: f64 = 0.7;
-/// A step below this share of its own standard deviation is none.
+/// A step below this share of its own standard deviation ends the iteration.
 const STEP_SHARE_MIN: f64 = 1e-3;
 
-/// Narrows from `start`, first looking at points within `window` mm of it, to the noise `sigma`.
+/// Narrows from `start` to the noise `sigma`, beginning with the points within `window` mm of it.
 pub(super) fn narrow(
     sample: &Sample,
     start: Cylinder,

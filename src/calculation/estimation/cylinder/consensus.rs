@@ -1,9 +1,9 @@
 //! Start values: cylinders through few points, scored over the whole sample, so that an object that covers most of single profiles
-//! cannot prevail over the surface that all profiles have in common.
+//! cannot prevail over the surface common to all profiles.
 //!
-//! Three points of one profile give a circle, two points of a distant profile its place there: a minimal set of five. The exact
-//! cylinder through the five follows by Newton's method. Scores are truncated squares (MSAC) over [`Scatter`], points with an x of
-//! their own. The draws come from a fixed seed: the same scan always gives the same start.
+//! Three points of one profile give a circle, and two points of a distant profile its centre there: a minimal set of five. Newton's
+//! method then gives the exact cylinder through the five. Scores are truncated squares (MSAC) over [`Scatter`], points with
+//! individual x. The draws come from a fixed seed: the same scan always gives the same start.
 
 use super::block::{BLOCK, LANES};
 use super::model::{ANY_DIRECTION, Cylinder, Response, View};
@@ -22,7 +22,7 @@ pub(super) struct Bounds {
     pub(super) slope_max: f64,
     /// Least and largest radius, mm.
     pub(super) radius_mm: [f64; 2],
-    /// Distance at which a point counts as off the surface, mm.
+    /// Distance beyond which a point counts as off the surface, mm.
     pub(super) tolerance: f64,
 }
 
@@ -36,16 +36,16 @@ pub(super) struct Hypothesis {
 /// Draws in one round; rounds are fixed so that the result does not depend on threads.
 const ROUND: usize = 512;
 const ROUNDS_MAX: usize = 16;
-/// Points that decide in the first sieve.
+/// Points of the first, coarse test.
 const SIEVE_POINTS: usize = 800;
-/// Starts kept by a round's sieve.
+/// Starts that pass the test of a round.
 const KEPT: usize = 16;
 /// Steps of Newton's method from a nearly exact cylinder.
 const NEWTON_STEPS: usize = 3;
-/// Chance of missing the best surface.
+/// Probability of missing the best surface.
 const MISS: f64 = 1e-4;
 
-/// The best starts, best first, no two alike.
+/// The best starts, best first, without duplicates.
 pub(super) fn hypotheses(sample: &Sample, bounds: &Bounds, most: usize) -> Vec<Hypothesis> {
     if sample.stations.len() < 2 {
         return Vec::new();
@@ -74,7 +74,7 @@ pub(super) fn hypotheses(sample: &Sample, bounds: &Bounds, most: usize) -> Vec<H
         best = distinct(best, sample, bounds.tolerance, most);
         let share = best.first().map_or(0.0, |h| 1.0 - h.score);
         let drawn_count = ((round + 1) * ROUND) as f64;
-        // Half of the draws fail the spread rules, so five good points are drawn half as often as their share.
+        // Half of the draws fail the spread rules, so five points of the surface are drawn half as often as its share suggests.
         if drawn_count * 0.5 * share.powi(5) > -MISS.ln() {
             break;
         }
@@ -82,7 +82,7 @@ pub(super) fn hypotheses(sample: &Sample, bounds: &Bounds, most: usize) -> Vec<H
     best
 }
 
-/// A few points of the whole sample, for the first look.
+/// A few points of the whole sample, for the first test.
 fn sieve(sample: &Sample) -> Scatter {
     let stride = (sample.len() / SIEVE_POINTS).max(1);
     sample.stations.iter().flat_map(|station| sample.points(station)).step_by(stride).collect()
@@ -99,7 +99,7 @@ pub(super) fn score_whole(sample: &Sample, cylinder: &Cylinder, tolerance: f64) 
 fn draw_cylinder(sample: &Sample, bounds: &Bounds, chance: &mut ChaCha8Rng) -> Option<Cylinder> {
     let count = sample.stations.len();
     let first = chance.random_range(0..count);
-    // Far enough apart that the direction is not all noise.
+    // The two points are far enough apart that noise does not dominate the direction.
     let second = (first + chance.random_range(count.div_ceil(4)..=count - count.div_ceil(4))) % count;
     let (first, second) = (sample.stations.get(first)?, sample.stations.get(second)?);
     let near = (first.x - second.x).abs();
@@ -121,7 +121,7 @@ fn circle([a, b, c]: [[f64; 2]; 3], bounds: &Bounds) -> Option<([f64; 2], f64)> 
     let (bb, cc) = (by * by + bz * bz, cy * cy + cz * cz);
     let (u, w) = ((cz * bb - bz * cc) / area, (by * cc - cy * bb) / area);
     let radius = u.hypot(w);
-    // A section is wider than the cylinder by at most 1/cos of the tilt, so the bounds get some slack here.
+    // The section of a tilted cylinder is wider by up to 1/cos of the tilt, so the bounds get some margin here.
     let [least, most] = bounds.radius_mm;
     (radius > least * 0.8 && radius < most * 1.25).then_some(([a[0] + u, a[1] + w], radius))
 }
@@ -131,7 +131,7 @@ fn placed([a, b]: [[f64; 2]; 2], radius: f64, to: [f64; 2]) -> Option<[f64; 2]> 
     let (dy, dz) = (b[0] - a[0], b[1] - a[1]);
     let chord = dy.hypot(dz);
     let height2 = radius * radius - 0.25 * chord * chord;
-    // Points close together determine the centre badly.
+    // Points close together determine the centre poorly.
     if height2 < 0.0 || chord < 0.1 * radius {
         return None;
     }
@@ -237,7 +237,7 @@ impl WithSimd for Truncate<'_> {
                 let squared = d * d * self.per_tolerance2;
                 *share = if squared < 1.0 { squared } else { 1.0 };
             }
-            // Values of an earlier block beyond the last point do not count.
+            // Values of an earlier block beyond the last point are ignored.
             shares.iter_mut().skip(x.len()).for_each(|share| *share = 0.0);
             for row in shares.as_chunks::<LANES>().0 {
                 for (sum, share) in sums.iter_mut().zip(row) {
@@ -256,7 +256,7 @@ mod tests {
     use pulp::Scalar;
 
     #[test]
-    fn the_score_is_that_of_the_points_one_by_one_with_the_same_bits_on_every_processor() {
+    fn the_score_equals_the_scalar_sum_with_the_same_bits_on_every_processor() {
         let cylinder = Cylinder { x_ref: 10.0, p: 0.1, q: 0.05, y_ref: 3.0, z_ref: -5.0, radius: 50.0 };
         let place = |i: i32| {
             let (x, angle) = (f64::from(i), 0.1 * f64::from(i % 31));

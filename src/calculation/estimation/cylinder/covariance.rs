@@ -1,40 +1,41 @@
 //! The covariance of the joint fit, with the profile as the cluster.
 //!
-//! Points of one profile share errors (speckle, vibration), so a covariance that takes them as independent is wrong. The
-//! clustered jackknife (n − 1)/n Σ_i δ_i δ_iᵀ, with δ_i = (N − N_i)⁻¹ G_i the change of the fit without profile i, assumes
-//! nothing about points of the same profile. N_i is the sum of ψ′ J Jᵀ and G_i that of w·d·J over profile i, N the sum of all
-//! N_i. It is the sandwich estimator whose residuals are corrected for the leverage of their own profile (Bell and McCaffrey's CR3).
-//! Few profiles widen the interval as Student's t does, with Satterthwaite's degrees of freedom for each parameter: the two ends
-//! of a scan determine a slope, however many profiles lie between.
+//! Points of one profile share errors (speckle, vibration), so a covariance that takes them as independent is wrong. The clustered
+//! jackknife (n − 1)/n Σ_i δ_i δ_iᵀ, with δ_i = (N − N_i)⁻¹ G_i the change of the fit without profile i, assumes nothing about
+//! points of the same profile. N_i is the sum of ψ′ J Jᵀ and G_i that of w·d·J over profile i, N the sum of all N_i. It is the
+//! sandwich estimator whose residuals are corrected for the leverage of their own profile (Bell and McCaffrey's CR3). With few
+//! profiles the interval is widened as by Student's t, with Satterthwaite's degrees of freedom for each parameter: the two ends of
+//! a scan determine a slope, however many profiles lie between.
 //!
-//! With few profiles the variances are not smaller than those of two components, the noise of points and the vibration of whole
-//! profiles, each estimated from all profiles and widened for its degrees of freedom. The gradient of profile i has the covariance
-//! φ S_i + τ² S_i P S_i: S_i is its part of the normal matrix in (y, z, R), φ the scatter of points including errors common to
-//! neighbouring points, and τ the vibration, equal in y and in z (P leaves out R). The deviations of the profiles' own radii
-//! estimate φ, with n − 1 degrees of freedom; those of their own centres estimate φ and τ together, with 2n − 4, of which those
-//! count for τ in which the arc shows the centre: n − 2 on a short one.
+//! With few profiles the variances are at least those of two components, the noise of points and the vibration of whole profiles,
+//! each estimated from all profiles and widened for its degrees of freedom. The gradient of profile i has the covariance φ S_i + τ²
+//! S_i P S_i: S_i is its part of the normal matrix in (y, z, R), φ the scatter of points including errors common to neighbouring
+//! points, and τ the vibration, equal in y and in z (P leaves out R). The deviations of the profiles' own radii estimate φ, with n
+//! − 1 degrees of freedom. The deviations of their own centres estimate φ and τ together, with 2n − 4 degrees of freedom. Only
+//! directions in which the arc determines the centre count for τ: n − 2 degrees of freedom on a short arc.
 
 use super::normal_equations::{self, RadiusConstraint, Sums};
 use crate::estimation::statistics::{TWO_SIGMA, coverage_ratio};
 use nalgebra::{Matrix2, Matrix3, Matrix5, Vector2, Vector3, Vector5};
 
-/// Above this share of the whole, a profile is taken out exactly, below by the first terms of the series.
+/// Above this share of the total, the effect of removing a profile is calculated exactly; below, by the first terms of the series.
 const LEVERAGE_SMALL: f64 = 0.1;
 /// With fewer profiles the variance components are estimated as well.
 const FEW: f64 = 20.0;
-/// And where a parameter hangs on fewer of them than this.
+/// The same applies to a parameter that effectively depends on fewer profiles than this.
 const FEW_EFFECTIVE: f64 = 10.0;
-/// Parameters of an axis in one projection: what the degrees of freedom cannot get back.
+/// Parameters of an axis in one projection: degrees of freedom that the fit uses up.
 const LINE: f64 = 2.0;
 
-/// The covariance of (p, q, y_ref, z_ref, R) and the degrees of freedom of its variances, for which it is widened already.
+/// The covariance of (p, q, y_ref, z_ref, R), already widened for the degrees of freedom of its variances, and these degrees of
+/// freedom.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Scatter {
     pub(super) covariance: Matrix5<f64>,
     pub(super) freedom: Vector5<f64>,
 }
 
-/// From the joint normal matrix and each profile's sums; `None` where it is singular.
+/// From the joint normal matrix and each profile's sums; `None` if the matrix is singular.
 pub(super) fn sandwich(normal: &Matrix5<f64>, profiles: &[Sums], constraint: RadiusConstraint) -> Option<Scatter> {
     let bread = normal_equations::invert(normal)?;
     // A fixed radius neither contributes nor changes.
@@ -46,7 +47,7 @@ pub(super) fn sandwich(normal: &Matrix5<f64>, profiles: &[Sums], constraint: Rad
     let mask = Matrix5::from_diagonal(&free);
     let clusters = || profiles.iter().filter(|profile| profile.weight > 0.0);
     let clusters_count = clusters().count() as f64;
-    // Two profiles define a line whatever their errors are: only the remainders of their sums can be used.
+    // Two profiles define a line whatever their errors, so only the remainders of their sums can be used.
     let repeated = clusters_count > LINE;
     let mut scatter = Matrix5::zeros();
     let (mut shares, mut squared_shares) = (Vector5::zeros(), Vector5::zeros());
@@ -82,9 +83,9 @@ pub(super) fn sandwich(normal: &Matrix5<f64>, profiles: &[Sums], constraint: Rad
     covariance.iter().all(|v| v.is_finite()).then_some(Scatter { covariance, freedom })
 }
 
-/// The same where the profiles are sections or slabs that were cut from a cloud. What the sensor took together is not known then: its
-/// profiles, whose points share errors, pass through several sections. So runs of 1, 2, 4, … neighbouring sections are the
-/// clusters in turn, as long as enough of them are left, and for each parameter the largest variance counts.
+/// The same for sections or slabs that were cut from a cloud. The profiles that the sensor took together, whose points share
+/// errors, are then unknown and pass through several sections. So runs of 1, 2, 4, … neighbouring sections are the clusters in
+/// turn, as long as enough of them remain, and for each parameter the largest variance is taken.
 pub(super) fn over_runs(normal: &Matrix5<f64>, sections: &[Sums], constraint: RadiusConstraint) -> Option<Scatter> {
     let mut widest = sandwich(normal, sections, constraint)?;
     let sections: Vec<&Sums> = sections.iter().filter(|section| section.weight > 0.0).collect();
@@ -125,19 +126,19 @@ fn without(
     normal_equations::invert(&(normal - own)).map_or(first, |rest| rest * gradient)
 }
 
-/// Where (y_ref, z_ref, R) begin among the parameters.
+/// Index of (y_ref, z_ref, R) among the parameters.
 const SECTION: usize = 2;
-/// The normal quantile of all but 1 in 10⁵, two-sided,
+/// The normal quantile that leaves out 1 in 10⁵, two-sided;
 const FAR: f64 = 4.417;
-/// is to be no more than this many standard uncertainties away.
+/// the widened interval must not need more standard uncertainties than this to contain it.
 const FAR_MAX: f64 = 5.0;
-/// Fewer degrees of freedom are counted as so many.
+/// Fewer degrees of freedom count as this many.
 const FREEDOM_MIN: f64 = 4.0;
-/// Vibration is assumed where the variance of the centres is so many times that which the radii make likely.
+/// Vibration is assumed if the variance of the centres exceeds the one that the radii suggest by this factor.
 const VIBRATION_RATIO_MIN: f64 = 4.0;
 
-/// Variances of (p, q, y_ref, z_ref, R), widened, and their degrees of freedom; `None` where the profiles are too few or show too
-/// little each.
+/// Variances of (p, q, y_ref, z_ref, R), widened, and their degrees of freedom; `None` if the profiles are too few or each
+/// determines too little.
 pub(super) fn variances(
     bread: &Matrix5<f64>,
     profiles: &[Sums],
@@ -155,7 +156,7 @@ pub(super) fn variances(
     let of_centre: f64 = sections.iter().map(|section| section.centre).sum();
     let stiffness = sections.iter().map(|section| section.stiffness).sum::<f64>() * freedom_centre / (2.0 * count);
     let (noise, both) = (of_radius / freedom_radius, of_centre / freedom_centre);
-    // Vibration shows in the directions in which a profile determines its centre well, on a short arc one of two.
+    // Vibration shows in the directions in which a profile determines its centre well: one of two on a short arc.
     let squares: f64 = sections.iter().map(|section| section.stiffness_squares).sum();
     let shown = sections.iter().map(|section| section.stiffness.powi(2)).sum::<f64>() / (2.0 * squares);
     let freedom_vibration = shown * freedom_centre;
@@ -163,10 +164,10 @@ pub(super) fn variances(
     let (noise, freedom_noise, vibration) = if is_vibrating {
         (noise, freedom_radius, (both - noise) * freedom_centre / stiffness)
     } else {
-        // That there is none rests on no more than these.
+        // The decision against vibration is based on at most these degrees of freedom.
         ((of_radius + of_centre) / (freedom_radius + freedom_centre), freedom_vibration, 0.0)
     };
-    // The variances of the parameters by a unit of each.
+    // The variances of the parameters by a unit of each component.
     let by_noise = bread.diagonal().component_mul(free);
     let mut by_vibration = Vector5::zeros();
     for profile in profiles.iter().filter(|profile| profile.weight > 0.0) {
@@ -174,7 +175,7 @@ pub(super) fn variances(
         by_vibration += effect.component_mul(&effect).column_sum().component_mul(free);
     }
     let (of_noise, of_vibration) = (by_noise * noise, by_vibration * vibration);
-    // Satterthwaite's.
+    // Satterthwaite's degrees of freedom.
     let freedom = of_noise.zip_map(&of_vibration, |of_noise, of_vibration| {
         let squared = of_noise.powi(2) / freedom_noise + of_vibration.powi(2) / freedom_vibration;
         let freedom = if squared > 0.0 { (of_noise + of_vibration).powi(2) / squared } else { freedom_vibration };
@@ -215,7 +216,7 @@ impl Section {
     }
 }
 
-/// How much wider than the normal distribution's both the interval of two standard uncertainties and that of five have to be.
+/// The factor by which the normal distribution's intervals of two and of five standard uncertainties must be widened.
 fn widening(freedom: f64) -> f64 {
     let freedom = freedom.max(FREEDOM_MIN);
     coverage_ratio(freedom, TWO_SIGMA).max(coverage_ratio(freedom, FAR) * FAR / FAR_MAX)
@@ -226,7 +227,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_series_takes_a_profile_out_as_the_inverse_does() {
+    fn the_series_removes_a_profile_as_the_inverse_does() {
         let own = Matrix5::from_fn(|i, j| 0.01 / (1.0 + i as f64 + j as f64)) + Matrix5::identity() * 0.01;
         let (normal, gradient) = (Matrix5::identity() * 2.0, Vector5::new(1.0, -2.0, 0.5, 0.3, 1.0));
         let bread = normal.try_inverse().expect("regular");

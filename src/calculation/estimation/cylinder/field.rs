@@ -1,6 +1,6 @@
-//! Errors that neighbouring parts of the surface share, as a random field: a layer too low to be removed, the flank of a bead, a
-//! form deviation. The covariance by profiles treats profiles as independent, which is wrong with such errors, so their
-//! covariance is added.
+//! Errors common to neighbouring parts of the surface, modelled as a random field: a layer too low to be removed, the flank of a
+//! bead, a form deviation. The covariance by profiles treats profiles as independent, which is wrong with such errors, so the
+//! covariance of the field is added.
 //!
 //! The mean residual of a cell (block b of profiles, sector j of the arc, weight n_bj in points) is modelled as
 //!
@@ -10,10 +10,11 @@
 //! cov(α_j, α_k) = v exp(−Δφ/ℓ), the covariance of steps in random places; of β likewise
 //! ```
 //!
-//! e is noise, which no two profiles share: σ_e², g and ℓ_e follow by maximum likelihood from the residuals about α and β. For the
-//! means α, and separately for the slopes β, the restricted likelihood (REML: of what the parameters of the fit do not absorb) is
-//! calculated over v and ℓ. Where none exceeds that of v = 0 by more than chance, there is no field; else its covariance is the
-//! mean of v A K Aᵀ over the likelihood, with A what a displacement of the sectors does to the parameters.
+//! e is the noise that is independent between profiles: σ_e², g and ℓ_e follow by maximum likelihood from the residuals about α and
+//! β. For the means α, and separately for the slopes β, the restricted likelihood (REML: of the components that the parameters of
+//! the fit do not absorb) is calculated over v and ℓ. If no value exceeds that of v = 0 by more than chance, there is no field.
+//! Otherwise its covariance is the mean of v A K Aᵀ over the likelihood, with A the effect of a displacement of the sectors on the
+//! parameters.
 //!
 //! [`Cells`] contains the mean residuals and their weights, and the effect of a displacement of a sector on the fit.
 
@@ -26,32 +27,32 @@ use std::f64::consts::TAU;
 
 /// Correlation lengths of the field, in lengths of the arc. The fit absorbs longer fields.
 const LENGTHS: [f64; 4] = [0.06, 0.12, 0.25, 0.5];
-/// Those of the noise of a profile, and g, in units of 1/n.
+/// Correlation lengths of the noise within a profile, and g, in units of 1/n.
 const NOISE_LENGTHS: [f64; 3] = [0.03, 0.1, 0.4];
 const NOISE_SHARES: [f64; 5] = [0.0, 0.2, 0.6, 2.0, 6.0];
-/// v, in units of the variance of α or β by the noise.
+/// v, in units of the variance of α or β from the noise.
 const VARIANCES: [f64; 15] = [0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 1e2, 3e2, 1e3, 3e3, 1e4, 1e5, 1e6, 1e7];
-/// Chance raises twice the logarithm of the likelihood by so much once in twenty (half of χ² with one degree of freedom).
+/// Chance raises twice the logarithm of the likelihood by this much once in twenty scans (half of χ² with one degree of freedom).
 const CERTAIN: f64 = 2.71;
-/// A variance that is large beside all others: what has it is as good as free.
+/// A variance that is large beside all others: it leaves a parameter practically free.
 const FREE: f64 = 1e10;
-/// Sectors with a smaller share of what sectors weigh on average are left out: at the edges of the arc the noise is larger than it
-/// is elsewhere, and a few strays are all that there is.
+/// Sectors with a smaller share of the average weight are left out: at the edges of the arc the noise is larger than elsewhere, and
+/// the few points may all be stray points.
 const SHARE_MIN: f64 = 0.1;
-/// Values that have to be left beside what the fit absorbs.
+/// Values that must remain after the fit has absorbed its parameters.
 const VALUES_MIN: usize = 3;
-/// Blocks that the straight line of a sector absorbs, and residuals of a block that its shifts do.
+/// Degrees of freedom that the straight line of a sector absorbs from the blocks, and the two shifts of a block from its residuals.
 const LINE: f64 = 2.0;
 const SHIFTS: f64 = 2.0;
 
-/// The covariance of (p, q, y_ref, z_ref, R) by the field; `None` where chance explains the residuals.
+/// The covariance of (p, q, y_ref, z_ref, R) from the field; `None` if chance explains the residuals.
 pub(super) fn covariance(surface: &Surface, solution: &Solution, constraint: RadiusConstraint) -> Option<Matrix5<f64>> {
     let cells = Cells::of(surface, solution)?;
     let [mean, slope] = SectorMeans::both(&cells);
     let noise = ProfileNoise::of(&cells, &mean, &slope)?;
     let is_fixed = matches!(constraint, RadiusConstraint::Fixed { .. });
     let radius = (!is_fixed).then(|| DVector::repeat(cells.sectors(), 1.0));
-    // Not all points were examined.
+    // The examined points represent all points.
     let points_per_point = solution.total().weight / cells.weights.sum();
     let free = if is_fixed { normal_equations::OTHERS } else { Vector5::repeat(1.0) };
     let bread = Matrix5::from_diagonal(&free) * solution.bread(constraint)? * points_per_point;
@@ -76,10 +77,10 @@ struct SectorMeans {
     values: DVector<f64>,
     /// Their weights, in points.
     weights: DVector<f64>,
-    /// Mean place of each sector, at which α and β do not depend on each other.
+    /// Mean position of each sector, about which α and β are uncorrelated.
     middle: DVector<f64>,
-    /// The share of its variance that an error common to a whole block leaves, if every sector is seen on every block. Where they are not,
-    /// this understates the noise: a field is found too often then, which is the safe side.
+    /// The share of its variance that remains of an error common to a whole block if every sector is present on every block.
+    /// Otherwise this understates the noise, and a field is found too often, which is the safe side.
     per_blocks: f64,
 }
 
@@ -102,8 +103,8 @@ impl SectorMeans {
         ]
     }
 
-    /// The mean of v A K Aᵀ over the likelihood, with A the `effect` of the sectors; `None` where chance explains the values, or
-    /// too few of them are left beside the `shapes` that the fit absorbs.
+    /// The mean of v A K Aᵀ over the likelihood, with A the `effect` of the sectors; `None` if chance explains the values, or if
+    /// too few of them remain beside the `shapes` that the fit absorbs.
     fn field<'a>(
         &self,
         cells: &Cells,
@@ -154,7 +155,7 @@ struct ProfileNoise {
 }
 
 impl ProfileNoise {
-    /// Of the greatest likelihood for the residuals √n e, whose covariance is σ_e² (δ_jk + g √(n_j n_k) exp(−Δφ/ℓ_e)).
+    /// The values of the greatest likelihood for the residuals √n e, whose covariance is σ_e² (δ_jk + g √(n_j n_k) exp(−Δφ/ℓ_e)).
     fn of(cells: &Cells, mean: &SectorMeans, slope: &SectorMeans) -> Option<Self> {
         let blocks = cells.blocks() as f64;
         let is_filled = cells.weights.map(|weight| f64::from(u8::from(weight > 0.0)));
@@ -190,14 +191,14 @@ impl ProfileNoise {
     }
 }
 
-/// Blocks at most and at least: with fewer a straight line leaves no scatter.
+/// The largest and smallest number of blocks: with fewer, a straight line leaves no scatter.
 const BLOCKS_MAX: usize = 16;
 const BLOCKS_MIN: usize = 4;
 /// Sectors at least and at most.
 const SECTORS: [usize; 2] = [8, 24];
 /// Points that a cell should have.
 const POINTS: usize = 4;
-/// The longest arc of a cylinder that one laser line sees before it meets the surface too steeply, 140°, radians: longer arcs are
+/// The longest arc of a cylinder that one laser line covers before it meets the surface too steeply, 140°, radians: longer arcs are
 /// composed of several views.
 const SEEN: f64 = 2.44;
 
@@ -206,17 +207,18 @@ pub(super) struct Cells {
     /// Mean residuals, mm, and their weights, in points.
     pub(super) residuals: DMatrix<f64>,
     pub(super) weights: DMatrix<f64>,
-    /// Where the blocks lie along x, from −√3 to √3: evenly spread, their mean square is 1.
+    /// Positions of the blocks along x, from −√3 to √3: for evenly spread blocks their mean square is 1.
     pub(super) places: DVector<f64>,
     /// The change of the residual of each sector by a shift of the section in y and in z.
     pub(super) shifts: [DVector<f64>; 2],
-    /// The change of the gradient of (p, q, y_ref, z_ref, R) by a displacement of each sector by 1 mm, and by one of the size of its place.
+    /// The change of the gradient of (p, q, y_ref, z_ref, R) by a displacement of each sector by 1 mm, and by one in proportion to
+    /// its position.
     pub(super) pulls: [OMatrix<f64, U5, Dyn>; 2],
     /// Angle from the first point to the last one, radians.
     arc: f64,
 }
 
-/// 0 where nothing is to be divided by.
+/// The quotient; 0 if the divisor is 0.
 pub(super) fn quotient(sum: f64, by: f64) -> f64 {
     if by > 0.0 { sum / by } else { 0.0 }
 }
@@ -228,7 +230,7 @@ fn increase(sum: Option<&mut f64>, what: f64) {
 }
 
 impl Cells {
-    /// `None` where there are too few points or profiles.
+    /// `None` if there are too few points or profiles.
     pub(super) fn of(surface: &Surface, solution: &Solution) -> Option<Self> {
         let [least, most] = SECTORS;
         let sectors = (surface.near.len() / (surface.stations_count().min(BLOCKS_MAX) * POINTS)).clamp(least, most);
@@ -281,7 +283,7 @@ impl Cells {
         }
     }
 
-    /// Sums become means.
+    /// Turns the sums into means.
     fn divide(&mut self) {
         self.residuals.zip_apply(&self.weights, |sum, by| *sum = quotient(*sum, by));
         self.places.zip_apply(&self.weights.column_sum(), |sum, by| *sum = quotient(*sum, by));
@@ -299,8 +301,8 @@ impl Cells {
         self.weights.nrows()
     }
 
-    /// exp(−Δφ/ℓ) between the sectors, with ℓ in lengths of the arc, of at most [`SEEN`]. All around, the last sector is beside
-    /// the first.
+    /// exp(−Δφ/ℓ) between the sectors, with ℓ in lengths of the arc, of at most [`SEEN`]. On a full circle the last sector is next
+    /// to the first.
     pub(super) fn kernel(&self, length: f64) -> DMatrix<f64> {
         let (step, length) = (self.arc / self.sectors() as f64, length * self.arc.min(SEEN));
         DMatrix::from_fn(self.sectors(), self.sectors(), |one, other| {
@@ -327,10 +329,10 @@ mod tests {
         Part { profiles_count: 80, points_count: 120, arc_deg: 120.0, ..Part::smooth(seed) }
     }
 
-    /// Each of α and β is beyond 2.71 once in twenty or a little more often, since the best of four lengths counts: of 40 about
-    /// four are expected, and more than ten once in 600.
+    /// α and β each exceed 2.71 once in twenty or slightly more often, because the best of four lengths is taken. Of 40 about four
+    /// are expected, and more than ten once in 600.
     #[test]
-    fn noise_is_no_field_whatever_neighbours_share_and_clamps_hide() {
+    fn noise_gives_no_field_with_correlated_points_and_with_clamps() {
         let clamps = Interference { clamps: 0.6, clamp_arc: 0.5, clamp_height_mm: 20.0, ..Interference::NONE };
         for (noise_correlation, interference) in [(0.0, Interference::NONE), (0.9, Interference::NONE), (0.0, clamps)] {
             let is_field = |seed: &u64| {
@@ -343,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn a_layer_too_low_to_be_removed_is_a_field_of_about_its_effect() {
+    fn a_layer_too_low_to_be_removed_gives_a_field_of_the_size_of_its_effect() {
         let layer = Interference {
             clamps: 0.5,
             clamp_arc: 0.5,
@@ -360,7 +362,7 @@ mod tests {
             let variance = covariance[(4, 4)] + field.map_or(0.0, |field| field[(4, 4)]);
             squares += (cylinder.radius - truth.radius_mm).powi(2) / variance / 20.0;
         }
-        // Of 1.2 σ on half of the arc of half of the profiles; a normal error would give 1.
+        // The layer has a height of 1.2 σ on half of the arc of half of the profiles; normal errors would give 1.
         assert!(fields_count >= 15, "{fields_count} of 20");
         assert!(squares.sqrt() > 0.2 && squares.sqrt() < 2.5, "errors of the radius: {} u", squares.sqrt());
     }

@@ -1,5 +1,5 @@
-//! Each profile against the joint model: how many of its points lie on it, over which arc, and where its own centre would be
-//! with the shape of the section fixed.
+//! Judges each profile by the joint model: how many of its points are inliers, over which arc, and where its own centre lies with
+//! the shape of the section fixed.
 
 use super::kernel::Inner;
 use super::model::Cylinder;
@@ -13,30 +13,30 @@ use crate::scan::{Scan, Station};
 use nalgebra::{Matrix2, Vector2};
 use std::f64::consts::{PI, TAU};
 
-/// ε in units of the joint spread, where the noise is larger than ε was made for: 97.4 % of normal noise.
+/// The inlier distance in units of the joint spread, if the noise is larger than ε allows for: it contains 97.4 % of normal noise.
 const EPSILON_SIGMAS: f64 = 2.22;
-/// A centre farther from the axis than this many robust spreads of all centres is off it,
+/// A centre is off the axis if it is farther from it than this many robust spreads of all centres,
 const OFF_AXIS_SPREADS: f64 = 6.0;
-/// but never one nearer than this many spreads of the points.
+/// and farther than this many spreads of the points.
 const OFF_AXIS_SIGMAS: f64 = 1.0;
 
-/// A section whose shape is known needs less of an arc than a free ellipse.
+/// Shortest arc of a section with a known shape; a free ellipse needs more.
 const ARC_MIN_DEG: f64 = 15.0;
 
-/// The model, its spread and what the last pass over the points left.
+/// The model, its spread and the results of the last pass over the points.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Model<'a> {
     pub(super) cylinder: &'a Cylinder,
     pub(super) sigma: f64,
-    /// One a station,
+    /// One entry a station.
     pub(super) sums: &'a [Sums],
-    /// and what lies within [`Method::inlier_limit_mm`] of the model.
+    /// The points within [`Method::inlier_limit_mm`] of the model, one entry a station.
     pub(super) inner: &'a [Inner],
     pub(super) passes_count: u32,
 }
 
 impl Method {
-    /// Distance from the surface below which a point is an inlier, mm, where the points on the part scatter by `sigma_mm`.
+    /// Distance from the surface below which a point is an inlier, mm, if the points on the part scatter by `sigma_mm`.
     ///
     /// `least_squares` uses every point.
     #[must_use]
@@ -75,7 +75,7 @@ fn rejected(station: &Station, reason: Reason) -> Profile {
     Profile { x: station.x, points_count, rejected: Some(reason), section: None, offset: None }
 }
 
-/// The verdict on a profile whose own points put the model's section at `own`.
+/// The verdict on a profile, with the model's section at `own`, the centre that the profile's own points give.
 fn profile(station: &Station, inner: &Inner, own: SectionEllipse, model: &Model<'_>, settings: &Settings) -> Profile {
     let points_count = station.end - station.start;
     let inlier_ratio = inner.count / points_count as f64;
@@ -99,7 +99,7 @@ fn profile(station: &Station, inner: &Inner, own: SectionEllipse, model: &Model<
     Profile { x: station.x, points_count, rejected, section: Some(section), offset: Some(offset) }
 }
 
-/// The angle at a place of the scale of [`Inner`], −π to π.
+/// The angle of a position on the scale of [`Inner`], −π to π.
 fn angle(place: f64) -> f64 {
     if place > 1.0 {
         PI - (2.0 - place).asin()
@@ -110,7 +110,7 @@ fn angle(place: f64) -> f64 {
     }
 }
 
-/// The model's section, moved to where the profile's own points put it: one step with radius and slopes fixed.
+/// The model's section at the centre that the profile's own points give: one step with radius and slopes fixed.
 fn moved(section: SectionEllipse, sums: &Sums) -> Option<SectionEllipse> {
     let normal: Matrix2<f64> = sums.normal.fixed_view::<2, 2>(2, 2).into_owned();
     let gradient: Vector2<f64> = sums.gradient.fixed_rows::<2>(2).into_owned();
@@ -119,7 +119,7 @@ fn moved(section: SectionEllipse, sums: &Sums) -> Option<SectionEllipse> {
     (moved.centre_y.is_finite() && moved.centre_z.is_finite()).then_some(moved)
 }
 
-/// Rejects valid profiles whose centre lies far from where the others' lie.
+/// Rejects valid profiles whose centre lies far from the others.
 fn mark_off_axis(profiles: &mut [Profile], sigma: f64) {
     let valid = |profile: &Profile| profile.rejected.is_none();
     let offsets = profiles.iter().filter(|p| valid(p)).filter_map(|p| p.offset);

@@ -1,22 +1,23 @@
-//! The hot loops of the method: sums over the points of one profile, read as they are stored.
+//! The inner loops of the method: sums over the points of one profile, read in the precision in which they are stored.
 //!
-//! Which instructions run is decided when the program runs: AVX-512, AVX2 or what every processor has, with the same bits.
-//! A block of points is projected into a few arrays that stay in the first-level cache; each group of sums then runs over
-//! those, so that none needs more running sums than a processor has registers.
+//! The instructions are selected at run time (AVX-512, AVX2 or the baseline of the architecture) and give the same bits. A block of
+//! points is projected into a few arrays that stay in the first-level cache; each group of sums then runs over these arrays, so
+//! that no group needs more running sums than a processor has registers.
 
 use super::block::{BLOCK, Block, Fold, LANES, Moments, OwnMoments, Place, Points};
 use super::normal_equations::Sums;
 use pulp::{Arch, Simd, WithSimd};
 
-/// No angle on the scale of [`Inner::low`] and [`Inner::high`] lies beyond it.
+/// A value beyond every angle on the scale of [`Inner::low`] and [`Inner::high`].
 const BEYOND: f64 = 4.0;
 
-/// How a point bends the cost.
+/// The factor of a point in the normal matrix.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Curvature {
-    /// By its weight w: never negative, so the step leads downhill from far away (iteratively re-weighted least squares).
+    /// Its weight w: never negative, so the step descends from far away (iteratively re-weighted least squares).
     Weight,
-    /// By the slope ψ′ of w·d: Newton's step, quadratic near the solution; also the bread of the sandwich covariance.
+    /// The slope ψ′ of w·d: Newton's step, which converges quadratically near the solution; also the bread of the sandwich
+    /// covariance.
     Slope,
 }
 
@@ -26,14 +27,14 @@ pub(super) struct Inner {
     pub(super) count: f64,
     /// Σ d², mm².
     pub(super) squared: f64,
-    /// Least and largest angle from the facing direction on a scale that needs no arc tangent: sin θ on the near side,
-    /// ±2 − sin θ beyond a right angle.
+    /// Least and largest angle from the viewing direction on a scale that needs no arc tangent: sin θ on the near side, ±2 − sin θ
+    /// beyond a right angle.
     pub(super) low: f64,
     pub(super) high: f64,
 }
 
 impl Inner {
-    /// No point.
+    /// The value for no points.
     pub(super) fn none() -> Self {
         Self { count: 0.0, squared: 0.0, low: BEYOND, high: -BEYOND }
     }
@@ -53,7 +54,7 @@ impl<T: Copy + Into<f64>> Sweep<'_, T> {
         Arch::new().dispatch(Sum { sweep: self, per_cut2, curvature })
     }
 
-    /// The same by the slope, with what lies within ε, whose square is `epsilon2`.
+    /// The same with the slope, and the points within ε, whose square is `epsilon2`.
     pub(super) fn sums_and_inner(self, per_cut2: f64, epsilon2: f64) -> (Sums, Inner) {
         Arch::new().dispatch(SumAndCount { sweep: self, per_cut2, epsilon2 })
     }
@@ -179,7 +180,7 @@ impl<T: Copy + Into<f64>> WithSimd for Truncate<'_, T> {
         let (mut sums, mut squared) = ([0.0; LANES], [0.0; BLOCK]);
         for (place, y, z) in self.sweep.blocks() {
             let count = squared_distances(place, y, z, &mut squared);
-            // Values of an earlier block beyond the last point do not count.
+            // Values of an earlier block beyond the last point are ignored.
             squared.iter_mut().skip(count).for_each(|d2| *d2 = 0.0);
             for row in squared.as_chunks::<LANES>().0.iter().take(count.div_ceil(LANES)) {
                 for (sum, d2) in sums.iter_mut().zip(row) {
@@ -208,7 +209,7 @@ impl<'a, T: Copy + Into<f64>> Sweep<'a, T> {
     }
 }
 
-/// The squared distances of at most a block of points, mm², and how many they are.
+/// The squared distances of at most one block of points, mm², and their number.
 #[inline(always)]
 fn squared_distances<T: Copy + Into<f64>>(place: Place<'_>, y: &[T], z: &[T], squared: &mut [f64; BLOCK]) -> usize {
     match place {
@@ -299,12 +300,12 @@ struct Pull {
     per_cut2: f64,
 }
 
-/// Adds to bend: by the slope or by the weight.
+/// Adds to bend, with the slope or with the weight.
 struct Bend<const SLOPE: bool> {
     per_cut2: f64,
 }
 
-/// Adds to bend and lever of points with an x of their own: by the slope or by the weight.
+/// Adds to bend and lever of points with individual x, with the slope or with the weight.
 struct OwnBend<const SLOPE: bool> {
     per_cut2: f64,
 }
@@ -420,7 +421,7 @@ impl Fold<4> for Count {
     }
 }
 
-/// k: by the slope ψ′ = (1 − v)(1 − 5v), by the weight w = (1 − v)², with v = d²/c².
+/// k: the slope ψ′ = (1 − v)(1 − 5v) or the weight w = (1 − v)², with v = d²/c².
 #[inline(always)]
 fn curvature<S: Simd, const SLOPE: bool>(simd: S, distance: S::f64s, per_cut2: f64) -> S::f64s {
     let (share, rest) = share(simd, distance, per_cut2);
@@ -449,7 +450,7 @@ mod tests {
     use super::*;
     use pulp::Scalar;
 
-    /// A noisy arc with a clamp on its end; 333 points leave a part of a block and of a row over.
+    /// A noisy arc with a clamp at its end; 333 points fill the last block and the last row only partly.
     fn points() -> (Vec<f32>, Vec<f32>) {
         let place = |i: usize| {
             let angle = 0.004 * i as f64 - 0.3;
@@ -459,7 +460,7 @@ mod tests {
         (0..333).map(place).unzip()
     }
 
-    /// The points in one plane, and the same with an x of its own for each.
+    /// The points in one plane, and the same with individual x.
     fn places(test: impl Fn(Place<'_>)) {
         let view = cylinder().facing([0.2, 1.0]);
         test(Place::Plane(&view.at(12.0)));
@@ -476,7 +477,7 @@ mod tests {
             let (y, z) = points();
             let sweep = Sweep { place, y: &y, z: &z };
             let (per_cut2, epsilon2) = (1.0, 0.04);
-            // One point at a time, with what every processor has.
+            // One point at a time, with the baseline instructions.
             let plain = SumAndCount { sweep, per_cut2, epsilon2 }.with_simd(Scalar);
             assert!(plain.0.weight > 50.0 && plain.1.count > 20.0, "{plain:?}");
             assert_eq!(sweep.sums_and_inner(per_cut2, epsilon2), plain);
@@ -485,7 +486,7 @@ mod tests {
             assert_eq!(sweep.sums(per_cut2, Curvature::Weight), plain);
             let plain = Truncate { sweep, per_tolerance2: 3.0 }.with_simd(Scalar);
             assert_eq!(sweep.truncated_squares(3.0).to_bits(), plain.to_bits());
-            // Half as wide as the widest, where the processor has both.
+            // Half as wide as the widest vectors, if the processor has both.
             #[cfg(target_arch = "x86_64")]
             if let Some(narrower) = pulp::x86::V3::try_new() {
                 let plain = SumAndCount { sweep, per_cut2, epsilon2 }.with_simd(Scalar);
@@ -505,7 +506,7 @@ mod tests {
     }
 
     #[test]
-    fn squared_distances_and_inner_points_are_those_of_the_points_one_by_one() {
+    fn squared_distances_and_inliers_equal_those_of_single_points() {
         places(|place| {
             let (y, z) = points();
             let sweep = Sweep { place, y: &y, z: &z };

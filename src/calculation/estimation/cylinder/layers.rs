@@ -1,13 +1,14 @@
-//! Layers close to the surface: tape, a weld bead, a thin clamp, nearly as high as the noise. A single point does not show whether it
-//! belongs to the part, averages over patches do. Returns the fit without the points in layers, or the reason why it is undecided.
+//! Layers close to the surface: tape, a weld bead, a thin clamp, nearly as low as the noise. A single point does not show whether
+//! it belongs to the part, but averages over patches do. Returns the fit without the points in layers, or the reason why the part
+//! is undetermined.
 //!
-//! Averages that scatter no more than their neighbours make likely, and none far off, leave the fit as it is. Otherwise the
-//! surfaces are searched again, among the averages, by the same consensus and with the same choice; patches off the part are
-//! removed, those beside them with half of the tolerance, and the remaining points are fitted once more.
+//! If the averages scatter no more than differences between neighbours suggest, and none is far off, the fit remains as it is.
+//! Otherwise the surfaces are searched again among the averages, with the same consensus and the same choice. Patches off the part
+//! are removed, those next to them with half of the tolerance, and the remaining points are fitted once more.
 //!
-//! Two deviations are no layers and are subtracted first: that of a part that is not quite round or straight, which is smooth while a
-//! layer has edges, and the drift of a stage, which shifts whole profiles. A polynomial, to the fourth degree along the arc and the
-//! second along x, follows an oval, a taper and a bow to a few hundredths of their height, and no step: one in the middle leaves a
+//! Two deviations are not layers and are subtracted first: a form deviation of the part, which is smooth while a layer has edges,
+//! and the drift of a stage, which shifts whole profiles. A polynomial of the fourth degree along the arc and the second along x
+//! follows an oval, a taper and a bow to a few hundredths of their height. It does not follow a step: a step in the middle leaves a
 //! fifth of its height.
 
 use super::candidates::{self, COVERAGE_MIN, Candidate, Choice, Noise, Settled};
@@ -21,25 +22,26 @@ use crate::estimation::statistics;
 use crate::scan::Scan;
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
-/// Points within so many cut-offs of the fit are averaged.
+/// Points within this many cut-offs of the fit are averaged.
 const REACH: f64 = 1.5;
-/// Averages may scatter by this much more than neighbours differ before a layer is suspected,
+/// A layer is suspected if averages scatter by more than this factor times the differences of neighbours,
 const SUSPICIOUS: f64 = 1.5;
-/// and this share of them may be far off by chance.
+/// or if more than this share of them is far off.
 const OFF_SHARE: f64 = 0.005;
 /// A quarter of normal noise lies within this many standard deviations.
 const QUARTER_TO_SIGMA: f64 = 0.3186;
-/// Where more than this share of the surface lies in layers, the rest is not certain to be the part.
+/// If a larger share of the surface lies in layers, the remainder may be a layer as well.
 const LAYER_RATIO_MAX: f64 = 0.3;
-/// Averages of many points show every deviation of a real part's form; below this share of the points' noise it is no layer.
+/// Averages of many points show every form deviation of a real part; one below this share of the points' noise is not treated as a
+/// layer.
 const SCATTER_MIN: f64 = 0.3;
-/// Far off is an average beyond so many of their standard deviations,
+/// An average is off beyond this many of the averages' standard deviations,
 const OFF: f64 = 3.5;
-/// or half of that beside one that is.
+/// or beyond half of that if a neighbour is off.
 const OFF_BESIDE: f64 = 1.75;
-/// Tolerance about a start among the averages, in units of their own scatter.
+/// Tolerance about a start among the averages, in units of their scatter.
 const TOLERANCE: f64 = 3.0;
-/// Points that make a patch.
+/// Number of points of a patch.
 const POINTS_WANTED: usize = 12;
 const ROUNDS: usize = 3;
 
@@ -51,11 +53,11 @@ pub(super) enum Verdict {
     Mended(Box<Solution>),
     /// Two surfaces could be the part.
     Two(Candidate, Candidate),
-    /// So much lies in layers that the rest may be a layer, too, or a mixture of both.
+    /// The share in layers is so large that the remainder may be a layer or a mixture of both.
     Undecided { layer_ratio: f64, reach_mm: f64 },
 }
 
-/// Looks for layers about the fit, and takes them out.
+/// Finds layers near the fit and removes them.
 pub(super) fn mend(
     problem: &Problem<'_>,
     fit: &Solution,
@@ -73,7 +75,7 @@ pub(super) fn mend(
     let closer = Bounds { tolerance: TOLERANCE * own, ..*bounds };
     let found = candidates::candidates(&sample, &closer, Noise::Known(own), constraint);
     let part = match candidates::choose(&found, nominal_radius, &sample) {
-        // A surface that is not on most profiles is not the part; whole profiles that are off are no layers.
+        // A surface that is not on most profiles is not the part; whole profiles that are off are not layers.
         Choice::One(candidate) if candidate.coverage < COVERAGE_MIN => return Verdict::Unchanged,
         Choice::One(candidate) => candidate.settled,
         Choice::Two(a, b) => return Verdict::Two(a, b),
@@ -82,7 +84,7 @@ pub(super) fn mend(
     let off = off(&averages, &part);
     let layer_ratio = off.iter().filter(|off| **off).count() as f64 / averages.patches.iter().flatten().count() as f64;
     if layer_ratio > LAYER_RATIO_MAX || rough(&averages, &part, own) {
-        // Where the part is certain the fit stays as it is: the field contains the uncertainty from the layers.
+        // If the part is certain, the fit remains as it is: the field covers the uncertainty from the layers.
         return match nominal_radius {
             Some(_) => Verdict::Unchanged,
             None => Verdict::Undecided { layer_ratio, reach_mm: reach(fit) },
@@ -95,20 +97,21 @@ fn reach(fit: &Solution) -> f64 {
     REACH * statistics::TUKEY_C * fit.sigma
 }
 
-/// The points near the fit; `None` where there is none.
+/// The points near the fit; `None` if there are none.
 pub(super) fn look(problem: &Problem<'_>, fit: &Solution) -> Option<Surface> {
     patches::look(problem.scan, problem.used, &fit.cylinder, reach(fit))
 }
 
-/// Whether the averages, without a smooth form of the part or shifts of profiles, scatter as they do for themselves.
+/// Whether the averages, after subtraction of a smooth form of the part or of shifts of profiles, scatter no more than their own
+/// scatter.
 fn explained(averages: &Averages, own: f64) -> bool {
     let level = without_shifts(averages);
     let without = without_form(averages);
     !suspicious(&level, own) || without.is_some_and(|without| !suspicious(&without, own))
 }
 
-/// The scatter of the averages themselves: the larger of the differences of neighbours along the arc and along x. Along x
-/// whole profiles may be off (vibration), which is no layer.
+/// The scatter of the averages themselves: the larger of the differences of neighbours along the arc and along x. Along x vibration
+/// shifts whole profiles, which is not a layer.
 fn own_scatter(averages: &Averages) -> f64 {
     scatter_along_arc(averages).max(lower_sigma(averages.squared_differences_along_x()))
 }
@@ -118,7 +121,7 @@ fn scatter_along_arc(averages: &Averages) -> f64 {
     statistics::sigma(&averages.squared_differences_along_arc(), &mut Vec::new())
 }
 
-/// Robust standard deviation by the lower quarter: clamps that come and go along x leave it alone.
+/// Robust standard deviation from the lower quarter, which clamps on part of the length do not affect.
 fn lower_sigma(mut squared: Vec<f64>) -> f64 {
     let quarter = squared.len() / 4;
     if squared.is_empty() {
@@ -128,7 +131,7 @@ fn lower_sigma(mut squared: Vec<f64>) -> f64 {
     lower.sqrt() / QUARTER_TO_SIGMA
 }
 
-/// Whether the averages on the part scatter more than they do for themselves: a mixture of two surfaces.
+/// Whether the averages on the part scatter more than their own scatter, which indicates a mixture of two surfaces.
 fn rough(averages: &Averages, part: &Settled, own: f64) -> bool {
     let squared = averages.patches.iter().flatten().map(|patch| {
         let [y, z] = averages.grid.point(patch.x, patch);
@@ -144,13 +147,13 @@ fn suspicious(averages: &Averages, own: f64) -> bool {
     let limit = OFF * scatter.min(SUSPICIOUS * own);
     let far = |patch: &Option<Patch>| patch.as_ref().is_some_and(|p| p.d * p.d * p.share > limit * limit);
     let far: Vec<bool> = averages.patches.iter().map(far).collect();
-    // A layer is larger than a patch; a spike makes one patch far by itself.
+    // A layer is larger than a patch, while a spike displaces a single patch.
     let together = |index: &usize| neighbours(averages, *index).any(|beside| far.get(beside) == Some(&true));
     let far_count = far.iter().enumerate().filter(|(_, far)| **far).filter(|(index, _)| together(index)).count();
     scatter > SUSPICIOUS * own || far_count as f64 > OFF_SHARE * squared.len() as f64
 }
 
-/// The patches beside one, along the arc and along x.
+/// The patches next to one, along the arc and along x.
 fn neighbours(averages: &Averages, index: usize) -> impl Iterator<Item = usize> {
     let (sectors, column) = (averages.grid.sectors(), index % averages.grid.sectors().max(1));
     let along_arc = [(column > 0).then(|| index - 1), (column + 1 < sectors).then_some(index + 1)];
@@ -191,7 +194,7 @@ fn refit(problem: &Problem<'_>, fit: &Solution, part: &Settled, averages: &Avera
     Some(rest.restore(solution))
 }
 
-/// Robust spread of the points that are left about the part.
+/// Robust spread of the remaining points about the part.
 fn scatter(rest: &Scan, part: &Cylinder, widest: f64) -> f64 {
     let (mut squared, mut scratch) = (Vec::new(), Vec::new());
     for station in rest.stations() {
@@ -209,10 +212,10 @@ fn scatter(rest: &Scan, part: &Cylinder, widest: f64) -> f64 {
 const ALONG_ARC: usize = 5;
 const ALONG_X: usize = 3;
 const TERMS: usize = ALONG_ARC * ALONG_X;
-/// Fewer patches than this for each term are followed by chance.
+/// With fewer patches for each term the polynomial follows the noise.
 const PATCHES_A_TERM: usize = 4;
 
-/// The averages without the form that a polynomial finds in them; `None` where they are too few.
+/// The averages after subtraction of the form that a polynomial finds in them; `None` if they are too few.
 pub(super) fn without_form(averages: &Averages) -> Option<Averages> {
     let patches = || averages.patches.iter().flatten();
     if patches().count() < PATCHES_A_TERM * TERMS {
@@ -232,7 +235,7 @@ pub(super) fn without_form(averages: &Averages) -> Option<Averages> {
     Some(Averages { grid: averages.grid.clone(), patches })
 }
 
-/// The averages without the shift, in y and in z, that each block of profiles shows by itself.
+/// The averages after subtraction of the shift in y and in z of each block of profiles.
 pub(super) fn without_shifts(averages: &Averages) -> Averages {
     let direction = |patch: &Patch| Vector2::new(patch.angle.cos(), patch.angle.sin());
     let mut patches = Vec::with_capacity(averages.patches.len());
@@ -243,7 +246,7 @@ pub(super) fn without_shifts(averages: &Averages) -> Averages {
             normal += row * row.transpose() * patch.share;
             right += row * (patch.d * patch.share);
         }
-        // A block with too little on it keeps what it has.
+        // A block with too few points remains unchanged.
         let shift = normal.cholesky().map_or_else(Vector2::zeros, |normal| normal.solve(&right));
         let left = |patch: &Patch| Patch { d: patch.d - direction(patch).dot(&shift), ..*patch };
         patches.extend(block.iter().map(|patch| patch.as_ref().map(left)));
@@ -257,12 +260,12 @@ fn range(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
     (high > low).then_some([low, high])
 }
 
-/// From −1 to 1.
+/// Maps the range to −1 … 1.
 fn unit(value: f64, [low, high]: [f64; 2]) -> f64 {
     (2.0 * value - low - high) / (high - low)
 }
 
-/// Products of Chebyshev's polynomials, T_k = cos(k arccos t).
+/// Products of Chebyshev polynomials, T_k = cos(k arccos t).
 fn terms(x: f64, angle: f64) -> SVector<f64, TERMS> {
     let chebyshev = |degree: usize, t: f64| (degree as f64 * t.clamp(-1.0, 1.0).acos()).cos();
     SVector::from_fn(|index, _| chebyshev(index % ALONG_ARC, angle) * chebyshev(index / ALONG_ARC, x))

@@ -1,5 +1,5 @@
-//! One cylinder through all profiles at once. Every profile contributes, also one that is half under a clamp: its other half determines
-//! slopes and radius as well as any.
+//! One cylinder through all profiles at once. Every profile contributes, even one that is half covered by a clamp: its other half
+//! determines slopes and radius equally well.
 //!
 //! ```text
 //! Scan --sample--> Sample --consensus--> starts --settle--> candidates --choose--> one --solve--> Solution
@@ -42,14 +42,14 @@ use normal_equations::RadiusConstraint;
 use search::{too_few, too_short};
 use solve::Solution;
 
-/// A pose rests on this share of the profiles at least. So few profiles have to agree by half, and so very few by two thirds,
+/// A pose is based on at least this share of the profiles. With few profiles half of them have to agree, with very few two thirds.
 const SHARE_MIN: f64 = 0.1;
 const FEW: usize = 20;
 const VERY_FEW: usize = 8;
-/// and one agrees that has this share on the surface of what the fullest has.
+/// A profile agrees if it has at least this share of the largest number of inliers of any profile.
 const AGREEING: f64 = 0.25;
 
-/// The pose or why there is none, and what became of every profile.
+/// The pose or the reason why there is none, and the verdict on every profile.
 pub(super) fn find(scan: &Scan, settings: &Settings, expected_radius: Option<f64>, progress: &Progress) -> Found {
     let used = search::enough(scan, settings);
     match search::search(scan, &used, settings, expected_radius, progress) {
@@ -74,7 +74,7 @@ pub(super) fn find(scan: &Scan, settings: &Settings, expected_radius: Option<f64
     }
 }
 
-/// Why most of the profiles were rejected.
+/// The most frequent reason for which profiles were rejected.
 fn most_common(profiles: &[Profile]) -> Reason {
     let count = |reason: Reason| profiles.iter().filter(|profile| profile.rejected == Some(reason)).count();
     profiles
@@ -84,8 +84,8 @@ fn most_common(profiles: &[Profile]) -> Reason {
         .unwrap_or(Reason::NotConverged)
 }
 
-/// A tenth of the profiles have to lie on the surface, and where there are few, half or two thirds of them: a cylinder can be
-/// tilted until it meets some that vibration has shifted, and then does not describe the others.
+/// A tenth of the profiles have to lie on the surface, and half or two thirds of few profiles: a cylinder can be tilted until it
+/// passes through some profiles that vibration has shifted, and then does not describe the others.
 fn agreed(scan: &Scan, solution: &Solution, most_common: Reason, settings: &Settings) -> Result<(), Refusal> {
     let share = |(station, sums): (&Station, &normal_equations::Sums)| {
         sums.weight / (station.end - station.start).max(1) as f64
@@ -106,7 +106,7 @@ fn agreed(scan: &Scan, solution: &Solution, most_common: Reason, settings: &Sett
     Err(too_few(shares.len(), agreeing_count, most_common, Some(solution.sigma), &settings))
 }
 
-/// The pose and what should be known of it, unless the solution gives rise to a refusal.
+/// The pose with its uncertainty and warnings, or the refusal that the solution gives rise to.
 fn weigh(
     scan: &Scan,
     solution: &Solution,
@@ -155,7 +155,7 @@ fn pose(solution: &Solution, settings: &Settings, uncertainty: Uncertainty) -> P
     }
 }
 
-/// The profiles of a scan that no cylinder was found in.
+/// The profiles of a scan in which no cylinder was found.
 fn unjudged(scan: &Scan, used: &[bool]) -> Vec<Profile> {
     let reason = |used: &bool| if *used { Reason::NotConverged } else { Reason::TooFewPoints };
     let profile = |(station, used): (&Station, &bool)| Profile {

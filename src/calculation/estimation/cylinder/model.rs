@@ -1,14 +1,15 @@
 //! A cylinder about an axis that crosses every profile, its signed distance from a point and the derivatives of that distance.
 //!
-//! With dx = x − x_ref, u = y − (y_ref + p·dx), w = z − (z_ref + q·dx), n² = 1 + p² + q² and s = (p·u + q·w)/n²:
-//! ρ² = u² + w² − (p·u + q·w)²/n² and d = ρ − R. Derivatives: ∂d/∂y_ref = −(u − p·s)/ρ, ∂d/∂z_ref = −(w − q·s)/ρ,
-//! those of p and q are the same times (dx + s), ∂d/∂R = −1.
+//! With dx = x − x_ref, u = y − (y_ref + p·dx), w = z − (z_ref + q·dx), n² = 1 + p² + q² and s = (p·u + q·w)/n²: ρ² = u² + w² −
+//! (p·u + q·w)²/n² and d = ρ − R. Derivatives: ∂d/∂y_ref = −(u − p·s)/ρ, ∂d/∂z_ref = −(w − q·s)/ρ, those by p and q are the same
+//! times (dx + s), ∂d/∂R = −1.
 //!
-//! A [`View`] is the cylinder seen along its axis: the points of a profile are projected on the plane perpendicular to the axis, where
-//! every section is the same circle. e₁, e₂ and the direction of the axis are orthonormal; a point (u, w) of its profile, from where
-//! the axis meets the plane of the profile, lies at X = e₁·(0, u, w) and Y = e₂·(0, u, w), so ρ² = X² + Y² without a difference of
-//! large numbers. With C = X/ρ and S = Y/ρ the derivatives of d = ρ − R are −(C, S) in the coordinates of e₁ and e₂, times
-//! t = dx + s for the slopes, where s = −(e₁ₓX + e₂ₓY) is the distance along the axis from its intersection with the plane.
+//! A [`View`] is the cylinder seen along its axis: the points of a profile are projected on the plane perpendicular to the axis,
+//! where every section is the same circle. e₁, e₂ and the direction of the axis are orthonormal. A point (u, w) of its profile,
+//! measured from the intersection of the axis with the plane of the profile, lies at X = e₁·(0, u, w) and Y = e₂·(0, u, w), so ρ² =
+//! X² + Y² without a difference of large numbers. With C = X/ρ and S = Y/ρ the derivatives of d = ρ − R are −(C, S) in the
+//! coordinates of e₁ and e₂, times t = dx + s for the slopes, where s = −(e₁ₓX + e₂ₓY) is the distance along the axis from its
+//! intersection with the plane.
 
 use super::normal_equations::Sums;
 use crate::geometry::AxisLine;
@@ -25,7 +26,7 @@ pub(super) struct Cylinder {
     pub(super) radius: f64,
 }
 
-/// A cylinder as one plane x = const sees it.
+/// A cylinder in one plane x = const.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Slice {
     x: f64,
@@ -39,7 +40,7 @@ pub(super) struct Slice {
     pub(super) radius: f64,
 }
 
-/// Distance of a point and what it depends on.
+/// Distance of a point and its derivatives.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Response {
     /// Signed distance from the surface, positive outside, mm.
@@ -65,13 +66,13 @@ impl Cylinder {
         AxisLine::through([self.x_ref, self.y_ref, self.z_ref], self.p, self.q)
     }
 
-    /// The same cylinder with its reference elsewhere along x.
+    /// The same cylinder with another reference point along x.
     pub(super) fn about(self, x_ref: f64) -> Self {
         let [y_ref, z_ref] = self.axis().at(x_ref);
         Self { x_ref, y_ref, z_ref, ..self }
     }
 
-    /// The cylinder with `step` added to (p, q, y_ref, z_ref, R); `None` where that is no cylinder.
+    /// The cylinder with `step` added to (p, q, y_ref, z_ref, R); `None` if the result is not a cylinder.
     pub(super) fn moved(self, step: &Vector5<f64>) -> Option<Self> {
         let [p, q, y_ref, z_ref, radius] = (*step).into();
         let moved = Self {
@@ -102,7 +103,7 @@ impl Cylinder {
 }
 
 impl Slice {
-    /// The cylinder as another plane sees it.
+    /// The cylinder in another plane.
     #[inline]
     pub(super) fn at(&self, x: f64) -> Self {
         let step = x - self.x;
@@ -129,7 +130,7 @@ impl Slice {
     }
 }
 
-/// A cylinder with e₁ towards where its points are.
+/// A cylinder with e₁ in the direction of its points.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct View {
     cylinder: Cylinder,
@@ -137,10 +138,10 @@ pub(super) struct View {
     second: Vector3<f64>,
 }
 
-/// To look at a cylinder for what does not depend on where from.
+/// The direction of a view whose result does not depend on the direction.
 pub(super) const ANY_DIRECTION: [f64; 2] = [0.0, 1.0];
 
-/// How one plane x = const is projected.
+/// The projection of one plane x = const.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Projection {
     pub(super) dx: f64,
@@ -151,8 +152,8 @@ pub(super) struct Projection {
     pub(super) axial: [f64; 2],
 }
 
-/// How points with an x of their own are projected: as [`Projection`], with how far along the axis they are, divided by n, so
-/// that it is the lever t of the slopes.
+/// The projection of points with individual x: as [`Projection`], with the position along the axis divided by n, which is the lever
+/// t of the slopes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Oblique {
     pub(super) radius: f64,
@@ -163,12 +164,12 @@ pub(super) struct Oblique {
 }
 
 impl Cylinder {
-    /// The cylinder seen along its axis, with e₁ as near to `direction` (y, z) as can be.
+    /// The cylinder seen along its axis, with e₁ as near to `direction` (y, z) as possible.
     pub(super) fn facing(self, direction: [f64; 2]) -> View {
         let [y, z] = direction;
         let axis = Vector3::new(1.0, self.p, self.q).normalize();
         let wanted = Vector3::new(0.0, y, z).try_normalize(f64::MIN_POSITIVE).unwrap_or_else(Vector3::z);
-        // Never zero: the axis crosses every profile, so it does not lie in the direction's plane.
+        // Never zero: the axis crosses every profile, so it does not lie in the plane of the direction.
         let first = (wanted - axis * axis.dot(&wanted)).normalize();
         View { cylinder: self, first, second: axis.cross(&first) }
     }
@@ -201,7 +202,7 @@ impl View {
         }
     }
 
-    /// Points with an x of their own.
+    /// The projection of points with individual x.
     pub(super) fn oblique(&self) -> Oblique {
         let Cylinder { x_ref, y_ref, z_ref, p, q, radius } = self.cylinder;
         let along = Vector3::new(1.0, p, q) / (1.0 + p * p + q * q);
@@ -209,7 +210,7 @@ impl View {
         Oblique { radius, reference: [x_ref, y_ref, z_ref], across, up, along }
     }
 
-    /// Sums in the parameters along e₁ and e₂ as sums in those along y and z.
+    /// Transforms sums in the parameters along e₁ and e₂ into sums in those along y and z.
     pub(super) fn unturned(&self, sums: &Sums) -> Sums {
         let ((ay, az), (by, bz)) = ((self.first.y, self.first.z), (self.second.y, self.second.z));
         #[rustfmt::skip]
@@ -272,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_of_the_section_has_no_distance() {
+    fn a_point_of_the_section_has_the_distance_zero() {
         let cylinder = Cylinder { x_ref: 10.0, p: 0.1, q: 0.05, y_ref: 3.0, z_ref: -5.0, radius: 50.0 };
         let section = cylinder.axis().section(50.0, 70.0);
         for turn in 0..7 {

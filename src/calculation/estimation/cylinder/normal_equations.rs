@@ -6,7 +6,7 @@ use nalgebra::{Matrix5, Vector5};
 /// How the radius is treated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum RadiusConstraint {
-    /// From the data alone.
+    /// Estimated from the data alone.
     Free,
     /// Known exactly, mm.
     Fixed { radius: f64 },
@@ -25,14 +25,14 @@ impl RadiusConstraint {
     }
 }
 
-/// The radius among the parameters,
+/// The index vector of the radius among the parameters.
 const RADIUS: Vector5<f64> = Vector5::new(0.0, 0.0, 0.0, 0.0, 1.0);
-/// and all the others.
+/// All other parameters.
 pub(super) const OTHERS: Vector5<f64> = Vector5::new(1.0, 1.0, 1.0, 1.0, 0.0);
 
-/// The normal matrix and gradient with what is known of the radius in them. `noise` is the points' standard deviation, mm.
+/// The normal matrix and gradient including the constraint on the radius. `noise` is the points' standard deviation, mm.
 ///
-/// A fixed radius becomes a unit equation of its own, so that the same 5×5 system serves every case.
+/// A fixed radius becomes a separate unit equation, so that the same 5×5 system serves every case.
 pub(super) fn system(
     sums: &Sums,
     constraint: RadiusConstraint,
@@ -44,7 +44,7 @@ pub(super) fn system(
         RadiusConstraint::Free => {}
         RadiusConstraint::Fixed { radius: known } => {
             let others = Matrix5::from_diagonal(&OTHERS);
-            // The radius goes all the way in one step, and the others have to follow it in the same one.
+            // The radius moves to its value in one step, and the other parameters have to follow in the same step.
             gradient += normal * RADIUS * (known - radius);
             normal = others * normal * others + Matrix5::from_diagonal(&RADIUS);
             gradient = gradient.component_mul(&OTHERS) + RADIUS * (radius - known);
@@ -58,7 +58,7 @@ pub(super) fn system(
     (normal, gradient)
 }
 
-/// The step −N⁻¹ g, scaled by the diagonal so that millimetres and slopes weigh alike; `None` where N is not definite.
+/// The step −N⁻¹ g, scaled by the diagonal so that millimetres and slopes have equal weight; `None` if N is not positive definite.
 pub(super) fn solve(normal: &Matrix5<f64>, gradient: &Vector5<f64>) -> Option<Vector5<f64>> {
     let scale = normal.diagonal().map(|v| v.sqrt().recip());
     let scaled = Matrix5::from_diagonal(&scale) * normal * Matrix5::from_diagonal(&scale);
@@ -106,7 +106,7 @@ mod tests {
         let (system, gradient) = system(&sums, RadiusConstraint::Fixed { radius: 20.5 }, 0.05, 20.0);
         let step = solve(&system, &gradient).expect("definite");
         assert!((step[4] - 0.5).abs() < 1e-12);
-        // At the minimum of the quadratic function with that radius, no other parameter has a gradient.
+        // At the minimum of the quadratic function with that radius, the gradient by the other parameters is zero.
         let left = sums.gradient + normal * step;
         assert!(left.fixed_rows::<4>(0).norm() < 1e-12, "{left}");
     }

@@ -1,6 +1,6 @@
-//! A scan's points near a cylinder, averaged over patches of neighbours: blocks of profiles along x, sectors of the arc. An
-//! average scatters far less than a point, so layers show that hide in the noise of single points. In: a scan and a cylinder.
-//! Out: a sample with one point a patch, and which patch any point belongs to.
+//! Averages of a scan's points near a cylinder over patches of neighbours: blocks of profiles along x, sectors of the arc. An
+//! average scatters far less than a point, so it shows layers that are lower than the noise of single points. A scan and a cylinder
+//! give a sample with one point a patch, and the patch to which any point belongs.
 
 use super::model::{Cylinder, Slice};
 use super::sample::{Sample, spread};
@@ -13,13 +13,13 @@ const BLOCKS_MAX: usize = 64;
 const SECTORS_MAX: usize = 24;
 /// With fewer sectors than this the edge of a layer cannot be distinguished from its middle.
 const SECTORS_MIN: usize = 8;
-/// A patch with fewer points than this share of the middle one, or than three, is left out.
+/// A patch with fewer points than this share of the median patch, or than three, is left out.
 const POINTS_SHARE: f64 = 0.25;
 /// Points that are examined, at most: some fifteen a patch.
 const POINTS_MAX: usize = 24_000;
 /// Profiles that are examined, at most.
 const PROFILES_MAX: usize = 512;
-/// Profiles, and points of each, by which the viewing direction is found.
+/// Profiles, and points of each, that determine the viewing direction.
 const SEEN: usize = 32;
 /// Stations in one piece of work.
 const CHUNK: usize = 64;
@@ -27,16 +27,16 @@ const CHUNK: usize = 64;
 /// How fine the patches are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Cut {
-    /// So many points a patch.
+    /// This many points a patch.
     Points(usize),
-    /// As many of both, or as there are profiles.
+    /// This many sectors and blocks, or as many blocks as there are profiles.
     Cells { sectors: usize, blocks: usize },
 }
 
 /// A point near the cylinder.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Near {
-    /// Of its station.
+    /// Index of its station.
     pub(super) index: usize,
     pub(super) x: f64,
     pub(super) y: f64,
@@ -47,25 +47,25 @@ pub(super) struct Near {
     pub(super) d: f64,
 }
 
-/// The points of a scan near a cylinder, thinned out where there are many.
+/// The points of a scan near a cylinder, thinned out if there are many.
 #[derive(Debug, Clone)]
 pub(super) struct Surface {
     cylinder: Cylinder,
-    /// Direction from the axis in which the part is seen, of length 1.
+    /// Direction from the axis to the middle of the observed part, of length 1.
     mean: [f64; 2],
     pub(super) near: Vec<Near>,
     stations_count: usize,
-    /// One in so many profiles was examined,
+    /// One in this many profiles was examined,
     pub(super) every: usize,
-    /// and one in so many of its points.
+    /// and one in this many of its points.
     stride: usize,
 }
 
-/// Directions from an axis, of which some count.
+/// A range of directions about an axis.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Directions {
     mean: [f64; 2],
-    /// Angle of the first, and how far they go on from there, radians.
+    /// Angle of the first direction, and length of the range, radians.
     first: f64,
     length: f64,
 }
@@ -94,21 +94,21 @@ pub(super) struct Grid {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Patch {
     pub(super) count: f64,
-    /// Sums first, means in the end: place and distance from the cylinder.
+    /// Sums at first, means in the end: position and distance from the cylinder.
     pub(super) x: f64,
     pub(super) angle: f64,
     pub(super) d: f64,
-    /// Its points as a share of the usual number, at most 1: few scatter more.
+    /// Its points as a share of the usual number, at most 1: an average of few points scatters more.
     pub(super) share: f64,
 }
 
-/// The averages, blocks one after the other; `None` where too few points are.
+/// The averages, one block after the other; `None` for a patch with too few points.
 pub(super) struct Averages {
     pub(super) grid: Grid,
     pub(super) patches: Vec<Option<Patch>>,
 }
 
-/// The points within `reach` of the cylinder; `None` where there is none.
+/// The points within `reach` of the cylinder; `None` if there are none.
 pub(super) fn look(scan: &Scan, used: &[bool], cylinder: &Cylinder, reach: f64) -> Option<Surface> {
     let (points, every) = (scan.points(), scan.stations().len().div_ceil(PROFILES_MAX).max(1));
     let stride = (points.end - points.start).div_ceil(POINTS_MAX * every).max(1);
@@ -126,7 +126,7 @@ pub(super) fn look(scan: &Scan, used: &[bool], cylinder: &Cylinder, reach: f64) 
         let mut near = Vec::new();
         for (index, station) in stations {
             let (index, slice) = (*index, cylinder.slice(station.x));
-            // Another first point in each profile, so that no sector is left out.
+            // The first point differs between profiles, so that no sector is left out.
             let places = (station.start + index / every % stride..station.end).step_by(stride);
             for [x, y, z] in places.filter_map(|place| scan.point(station, place)) {
                 let slice = slice.at(x);
@@ -144,7 +144,7 @@ pub(super) fn look(scan: &Scan, used: &[bool], cylinder: &Cylinder, reach: f64) 
     (!near.is_empty()).then_some(Surface { cylinder: *cylinder, mean, near, stations_count, every, stride })
 }
 
-/// The direction from the axis to the middle of some points near the cylinder; points beside the part are ignored.
+/// The direction from the axis to the middle of some points near the cylinder; points next to the part are ignored.
 fn direction(scan: &Scan, cylinder: &Cylinder, reach: f64) -> [f64; 2] {
     let mut sum = [0.0; 2];
     let stations = scan.stations();
@@ -168,14 +168,14 @@ fn angle(mean: [f64; 2], slice: &Slice, y: f64, z: f64) -> f64 {
     aside.atan2(along)
 }
 
-/// The point from the axis, along the middle direction and aside of it.
+/// The point relative to the axis, along the middle direction and perpendicular to it.
 fn turned([mean_u, mean_w]: [f64; 2], slice: &Slice, y: f64, z: f64) -> [f64; 2] {
     let [u, w] = [y - slice.y, z - slice.z];
     [u * mean_u + w * mean_w, w * mean_u - u * mean_w]
 }
 
 impl Surface {
-    /// Those from an angle from the middle direction on.
+    /// The range of directions from an angle about the middle direction onwards.
     pub(super) fn directions(&self, first: f64, length: f64) -> Directions {
         Directions { mean: self.mean, first, length }
     }
@@ -184,12 +184,12 @@ impl Surface {
         self.stations_count
     }
 
-    /// One in so many points was examined.
+    /// One in this many points was examined.
     pub(super) fn thinned(&self) -> usize {
         self.every * self.stride
     }
 
-    /// Averages over patches; `None` where the points are too few for them.
+    /// Averages over patches; `None` if there are too few points.
     pub(super) fn average(&self, cut: Cut) -> Option<Averages> {
         let grid = self.grid(cut)?;
         let mut patches = vec![Patch::default(); self.stations_count.div_ceil(grid.block) * grid.sectors];
@@ -212,7 +212,7 @@ impl Surface {
         Some(Averages { grid, patches: patches.into_iter().map(mean).collect() })
     }
 
-    /// How the surface is cut; `None` where the points are too few for that.
+    /// The grid of patches; `None` if there are too few points.
     pub(super) fn grid(&self, cut: Cut) -> Option<Grid> {
         let stations_count = self.stations_count;
         let (sectors, blocks) = match cut {
@@ -264,14 +264,14 @@ impl Grid {
     }
 }
 
-/// Which of so many equal sectors between two angles contains this one.
+/// Index of the sector that contains an angle, of a number of equal sectors between two angles.
 pub(super) fn sector(angle: f64, [low, high]: [f64; 2], sectors: usize) -> usize {
     let share = (angle - low) / (high - low).max(f64::MIN_POSITIVE);
     (share * sectors as f64).clamp(0.0, sectors as f64 - 1.0) as usize
 }
 
 impl Averages {
-    /// The averages as a scan's sample: each block a profile.
+    /// The averages as a sample of a scan: each block is a profile.
     pub(super) fn sample(&self) -> Sample {
         let mut sample = Sample::default();
         for block in self.patches.chunks(self.grid.sectors) {
@@ -279,7 +279,7 @@ impl Averages {
             if count == 0 {
                 continue;
             }
-            // One plane for all: a point moves along the surface to it, and keeps its distance.
+            // All points of a block get one plane: a point moves along the surface into it and keeps its distance.
             let x = block.iter().flatten().map(|patch| patch.x).sum::<f64>() / count as f64;
             let place = |patch: &Patch| {
                 let [y, z] = self.grid.point(x, patch);
@@ -290,7 +290,7 @@ impl Averages {
         sample
     }
 
-    /// Squared second differences of neighbours along the arc: what an average scatters by for itself.
+    /// Squared second differences of neighbours along the arc: the scatter of the averages themselves.
     pub(super) fn squared_differences_along_arc(&self) -> Vec<f64> {
         let difference = |three: &[Option<Patch>]| match three {
             [Some(a), Some(b), Some(c)] => Some((b.d - 0.5 * (a.d + c.d)).powi(2) / 1.5),
@@ -299,7 +299,7 @@ impl Averages {
         self.patches.chunks(self.grid.sectors).flat_map(|block| block.windows(3).filter_map(difference)).collect()
     }
 
-    /// Squared differences of neighbours along x: the same, and how far whole profiles are off.
+    /// Squared differences of neighbours along x: the same, plus the displacement of whole profiles.
     pub(super) fn squared_differences_along_x(&self) -> Vec<f64> {
         let next = self.patches.iter().skip(self.grid.sectors);
         let both = self.patches.iter().zip(next).filter_map(|(a, b)| a.as_ref().zip(b.as_ref()));
@@ -308,13 +308,13 @@ impl Averages {
 }
 
 impl Grid {
-    /// Where the average of a patch lies in the plane at `x`.
+    /// Position of the average of a patch in the plane at `x`.
     pub(super) fn point(&self, x: f64, patch: &Patch) -> [f64; 2] {
         let slice = self.cylinder.slice(x);
         let [mean_u, mean_w] = self.mean;
         let (sin, cos) = patch.angle.sin_cos();
         let (u, w) = (mean_u * cos - mean_w * sin, mean_w * cos + mean_u * sin);
-        // The section reaches 1/√(1 − (p·u + q·w)²/n²) radii in the unit direction (u, w), and so does the distance.
+        // The section extends 1/√(1 − (p·u + q·w)²/n²) radii in the unit direction (u, w), and the distance scales equally.
         let along = (slice.p * u + slice.q * w).powi(2) * slice.per_n2;
         let reach = (slice.radius + patch.d) / (1.0 - along).sqrt();
         [slice.y + reach * u, slice.z + reach * w]

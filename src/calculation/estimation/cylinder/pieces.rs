@@ -1,6 +1,7 @@
-//! Pieces of the surface that are separated by gaps about the axis. A support that crosses the circle far from the arc dominates the
-//! radius with a few points, and the scatter does not show it. [`part_directions`] returns the directions about the axis that belong to the
-//! part, and [`Subset`] is a scan without the points in other directions, from which a solution is mapped back to the whole scan.
+//! Pieces of the surface that are separated by gaps about the axis. A support that crosses the circle far from the arc dominates
+//! the radius with a few points, and the scatter does not show it. [`part_directions`] returns the directions about the axis that
+//! belong to the part, and [`Subset`] is a scan without the points in other directions, from which a solution is mapped back to the
+//! complete scan.
 
 use super::kernel::Inner;
 use super::normal_equations::Sums;
@@ -15,26 +16,27 @@ use std::f64::consts::{PI, TAU};
 const BINS: usize = 360;
 /// A gap is at least this wide, in bins,
 const GAP: usize = 20;
-/// and in it no bin has more than this share of what the fullest has. So far from a piece, points are beyond it.
+/// In a gap no bin has more than this share of the points of the fullest bin. Points beyond the first gap from a piece are
+/// separate.
 const STRAY: f64 = 0.02;
-/// A piece beyond a gap with less than this share of the points is something else.
+/// A piece beyond a gap with a smaller share of the points does not belong to the part.
 const PIECE_MIN: f64 = 0.1;
-/// Margin of the surface beside a piece, in bins.
+/// Margin beside a piece, in bins.
 const MARGIN: usize = 5;
-/// The points beyond are left out where points that are off by a standard deviation each, all to the same side, would move the
-/// fit by this share of its own: on a long arc a stray point does nothing, on a short one it dominates the radius.
+/// The points beyond are left out if an error of one standard deviation, common to all of them, would move the fit by this share of
+/// its own standard deviation. On a long arc a stray point has no effect, on a short one it dominates the radius.
 const PULL_MIN: f64 = 0.1;
 
-/// Points about an axis by their direction, counted from the first of those that hang together.
+/// Points about an axis by their direction, counted from the first point of a connected piece.
 struct Circle {
     bins: [usize; BINS],
-    /// Bin of the direction −π where the first bin is.
+    /// Bin of the direction −π, relative to the first bin.
     turn: usize,
-    /// Bins up to the end of the last piece that counts.
+    /// Number of bins up to the end of the last piece that counts.
     length: usize,
 }
 
-/// The directions from the first piece that counts to the last one; `None` where nothing beyond them matters.
+/// The directions from the first piece that counts to the last one; `None` if points outside them have no effect.
 pub(super) fn part_directions(surface: &Surface, sigma: f64) -> Option<Directions> {
     let reach = statistics::TUKEY_C * sigma;
     let circle = Circle::of(surface.near.iter().filter(|point| point.d.abs() < reach).map(|point| point.angle))?;
@@ -47,7 +49,7 @@ pub(super) fn part_directions(surface: &Surface, sigma: f64) -> Option<Direction
 }
 
 impl Circle {
-    /// `None` where no piece counts.
+    /// `None` if no piece counts.
     fn of(angles: impl Iterator<Item = f64>) -> Option<Self> {
         let mut bins = [0_usize; BINS];
         for angle in angles {
@@ -61,7 +63,7 @@ impl Circle {
 
     fn of_bins(mut bins: [usize; BINS]) -> Option<Self> {
         let all: usize = bins.iter().sum();
-        // So that no piece goes on beyond the last bin.
+        // The circle is cut in its widest gap, so that no piece extends across the last bin.
         let seam = after_widest_gap(&bins);
         bins.rotate_left(seam);
         let pieces = pieces(&bins);
@@ -72,7 +74,7 @@ impl Circle {
         Some(Self { bins, turn: (seam + first.start) % BINS, length: last.end - first.start })
     }
 
-    /// By how many of its own standard deviations points beyond move the fit towards them, if they are off by one of theirs.
+    /// The shift of the fit towards the points beyond, in its own standard deviations, if they are off by one of theirs.
     fn pull(&self) -> f64 {
         let lever = |(bin, count): (usize, &usize)| {
             let angle = (bin as f64 + 0.5 - 0.5 * self.length as f64) / BINS as f64 * TAU;
@@ -93,7 +95,7 @@ fn is_stray(bins: &[usize]) -> impl Fn(usize) -> bool {
     move |points_count| points_count as f64 <= STRAY * fullest as f64
 }
 
-/// The bin behind the widest gap, all around.
+/// The bin after the widest gap on the full circle.
 fn after_widest_gap(bins: &[usize; BINS]) -> usize {
     let is_stray = is_stray(bins);
     let (mut gap, mut widest, mut after) = (0, 0, 0);
@@ -110,7 +112,7 @@ fn after_widest_gap(bins: &[usize; BINS]) -> usize {
     after
 }
 
-/// Bins without a gap between them.
+/// Consecutive bins without a gap between them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Piece {
     start: usize,
@@ -142,15 +144,15 @@ const CHUNK: usize = 128;
 /// A scan without some of its points.
 pub(super) struct Subset {
     pub(super) scan: Scan,
-    /// All of its profiles serve.
+    /// All of its profiles are used.
     pub(super) used: Vec<bool>,
-    /// Which profiles of the whole they are.
+    /// The indices of its profiles in the complete scan.
     kept: Vec<usize>,
     whole_count: usize,
 }
 
 impl Subset {
-    /// The points of the used profiles that stay, by a rule made for each profile; `None` where none does.
+    /// The points of the used profiles for which the test, one for each profile, is true; `None` if there are none.
     pub(super) fn of<S: Fn([f64; 3]) -> bool>(
         scan: &Scan,
         used: &[bool],
@@ -184,7 +186,7 @@ impl Subset {
         Some(Self { scan: scan_left, used, kept, whole_count: scan.stations().len() })
     }
 
-    /// A solution of this scan, with its profiles in their places of the whole scan.
+    /// Maps a solution of this scan back to the profiles of the complete scan.
     pub(super) fn restore(&self, mut solution: Solution) -> Solution {
         let mut profiles = vec![Sums::zero(); self.whole_count];
         let mut inner = vec![Inner::none(); self.whole_count];
@@ -207,7 +209,7 @@ fn empty_like(columns: &Columns) -> Columns {
 
 fn extend(columns: &mut Columns, points: &[[f64; 3]]) {
     match columns {
-        // They were of single precision before.
+        // The values were of single precision before.
         Columns::F32 { y, z } => {
             y.extend(points.iter().map(|[_, y, _]| *y as f32));
             z.extend(points.iter().map(|[.., z]| *z as f32));
@@ -223,7 +225,7 @@ fn extend(columns: &mut Columns, points: &[[f64; 3]]) {
 mod tests {
     use super::*;
 
-    /// An arc of forty degrees from the bin `start`, and some points so many degrees behind its end.
+    /// An arc of forty degrees from the bin `start`, and some points this many degrees after its end.
     fn circle(start: usize, degrees: usize, points_count: usize) -> Circle {
         let mut bins = [0; BINS];
         for bin in start..start + 40 {
@@ -234,8 +236,8 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_of_twenty_degrees_parts_and_a_narrower_one_does_not_wherever_the_arc_is() {
-        // One of them across the direction where angles begin.
+    fn a_gap_of_twenty_degrees_separates_pieces_and_a_narrower_one_does_not() {
+        // The second arc extends across the direction at which angles begin.
         for start in [100, 340] {
             let arc = |degrees, points_count| {
                 let circle = circle(start, degrees, points_count);
@@ -250,10 +252,10 @@ mod tests {
         }
     }
 
-    /// Over ± θ the cosine has the variance (1 + sin 2θ/2θ)/2 − (sin θ/θ)², 3.2e-4 for ± 20°, for 2000 points 0.65; one
-    /// opposite is 1 + sin θ/θ = 1.98 away.
+    /// Over ± θ the cosine has the variance (1 + sin 2θ/2θ)/2 − (sin θ/θ)², 3.2e-4 for ± 20°, which is 0.65 for 2000 points; a
+    /// point on the opposite side is 1 + sin θ/θ = 1.98 away.
     #[test]
-    fn what_lies_opposite_a_short_arc_pulls_by_its_lever() {
+    fn a_point_opposite_a_short_arc_shifts_the_fit_by_its_lever() {
         let pull = circle(100, 161, 1).pull();
         assert!((pull - 1.98 / 0.65_f64.sqrt()).abs() < 0.03, "{pull}");
     }
@@ -264,7 +266,7 @@ mod rest_tests {
     use super::*;
 
     #[test]
-    fn what_stays_keeps_its_bits_and_its_place() {
+    fn the_remaining_points_keep_their_bits_and_their_order() {
         let columns = Columns::F32 { y: vec![0.1, 0.2, 0.3, 0.4, 0.5, 0.6], z: vec![1.1, 1.2, 1.3, 1.4, 1.5, 1.6] };
         let station = |x: f64, start: usize| Station { x, start, end: start + 2 };
         let stations = vec![station(0.0, 0), station(1.0, 2), station(2.0, 4)];

@@ -1,6 +1,6 @@
-//! The points of one profile for the sums of the fit, and a thinned copy of a scan that represents all of it: every n-th profile, every
-//! n-th point of each. A regular stride keeps the share of every feature; a grid of equal areas would multiply the outliers. Also the
-//! size and the roughness of a scan, which bound the search for a start.
+//! The points of one profile for the sums of the fit, and a thinned copy of a scan that represents all of it: every n-th profile,
+//! every n-th point of each. A regular stride preserves the share of every feature, while a grid of equal areas would increase the
+//! share of outliers. Also the size and the roughness of a scan, which bound the search for a start.
 
 use super::block::Place;
 use super::kernel::{Curvature, Inner, Sweep};
@@ -16,9 +16,9 @@ pub(super) struct Sample {
     x: Vec<f64>,
     y: Vec<f64>,
     z: Vec<f64>,
-    /// Whether any of its points has an x of its own.
+    /// Whether its points have individual x.
     has_own_x: bool,
-    /// Standard deviation that the resolution of the coordinates makes, mm.
+    /// Standard deviation from the resolution of the coordinates, mm.
     resolution: f64,
 }
 
@@ -49,7 +49,7 @@ impl Sample {
         }
     }
 
-    /// Standard deviation that the resolution of the coordinates makes, mm: no scatter is less.
+    /// Standard deviation from the resolution of the coordinates, mm: the lower bound of every scatter.
     pub(super) fn resolution(&self) -> f64 {
         self.resolution
     }
@@ -71,7 +71,7 @@ impl Sample {
         Some([*self.x.get(index)?, *self.y.get(index)?, *self.z.get(index)?])
     }
 
-    /// The same, for the sums.
+    /// The same points for the sums.
     pub(super) fn profile(&self, station: &Station) -> ProfilePoints<'_> {
         let range = station.start..station.end;
         let [x, y, z] = [&self.x, &self.y, &self.z].map(|values| values.get(range.clone()).unwrap_or_default());
@@ -97,8 +97,8 @@ pub(super) fn spread(count: usize, most: usize) -> impl Iterator<Item = usize> {
 /// Standard deviation of a value that is rounded to a step of 1 (JCGM 100, 4.3.7).
 pub(super) const OF_STEP: f64 = 0.288_675_134_594_812_9;
 
-/// Standard deviation that the resolution of y and z makes, mm; 0 where one of them lies on no lattice, since a raster across
-/// the profile rounds nothing.
+/// Standard deviation from the resolution of y and z, mm; 0 if one of them lies on no lattice, since a raster across the profile
+/// alone rounds no distance.
 pub(super) fn rounding_standard([_, y, z]: [f64; 3]) -> f64 {
     OF_STEP * y.min(z)
 }
@@ -124,11 +124,10 @@ pub(super) fn size(sample: &Sample) -> f64 {
     median(sample.stations.iter().map(diagonal)).unwrap_or(0.0)
 }
 
-/// Robust spread of points about the curve through their neighbours in the file's order, mm.
+/// Robust spread of points about the curve through their neighbours in the order of the file, mm.
 ///
-/// How far a point lies from the chord of its neighbours is curvature as well as noise; how much that changes to the next
-/// point is noise alone. Too large where profiles are shuffled, too small where the noise is correlated: good enough to say
-/// what is near.
+/// The distance of a point from the chord of its neighbours is curvature plus noise; its change to the next point is noise alone.
+/// The result is too large for shuffled profiles and too small for correlated noise, but sufficient as a measure of nearness.
 pub(in crate::estimation) fn roughness(scan: &Scan) -> f64 {
     let columns = scan.columns();
     let mut squared = Vec::with_capacity(PROFILES_MAX * RUNS_MAX);
@@ -144,13 +143,13 @@ pub(in crate::estimation) fn roughness(scan: &Scan) -> f64 {
     statistics::sigma(&squared, &mut Vec::new())
 }
 
-/// How far the middle of three points lies left of the chord of the outer ones, mm.
+/// Distance of the middle of three points to the left of the chord of the outer ones, mm.
 fn sagitta([ay, az]: [f64; 2], [by, bz]: [f64; 2], [cy, cz]: [f64; 2]) -> f64 {
     let (dy, dz) = (cy - ay, cz - az);
     ((by - ay) * dz - (bz - az) * dy) / (dy * dy + dz * dz).sqrt()
 }
 
-/// The points of one profile: in the plane at `x`, or each at an x of its own.
+/// The points of one profile: in the plane at `x`, or with individual x.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ProfilePoints<'a> {
     pub(super) x: f64,
@@ -159,7 +158,7 @@ pub(super) struct ProfilePoints<'a> {
 }
 
 impl<'a> ProfilePoints<'a> {
-    /// Those of a profile of a scan.
+    /// The points of a profile of a scan.
     pub(super) fn of(scan: &'a Scan, station: &Station) -> Self {
         let points = scan.columns().stretch(station.start..station.end);
         Self { x: station.x, own_x: scan.own_x(station), points }
@@ -214,7 +213,7 @@ mod tests {
     use nalgebra::{Matrix5, Vector5};
 
     #[test]
-    fn the_sums_are_those_of_the_points_one_by_one() {
+    fn the_sums_equal_those_of_single_points() {
         let cylinder = Cylinder { x_ref: 10.0, p: 0.1, q: 0.05, y_ref: 3.0, z_ref: -5.0, radius: 50.0 };
         let section = cylinder.axis().section(50.0, 70.0);
         let (y, z): (Vec<f64>, Vec<f64>) = (0..21)
@@ -242,7 +241,9 @@ mod tests {
                 expected.weight += rest * rest;
             }
             assert!((found.gradient - expected.gradient).norm() < 1e-9 * expected.gradient.norm());
-            // The normal matrix takes s at the surface: off by |d|/R, at most 0.02/50, of terms with s ≤ R·0.112 ≪ dx.
+            // The normal matrix takes s at the surface: a relative error of
+            // d
+            // /R, at most 0.02/50, of terms with s ≤ R·0.112 ≪ dx.
             assert!((found.normal - expected.normal).norm() < 1e-4 * expected.normal.norm());
             assert!((found.weight - expected.weight).abs() < 1e-9);
         }

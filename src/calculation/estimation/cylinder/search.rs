@@ -1,4 +1,4 @@
-//! Searches the surface of the part: from a scan and the settings to the joint fit, or the reason why there is none.
+//! Searches the surface of the part: from a scan and the settings to the joint fit, or to the reason why there is none.
 
 use super::candidates::{self, Candidate, Choice, Noise, Settled};
 use super::consensus::Bounds;
@@ -16,39 +16,39 @@ use crate::estimation::refusal::{Reason, Refusal};
 use crate::estimation::settings::{Method, NOMINAL_REACH, Settings};
 use crate::scan::{Scan, Station};
 
-/// Sampled for the start: enough to distinguish the finest surface from its neighbours.
+/// Profiles in the sample for the start: enough to distinguish the finest surface from its neighbours.
 const SAMPLE_PROFILES_MAX: usize = 128;
 const SAMPLE_POINTS_MAX: usize = 96;
-/// Steepest slope that is looked for, beyond the 10° that parts have.
+/// Steepest slope of the search; parts have at most 10°.
 const SLOPE_MAX: f64 = 0.35;
-/// Radii that are looked for, in sizes of a profile: a full section has a third of its diagonal, less with a support
-/// beside it, an arc of 10° six times it.
+/// Radii of the search, in sizes of a profile: a full section has a third of its diagonal, less with a support beside it; an arc of
+/// 10° has six times its size.
 const RADIUS_SIZES: [f64; 2] = [0.1, 8.0];
-/// Radii that are looked for about one that was detected before, relative to it: on a short arc that is known badly; and the
-/// steepest slope against an axis that was detected.
+/// Radii of the search relative to a radius that was detected before, which is uncertain on a short arc; and the steepest slope
+/// relative to a detected axis.
 const EXPECTED_REACH: [f64; 2] = [0.5, 2.0];
 const EXPECTED_SLOPE_MAX: f64 = 0.1;
-/// Tolerance about a start: this many times the roughness, but within these shares of the size of a profile.
+/// Tolerance about a start: this many times the roughness, limited to these shares of the size of a profile.
 const TOLERANCE_ROUGHNESS: f64 = 4.0;
 const TOLERANCE_SIZES: [f64; 2] = [0.002, 0.02];
 
-/// How often points in other directions may be left out before nothing hangs together.
+/// How often points in other directions are left out before the search ends.
 const ROUNDS_MAX: usize = 4;
 
 /// The inputs of every round.
 struct Search<'a> {
     settings: &'a Settings,
     constraint: RadiusConstraint,
-    /// Of a cylinder that was detected before, mm.
+    /// Radius of a cylinder that was detected before, mm.
     expected_radius: Option<f64>,
-    /// Profiles of the whole scan.
+    /// Number of profiles of the complete scan.
     profiles_count: usize,
 }
 
 /// The result of a round.
 enum Round {
     Found(Box<Solution>),
-    /// Points elsewhere dominate the fit; only those in these directions from its axis count.
+    /// Points elsewhere dominate the fit; only points in these directions from its axis are used.
     Within(Cylinder, Directions),
 }
 
@@ -89,7 +89,7 @@ pub(super) fn search(
     Err(search.no_cylinder())
 }
 
-/// Which profiles have as many points as the settings ask for.
+/// Which profiles have at least the number of points that the settings require.
 pub(super) fn enough(scan: &Scan, settings: &Settings) -> Vec<bool> {
     scan.stations().iter().map(|station| station.end - station.start >= settings.points_min as usize).collect()
 }
@@ -137,7 +137,7 @@ impl Search<'_> {
         let resolved = |solution: &Solution| {
             let [least, most] = bounds.radius_mm;
             let radius = solution.cylinder.radius;
-            // At the end of what was looked for lies a plane or a line, not a part.
+            // A radius at the end of the range means a plane or a line, not a part.
             radius >= least && radius <= most && radius >= settings.radius_resolved_mm()
         };
         let epsilon = Method::Cylinder.inlier_limit_mm(settings.epsilon_mm, chosen.settled.sigma);
@@ -186,8 +186,8 @@ impl Search<'_> {
         Bounds { slope_max, radius_mm, tolerance }
     }
 
-    /// The candidate that is the part. A constrained radius fits every surface, and where two are left, the radii that are
-    /// fitted freely show which of them is the nominal one.
+    /// The candidate that is the part. A constrained radius fits every surface; if two candidates remain, their freely fitted radii
+    /// show which of them has the nominal one.
     fn choose(&self, sample: &Sample, bounds: &Bounds, noise: Noise) -> Choice {
         let choice = |constraint: RadiusConstraint| {
             let found = candidates::candidates(sample, bounds, noise, constraint);
@@ -199,7 +199,7 @@ impl Search<'_> {
         }
     }
 
-    /// Where another surface about the same axis lies beneath, the fit may be a clamp; a nominal radius decides which is the part.
+    /// If another surface about the same axis lies below, the fit may be a clamp; a nominal radius decides which is the part.
     fn sleeve(
         &self,
         problem: &Problem<'_>,
@@ -220,7 +220,7 @@ impl Search<'_> {
     }
 }
 
-/// The radius by the points alone: a constrained one does not show which surface has it.
+/// The radius from the points alone: a constrained radius does not distinguish the surfaces.
 fn free_radius(problem: &Problem<'_>, solution: &Solution) -> Option<f64> {
     if matches!(problem.constraint, RadiusConstraint::Free) {
         return Some(solution.cylinder.radius);

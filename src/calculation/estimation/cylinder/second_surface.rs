@@ -1,6 +1,7 @@
-//! Signs that the fitted surface may not be the part: another surface about the same axis lies beneath it (then the fit may be a clamp
-//! or a sleeve around the part), or the fit lies between two surfaces (a tube that is seen from both sides, second reflections of half
-//! of the points), whose points are off by about the same distance on either side so that few are near the fit.
+//! Signs that the fitted surface may not be the part. Another surface about the same axis lies below it: then the fit may be a
+//! clamp or a sleeve around the part. Or the fit lies between two surfaces (a tube that is scanned from both sides, second
+//! reflections of half of the points): then most points are off by about the same distance on either side, and few are near the
+//! fit.
 
 use super::model::Cylinder;
 use super::sample::Sample;
@@ -10,14 +11,14 @@ use crate::scan::{Scan, Station};
 
 /// Points of one surface lie within this many σ.
 const THICKNESS: f64 = 4.0;
-/// It has this share of the points at least; the bottoms of holes have less,
+/// It has at least this share of the points (the bottoms of holes have less),
 const SUPPORT_MIN: f64 = 0.12;
-/// and is on this share of the profiles,
+/// and is on at least this share of the profiles.
 const COVERAGE_MIN: f64 = 0.3;
-/// on each with this share of its points, and the fit on half of these.
+/// On each of them it has at least this share of the points, and the fit at least half of this.
 const SHOWN_SHARE: f64 = 0.08;
 
-/// A surface beneath.
+/// A surface below the fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Beneath {
     /// Below the fit, mm.
@@ -26,7 +27,7 @@ pub(super) struct Beneath {
     pub(super) coverage: f64,
 }
 
-/// The surface about the same axis that has the most points below the fit; `None` where none is large enough.
+/// The surface about the same axis that has the most points below the fit; `None` if none is large enough.
 pub(super) fn beneath(sample: &Sample, cylinder: &Cylinder, sigma: f64) -> Option<Beneath> {
     let profiles: Vec<Vec<f64>> = sample.stations.iter().map(|station| depths(sample, station, cylinder)).collect();
     let reach = statistics::TUKEY_C * sigma;
@@ -42,29 +43,29 @@ pub(super) fn beneath(sample: &Sample, cylinder: &Cylinder, sigma: f64) -> Optio
         within.count() as f64 >= SHOWN_SHARE * profile.len() as f64
     };
     let lower: Vec<&Vec<f64>> = profiles.iter().filter(|profile| shows(profile, [first, first + thickness])).collect();
-    // Parts of different radii, one after the other, share no profile.
+    // Parts of different radii in a row share no profile.
     let both_count = lower.iter().filter(|profile| shows(profile, [-reach, reach])).count();
     let coverage = lower.len() as f64 / profiles.len() as f64;
     let enough = count as f64 >= SUPPORT_MIN * sample.len() as f64 && coverage >= COVERAGE_MIN;
     (enough && 2 * both_count >= lower.len()).then_some(Beneath { depth: first + 0.5 * thickness, coverage })
 }
 
-/// How far the sampled points of a profile lie below the fit, mm.
+/// Depths of the sampled points of a profile below the fit, mm.
 fn depths(sample: &Sample, station: &Station, cylinder: &Cylinder) -> Vec<f64> {
     let slice = cylinder.slice(station.x);
     sample.points(station).map(|[x, y, z]| -slice.at(x).distance(y, z)).collect()
 }
 
-/// Points looked at, at most.
+/// Largest number of points that are examined.
 const POINTS_MAX: usize = 32_768;
-/// Points nearer than half a σ are compared with those nearer than two σ: a quarter of an even distribution and 40 % of a
+/// The points nearer than half a σ are compared with those nearer than two σ: a quarter for a uniform distribution and 40 % for a
 /// normal one.
 const NEAR: f64 = 0.5;
 pub(super) const WITHIN: f64 = 2.0;
 /// Standard deviations of the binomial count near the fit; chance exceeds them once in 3·10⁶.
 const CERTAIN: f64 = 5.0;
 
-/// The share of the points within two σ that are farther than half a σ, where that is more than in an even distribution.
+/// The share of the points within two σ that are farther than half a σ, if it is larger than in a uniform distribution.
 pub(super) fn share(scan: &Scan, solution: &Solution) -> Option<f64> {
     let step = scan.points().len().div_ceil(POINTS_MAX).max(1);
     let distance = |[x, y, z]: [f64; 3]| solution.cylinder.slice(x).distance(y, z).abs() / solution.sigma;
@@ -81,7 +82,7 @@ mod tests {
 
     const CYLINDER: Cylinder = Cylinder { x_ref: 0.0, p: 0.0, q: 0.0, y_ref: 0.0, z_ref: 0.0, radius: 10.0 };
 
-    /// Ten profiles of twenty points, each as far below the cylinder as `depth` returns.
+    /// Ten profiles of twenty points, each at the depth below the cylinder that `depth` returns.
     fn sample(depth: impl Fn(usize, usize) -> f64) -> Sample {
         let mut sample = Sample::default();
         for profile in 0..10 {
@@ -96,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn a_surface_beside_the_fit_and_below_it_is_told_from_parts_in_a_row_and_from_holes() {
+    fn a_surface_below_the_fit_is_distinguished_from_parts_in_a_row_and_from_holes() {
         let sleeve = beneath(&sample(|_, point| if point < 6 { 1.0 } else { 0.0 }), &CYLINDER, 0.01);
         let Beneath { depth, coverage } = sleeve.expect("a surface beneath");
         assert!((depth - 1.0).abs() < 0.03 && coverage == 1.0, "{sleeve:?}");

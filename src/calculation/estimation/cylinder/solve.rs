@@ -1,12 +1,12 @@
 //! The joint fit over every point of every profile by Newton's method.
 //!
-//! A sample's start is off by many standard deviations of the final fit, so one step over some of the profiles brings it
-//! near first; from there one pass over all points is usually enough. What a Newton step leaves is the curvature of the
-//! gradient, ½ Σ ψ″ (J·step)² J: in standard deviations at most ½ |ψ″|σ · m²/√Σw for a step of m of them. ½ |ψ″|σ is 0.38 at
-//! the worst distance from the surface and averages to nothing over both sides; 0.1 is as if a quarter of all points lay at
-//! the worst distance on one side. So a step is the last when that is below a hundredth, and the gradients and counts of its
-//! pass serve for the profiles: the gradients corrected to first order, the counts as they are, for such a step moves the
-//! surface by a few hundredths of σ at most.
+//! A sample's start is off by many standard deviations of the final fit, so a step over some of the profiles first brings it near
+//! the solution; from there one pass over all points is usually enough. The remaining error of a Newton step comes from the
+//! curvature of the gradient, ½ Σ ψ″ (J·step)² J: in standard deviations at most ½ |ψ″|σ · m²/√Σw for a step of m of them. ½ |ψ″|σ
+//! is 0.38 at the worst distance from the surface and averages to zero over both sides; 0.1 corresponds to a quarter of all points
+//! at the worst distance on one side. A step is the last if that error is below a hundredth. The gradients and counts of its pass
+//! are then used for the profiles: the gradients corrected to first order, the counts unchanged, because the step moves the surface
+//! by a few hundredths of σ at most.
 
 use super::candidates::Settled;
 use super::covariance::{Scatter, over_runs, sandwich};
@@ -24,7 +24,7 @@ use rayon::prelude::*;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Problem<'a> {
     pub(super) scan: &'a Scan,
-    /// The stations that serve.
+    /// The stations that are used.
     pub(super) used: &'a [bool],
     pub(super) constraint: RadiusConstraint,
     /// Distance of an inlier, mm.
@@ -37,16 +37,16 @@ pub(super) struct Problem<'a> {
 pub(super) struct Solution {
     pub(super) cylinder: Cylinder,
     pub(super) sigma: f64,
-    /// Of (p, q, y_ref, z_ref, R), and the degrees of freedom of its variances.
+    /// Covariance of (p, q, y_ref, z_ref, R), and the degrees of freedom of its variances.
     pub(super) covariance: Matrix5<f64>,
     pub(super) freedom: Vector5<f64>,
-    /// One a station, at the solution.
+    /// The sums of each station at the solution.
     pub(super) profiles: Vec<Sums>,
-    /// The inliers within ε of it, one entry a station.
+    /// The inliers within ε of the solution, one entry a station.
     pub(super) inner: Vec<Inner>,
-    /// Passes over all points.
+    /// Number of passes over all points.
     pub(super) passes_count: u32,
-    /// Covariance of (p, q, y_ref, z_ref, R) by what neighbouring parts of the surface share, where they do.
+    /// Covariance of (p, q, y_ref, z_ref, R) from errors common to neighbouring parts of the surface, if there are any.
     pub(super) field: Option<Matrix5<f64>>,
 }
 
@@ -58,7 +58,7 @@ impl Solution {
         total
     }
 
-    /// The change of (p, q, y_ref, z_ref, R) by a gradient: the inverse of the normal matrix; `None` where it is singular.
+    /// The change of (p, q, y_ref, z_ref, R) by a gradient: the inverse of the normal matrix; `None` if it is singular.
     pub(super) fn bread(&self, constraint: RadiusConstraint) -> Option<Matrix5<f64>> {
         normal_equations::invert(
             &normal_equations::system(&self.total(), constraint, self.sigma, self.cylinder.radius).0,
@@ -67,22 +67,23 @@ impl Solution {
 }
 
 const STEPS_MAX: u32 = 10;
-/// The error that a step leaves, in units of its own standard deviation, below which another step would change nothing.
+/// The remaining error of a step, in units of its own standard deviation, below which another step would have no effect.
 const SETTLED: f64 = 1e-2;
 /// ½ |ψ″| σ, averaged over the points.
 const CURVED: f64 = 0.1;
-/// At most so many profiles of a scan, and so many points of each, are used to locate the part.
+/// The largest number of profiles of a scan, and of points of each, that are used to locate the part.
 const SEEN_PROFILES: usize = 256;
 const SEEN_POINTS: usize = 32;
-/// Points of a first step, in units of √n: its five unknowns lie √(5n/m) standard deviations from where all n points put
-/// them, so the next step is the last from m = 5 CURVED/SETTLED·√n on, and not all points are on the part.
+/// Points of a first step, in units of √n. With m points its five unknowns lie √(5n/m) standard deviations from the solution for
+/// all n points, so the next step is the last for m ≥ 5 CURVED/SETTLED·√n; some margin is added, since not all points are on the
+/// part.
 const FEW: f64 = 90.0;
-/// Profiles of the first step at least.
+/// Least number of profiles of the first step.
 const FEW_PROFILES_MIN: usize = 32;
-/// Stations in one piece of work: fixed, so that sums do not depend on threads.
+/// Stations in one unit of work: fixed, so that sums do not depend on the number of threads.
 const CHUNK: usize = 16;
 
-/// Solves from what a sample settled on.
+/// Solves from the cylinder on which a sample settled.
 pub(super) fn solve(problem: &Problem<'_>, start: &Settled) -> Option<Solution> {
     let sigma = start.sigma;
     let stations = serving(problem);
@@ -113,7 +114,7 @@ pub(super) fn solve(problem: &Problem<'_>, start: &Settled) -> Option<Solution> 
     None
 }
 
-/// The error that a step of the squared length `moved2` leaves, both in standard deviations, with the weight Σw.
+/// The remaining error of a step of the squared length `moved2`, both in standard deviations, with the weight Σw.
 fn left(moved2: f64, weight: f64) -> f64 {
     (CURVED * moved2 / weight.max(1.0).sqrt()).min(moved2.sqrt())
 }
@@ -123,8 +124,7 @@ fn serving<'a>(problem: &Problem<'a>) -> Vec<&'a Station> {
     stations.filter(|(_, used)| **used).map(|(station, _)| station).collect()
 }
 
-/// Mean x of some points on the start, where position and slopes are nearly uncorrelated, and the direction in which the
-/// axis sees them.
+/// Mean x of some points on the start, about which position and slopes are nearly uncorrelated, and their direction from the axis.
 fn whereabouts(scan: &Scan, stations: &[&Station], start: &Settled) -> (f64, [f64; 2]) {
     let reach = statistics::TUKEY_C * start.sigma;
     let (mut x, mut count, mut towards) = (0.0, 0.0, [0.0; 2]);
@@ -142,7 +142,7 @@ fn whereabouts(scan: &Scan, stations: &[&Station], start: &Settled) -> (f64, [f6
     (if count > 0.0 { x / count } else { start.cylinder.x_ref }, towards)
 }
 
-/// One step over some of the profiles, evenly spread; `None` where that would not pay or not help.
+/// One step over some of the profiles, evenly spread; `None` if it would not save work or not converge.
 fn nearer(problem: &Problem<'_>, stations: &[&Station], view: View, sigma: f64) -> Option<Cylinder> {
     let Problem { scan, constraint, .. } = *problem;
     let points_count: usize = stations.iter().map(|station| station.end - station.start).sum();

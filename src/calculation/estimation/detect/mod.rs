@@ -6,7 +6,7 @@
 //!                     '------------------ search: without the points on it -------------'
 //! ```
 //!
-//! A result is the start of the joint fit, not the measurement: it lies within a few standard deviations of the noise. The
+//! A result is the start of the joint fit, not the measurement: it is accurate to a few standard deviations. The
 //! draws come from fixed seeds, and the result does not depend on the number of threads.
 
 mod sample;
@@ -25,13 +25,13 @@ use settle::Radii;
 /// The request of a detection.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Request {
-    /// The radius, where it is known; in the unit of the points.
+    /// The radius, if it is known; in the unit of the points.
     pub nominal_radius_mm: Option<f64>,
-    /// How far the radius may be from the nominal one, relative to it.
+    /// Largest deviation of the radius from the nominal one, relative to it.
     pub nominal_reach: f64,
-    /// A direction, and the largest angle of an axis to it, rad.
+    /// A direction, and the largest angle between it and an axis, rad.
     pub along: Option<([f64; 3], f64)>,
-    /// The number of cylinders that are reported at most.
+    /// The largest number of cylinders that are reported.
     pub most: usize,
 }
 
@@ -54,15 +54,15 @@ pub struct Detected {
     pub sigma: f64,
     /// Share of all points that lie within 4.685 sigma.
     pub share: f64,
-    /// Where its points begin and end along the direction, from `point`; 2 % of them may lie beyond.
+    /// The interval of its points along the direction, from `point`; 2 % of them may lie outside.
     pub extent: [f64; 2],
-    /// The arc that its points cover, rad.
+    /// The arc of its points, rad.
     pub arc: f64,
     /// −ln of the bound of the probability that its points agree by chance.
     pub evidence: f64,
 }
 
-/// The cylinders of a cloud, the best supported first. Planes and bent planes are never among them.
+/// The cylinders of a cloud, the best supported first. Planes and bent planes are never reported.
 #[must_use]
 pub fn detect(points: &[[f64; 3]], request: &Request) -> Vec<Detected> {
     let point = |place: usize| points.get(place).copied();
@@ -79,7 +79,7 @@ pub(super) struct Detection {
 }
 
 impl Detection {
-    /// In a cloud of `count` points, given by their positions; `None` where it has no extent, or no radius is looked for.
+    /// For a cloud of `count` points, given by their positions; `None` if it has no extent, or no radius is allowed.
     pub(super) fn of(
         count: usize,
         point: impl Fn(usize) -> Option<[f64; 3]>,
@@ -94,7 +94,7 @@ impl Detection {
         is_range.then(|| Self { search: Search::new(points, radii), origin, size, drawn_count })
     }
 
-    /// At most so many cylinders, the best supported first; with a direction and the largest angle of an axis to it, rad.
+    /// At most this many cylinders, the best supported first; with a direction and the largest angle between it and an axis, rad.
     pub(super) fn cylinders(&mut self, along: Option<([f64; 3], f64)>, most: usize) -> Vec<Detected> {
         let along =
             along.and_then(|(direction, angle)| Some((Vector3::from(direction).try_normalize(0.0)?, angle.cos())));

@@ -1,9 +1,10 @@
-//! The points that the search works on: a random sample of bounded size, moved to the middle of the cloud and divided by the size of
-//! the cloud, so that the result depends neither on the unit nor on the position; and a k-d tree over them for nearest neighbours.
+//! The points that the search works on: a random sample of bounded size, moved to the middle of the cloud and divided by the size
+//! of the cloud, so that the result depends neither on the unit nor on the position; and a k-d tree over them for nearest
+//! neighbours.
 //!
 //! The tree is our own rather than a crate: the search needs the points themselves and no indices, and scanner data lie on lattices
-//! with many equal coordinates, on which bucketed trees of fixed capacity fail. Equal coordinates are no special case here, because a
-//! node splits its points by count.
+//! with many equal coordinates, on which bucketed trees of fixed capacity fail. This tree handles equal coordinates without special
+//! treatment, because a node splits its points by count.
 
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
@@ -11,25 +12,25 @@ use rand_chacha::ChaCha8Rng;
 
 /// Points that the search works on. A part with 2 % of the cloud still has 160 of them.
 const POINTS_MAX: usize = 8192;
-/// Share of the sampled points within the size; the others are far outliers or a distant background.
+/// Share of the sampled points that defines the size; the others are far outliers or a distant background.
 const WITHIN_SIZE: f64 = 0.9;
-/// Farther points, in sizes of the cloud, are sentinel values.
+/// Points farther than this, in sizes of the cloud, are sentinel values.
 const FARTHEST: f64 = 1e6;
 const SEED: u64 = 0x5eed;
 
 /// Points in random order, so that every prefix is a random sample of the cloud.
 pub(super) struct Sample {
     pub(super) points: Vec<Vector3<f64>>,
-    /// Position of the origin of the points in the cloud.
+    /// The origin of the sample in the coordinates of the cloud.
     pub(super) origin: Vector3<f64>,
-    /// Length in the cloud that is 1 here.
+    /// The unit length of the sample in the unit of the cloud.
     pub(super) size: f64,
-    /// Points that were drawn, those left out as sentinel values too.
+    /// Number of points that were drawn, including those left out as sentinel values.
     pub(super) drawn_count: usize,
 }
 
 impl Sample {
-    /// Of a cloud of `count` points, given by their positions; `None` where it has no extent.
+    /// Samples a cloud of `count` points, given by their positions; `None` if it has no extent.
     pub(super) fn take(count: usize, point: impl Fn(usize) -> Option<[f64; 3]>) -> Option<Self> {
         let finite = |point: &[f64; 3]| point.iter().all(|v| v.is_finite());
         let mut chance = ChaCha8Rng::seed_from_u64(SEED);
@@ -56,7 +57,7 @@ impl Sample {
     }
 }
 
-/// One point of each of equal stretches of the file, at a random place: a fixed stride would resonate with the rows of an
+/// One point at a random position of each of equal stretches of the file: a fixed stride would resonate with the rows of an
 /// organised cloud.
 fn draw(count: usize, point: impl Fn(usize) -> Option<[f64; 3]>, chance: &mut ChaCha8Rng) -> Vec<[f64; 3]> {
     let taken = count.min(POINTS_MAX);
@@ -72,7 +73,7 @@ pub(super) fn quantile(values: impl Iterator<Item = f64>, share: f64) -> Option<
     Some(*value)
 }
 
-/// Fewer points than this are compared one by one.
+/// A range with fewer points is compared point by point.
 const LEAF_POINTS_MAX: usize = 8;
 
 /// Points in tree order: the middle one splits the range on the axis of the range's depth.
@@ -111,7 +112,7 @@ impl Nearest {
         self.sorted.truncate(self.count);
     }
 
-    /// Squared distance beyond which no point is of interest.
+    /// Squared distance beyond which points are ignored.
     fn reach(&self) -> f64 {
         match self.sorted.last() {
             Some((farthest, _)) if self.sorted.len() >= self.count => *farthest,
@@ -184,9 +185,9 @@ mod tree_tests {
     use rand_chacha::ChaCha8Rng;
 
     #[test]
-    fn finds_the_nearest_points_as_a_comparison_with_all_does() {
+    fn finds_the_same_nearest_points_as_a_comparison_with_all_points() {
         let mut chance = ChaCha8Rng::seed_from_u64(1);
-        // On a lattice most coordinates are equal.
+        // On a lattice many coordinates are equal.
         let mut coordinate = || f64::from(chance.random_range(0..12_i32));
         let points: Vec<Vector3<f64>> = (0..900).map(|_| Vector3::from_fn(|_, _| coordinate())).collect();
         let tree = Tree::new(points.clone());
@@ -199,7 +200,7 @@ mod tree_tests {
     }
 
     #[test]
-    fn answers_with_all_points_where_there_are_fewer() {
+    fn returns_all_points_if_fewer_are_available() {
         assert_eq!(Tree::new(vec![Vector3::zeros(); 50]).nearest(&Vector3::x(), 60).len(), 50);
         assert!(Tree::new(Vec::new()).nearest(&Vector3::x(), 6).is_empty());
     }

@@ -1,5 +1,5 @@
-//! One surface after the other: the best supported is found, refined and taken out of the sample, until enough cylinders
-//! are found. Planes take part, so that a support is removed before a part with fewer points is searched.
+//! Finds one surface after the other: the best supported one is refined and its points are removed from the sample, until enough
+//! cylinders are found. Planes are searched as well, so that a support is removed before a part with fewer points is searched.
 
 use super::sample::{Tree, quantile};
 use super::settle::{self, Radii, Settled, settle};
@@ -27,11 +27,12 @@ pub(super) struct Found {
 const POINTS_MIN: usize = 6;
 /// Draws in one round; rounds are fixed so that the result does not depend on threads.
 const ROUND: usize = 48;
-/// So many show a surface of 5 % of the points, with the chance of missing it below: −ln MISS / (0.05 SUITED) = 553 draws.
+/// Number of rounds, so that a surface with 5 % of the points is missed with at most the probability MISS: the draws number −ln
+/// MISS / (0.05 SUITED) = 553.
 const ROUNDS_MAX: usize = 12;
-/// Share of the draws about a point of a surface that show it: most sizes of patches do.
+/// Share of the draws at a point of a surface that find it: most sizes of patches do.
 const SUITED: f64 = 0.25;
-/// Points of the patches on which a surface is followed, with these rounds of re-weighting.
+/// Points of the patches on which a surface grows, with these rounds of re-weighting.
 const GROWN_POINTS: usize = 40;
 const GROWING_ROUNDS: usize = 4;
 /// How often a window may follow the tolerance.
@@ -39,11 +40,11 @@ const FOLLOWED: usize = 4;
 /// Points whose neighbours are compared with a surface, and the neighbours of each.
 const RESOLUTION_POINTS: usize = 96;
 const RESOLUTION_NEIGHBOURS: usize = 8;
-/// Least share of the mean squared distance that must be scatter among neighbours.
+/// Least share of the mean squared distance that must come from the scatter among neighbours.
 const RESOLVED: f64 = 1.0 / 25.0;
 /// A scatter below this share of the size of the cloud is rounding.
 const ROUNDING: f64 = 1e-7;
-/// The search itself leaves the radius free: with a known one it would settle on the flanks of other surfaces.
+/// The search leaves the radius free: with a fixed radius it would settle on the flanks of other surfaces.
 const FREE: Radii = Radii([0.0, f64::INFINITY]);
 /// Points for the first test of a surface.
 const SIEVE_POINTS: usize = 1024;
@@ -51,44 +52,44 @@ const SIEVE_POINTS: usize = 1024;
 const REFINED: usize = 6;
 const REFINING_ROUNDS: usize = 8;
 const SETTLING_ROUNDS: usize = 40;
-/// Chance of missing the best surface.
+/// Probability of missing the best surface.
 const MISS: f64 = 1e-3;
-/// Every level of the neighbourhoods has a quarter of the points of the one before, so its patches are twice as wide,
+/// Every level of the neighbourhoods has a quarter of the points of the previous one, so its patches are twice as wide,
 const THINNING: usize = 4;
-/// and the coarsest has no fewer points than this.
+/// and the coarsest has at least this many points.
 const LEVEL_POINTS_MIN: usize = 32;
 /// Points of a patch.
 const PATCH_POINTS: [usize; 3] = [12, 24, 40];
-/// Cylinders that are looked for at most, because every one of them takes its time.
+/// Largest number of cylinders; each one takes time to find.
 const CYLINDERS_MAX: usize = 16;
-/// Surfaces beyond the cylinders wanted that may be taken out on the way.
+/// Largest number of other surfaces that are removed during the search.
 const OTHERS_MAX: usize = 6;
 /// A shorter arc, rad (11°), is a bent plane: profiles are refused below 15°.
 const ARC_MIN: f64 = 0.2;
-/// A tube that is rougher than this share of its radius is a bundle of points and has no radius;
+/// A tube that is rougher than this share of its radius is a bundle of points without a radius;
 const ROUGHNESS_MAX: f64 = 0.25;
-/// up to this roughness it is a rod whose radius may be known,
+/// up to this roughness it is a rod, whose radius may be known,
 const ROD_ROUGHNESS_MAX: f64 = 0.5;
-/// if it is so many radii long that its length gives the direction.
+/// if its length in radii is at least this, so that the length determines the direction.
 const ROD_LENGTH_MIN: f64 = 20.0;
-/// With a known radius the scatter may be so much larger: what that adds is then no larger than the scatter.
+/// With a known radius the scatter may be larger by this factor: the added misfit is then no larger than the scatter.
 const MISFIT_MAX: f64 = std::f64::consts::SQRT_2;
 /// Share of the points that an extent covers.
 const COVERED: f64 = 0.98;
 
-/// A surface that is to be compared.
+/// A surface with its score.
 #[derive(Debug, Clone, Copy)]
 struct Scored {
     settled: Settled,
     score: Score,
 }
 
-/// The surfaces of points in random order within a cloud of size 1. Each has the most evidence among the points that the ones
-/// before it leave. A search goes on where it stopped, so that asking for more repeats nothing.
+/// The search for surfaces among points in random order within a cloud of size 1. Each surface has the most evidence among the
+/// remaining points. A search continues after its last result, so that a request for more surfaces repeats nothing.
 pub(super) struct Search {
     radii: Radii,
     rest: Vec<Vector3<f64>>,
-    /// One entry a surface that was taken out: a cylinder where it is one that is looked for.
+    /// One entry for each surface that was removed: a cylinder if it is within the bounds.
     taken: Vec<Option<Found>>,
     ended: bool,
 }
@@ -98,7 +99,7 @@ impl Search {
         Self { radii, rest: points, taken: Vec::new(), ended: false }
     }
 
-    /// The cylinders that are wanted, at most so many.
+    /// The cylinders within the bounds, at most this many.
     pub(super) fn cylinders(&mut self, most: usize, is_wanted: impl Fn(&Found) -> bool) -> Vec<Found> {
         let mut found = Vec::new();
         let most = most.min(CYLINDERS_MAX);
@@ -115,7 +116,7 @@ impl Search {
         found
     }
 
-    /// Takes the best surface out of the points; `None` where there is no other one after it.
+    /// Removes the points of the best surface; `None` if no surface remains.
     fn take_out(&mut self, stage: u64) -> Option<()> {
         if self.rest.len() < POINTS_MIN {
             return None;
@@ -125,7 +126,7 @@ impl Search {
             return None;
         }
         self.taken.push(report(&best, &self.rest, self.radii));
-        // Generously, so that the rim of the noise is not taken for a surface of its own.
+        // The distance is wide, so that the tail of the noise is not taken for a separate surface.
         let reach = 2.0 * statistics::TUKEY_C * best.settled.sigma;
         let before = self.rest.len();
         self.rest.retain(|point| best.settled.surface.distance(point).abs() >= reach);
@@ -184,14 +185,15 @@ fn levels(points: &[Vector3<f64>]) -> Vec<Tree> {
     levels
 }
 
-/// The surfaces of the points about a random one, each followed to where it ends.
+/// The surfaces of the points about a random one, each grown as far as it fits.
 fn draw_surfaces(points: &[Vector3<f64>], levels: &[Tree], chance: &mut ChaCha8Rng) -> Vec<Settled> {
     let seed = points.get(chance.random_range(0..points.len().max(1)));
     let first = chance.random_range(0..levels.len().max(1));
     let count = PATCH_POINTS.get(chance.random_range(0..PATCH_POINTS.len())).copied().unwrap_or(POINTS_MIN);
     let Some((seed, level)) = seed.zip(levels.get(first)) else { return Vec::new() };
     let mut patch = level.nearest(seed, count);
-    // Half of the draws leave points out: where foreign points lie scattered among the others, few are clean more often.
+    // Half of the draws leave points out: if background points lie scattered among the others, small patches without them are more
+    // frequent.
     if chance.random_range(0..2_u32) == 0 {
         let count = patch.len();
         let kept = (count / 2).max(POINTS_MIN + 1).min(count);
@@ -206,8 +208,8 @@ fn draw_surfaces(points: &[Vector3<f64>], levels: &[Tree], chance: &mut ChaCha8R
     surfaces.into_iter().map(|settled| grow(settled, &wider)).collect()
 }
 
-/// The surface settled on wider and wider patches, as long as half of them lie on it: a direction that is known poorly from
-/// the first patch becomes known well enough for the whole surface.
+/// Fits the surface on wider and wider patches, as long as half of the points lie on it: a direction that is uncertain from the
+/// first patch becomes accurate enough for the whole surface.
 fn grow(mut settled: Settled, wider: &[Vec<Vector3<f64>>]) -> Settled {
     for patch in wider {
         let window = 2.0 * statistics::TUKEY_C * settled.sigma;
@@ -226,7 +228,7 @@ fn is_surface(settled: &Settled, sieve: &[Vector3<f64>], all: &Tree) -> bool {
     is_hollow(settled, sieve) && is_resolved(settled, sieve, all)
 }
 
-/// Whether a tube is wide enough for its roughness, or else long enough to be a rod.
+/// Whether a tube is wide enough for its roughness, or long enough to be a rod.
 fn is_hollow(settled: &Settled, points: &[Vector3<f64>]) -> bool {
     let Surface::Cylinder(cylinder) = settled.surface else { return true };
     if settled.sigma <= ROUGHNESS_MAX * cylinder.radius {
@@ -237,8 +239,8 @@ fn is_hollow(settled: &Settled, points: &[Vector3<f64>]) -> bool {
     settled.sigma <= ROD_ROUGHNESS_MAX * cylinder.radius && high - low >= ROD_LENGTH_MIN * cylinder.radius
 }
 
-/// Whether a surface is as fine as its points. Where neighbours agree far better with each other than with the surface, it
-/// is an envelope of other surfaces: seen coarsely enough, everything is a plane or a large cylinder.
+/// Whether a surface is as fine as its points. If neighbours agree far better with each other than with the surface, it is an
+/// envelope of other surfaces: at a coarse resolution everything is a plane or a large cylinder.
 fn is_resolved(settled: &Settled, sieve: &[Vector3<f64>], all: &Tree) -> bool {
     let reach = statistics::TUKEY_C * settled.sigma;
     let (mut local, mut freedom, mut total, mut count) = (0.0, 0.0, 0.0, 0.0);
@@ -255,7 +257,7 @@ fn is_resolved(settled: &Settled, sieve: &[Vector3<f64>], all: &Tree) -> bool {
     settled.sigma < ROUNDING || local * count >= RESOLVED * total * freedom
 }
 
-/// Settled on some of the points near it.
+/// The surface refined on some of the points near it.
 fn refine(one: &Scored, points: &[Vector3<f64>]) -> Option<Scored> {
     let window = (2.0 * one.score.tolerance).min(3.0 * statistics::TUKEY_C * one.settled.sigma);
     let mut near = near(&one.settled.surface, points, 2.0 * window);
@@ -264,7 +266,7 @@ fn refine(one: &Scored, points: &[Vector3<f64>]) -> Option<Scored> {
     Some(Scored { settled, score: score(&settled.surface, points) })
 }
 
-/// Settled on all points, with a window that follows the tolerance of the most evidence, as long as there is more of it.
+/// The surface refined on all points, with a window that follows the tolerance of the most evidence as long as the evidence grows.
 fn settled_on(start: &Scored, points: &[Vector3<f64>], rounds: usize) -> Option<Scored> {
     let mut best: Option<Scored> = None;
     let mut next = *start;
@@ -289,7 +291,7 @@ fn near(surface: &Surface, points: &[Vector3<f64>], reach: f64) -> Vec<Vector3<f
     points.iter().filter(|point| surface.distance(point).abs() < reach).copied().collect()
 }
 
-/// The other surfaces that the points could lie on: the plane of a cylinder, the cylinders of a plane.
+/// Alternative surfaces through the same points: the plane for a cylinder, the cylinders for a plane.
 fn rivals(best: &Scored, points: &[Vector3<f64>]) -> Vec<Scored> {
     let mut on = near(&best.settled.surface, points, 2.0 * best.score.tolerance);
     on.truncate(SIEVE_POINTS / 4);
@@ -300,7 +302,7 @@ fn rivals(best: &Scored, points: &[Vector3<f64>]) -> Vec<Scored> {
     others.map(scored).filter_map(|other| settled_on(&other, points, REFINING_ROUNDS)).collect()
 }
 
-/// The surface as a cylinder of a radius that is looked for.
+/// The surface as a cylinder with an allowed radius.
 fn with_wanted_radius(best: &Scored, points: &[Vector3<f64>], radii: Radii) -> Option<Settled> {
     let Surface::Cylinder(cylinder) = best.settled.surface else { return None };
     let Radii([least, most]) = radii;
@@ -315,7 +317,7 @@ fn with_wanted_radius(best: &Scored, points: &[Vector3<f64>], radii: Radii) -> O
     (settled.sigma <= MISFIT_MAX * best.settled.sigma).then_some(settled)
 }
 
-/// The result for a surface, where it is a cylinder with an allowed radius.
+/// The result for a surface, if it is a cylinder with an allowed radius.
 fn report(best: &Scored, points: &[Vector3<f64>], radii: Radii) -> Option<Found> {
     let Settled { surface, sigma } = with_wanted_radius(best, points, radii)?;
     let Surface::Cylinder(cylinder) = surface else { return None };
@@ -337,7 +339,7 @@ fn report(best: &Scored, points: &[Vector3<f64>], radii: Radii) -> Option<Found>
     found.then_some(Found { cylinder, sigma, count: on.len(), extent, arc, evidence: best.score.evidence })
 }
 
-/// The shortest interval that contains nearly all values, widened by what the left out ones would take of it.
+/// The shortest interval that contains nearly all values, widened in proportion for the values left out.
 fn shortest(mut values: Vec<f64>) -> [f64; 2] {
     values.sort_by(f64::total_cmp);
     let span = ((COVERED * values.len() as f64).ceil() as usize).max(1);

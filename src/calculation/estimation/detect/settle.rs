@@ -1,9 +1,9 @@
-//! The surfaces that a few points could lie on ([`surfaces`]), and robust least squares of one surface from a start nearby
+//! The surfaces on which a few points could lie ([`surfaces`]), and robust least squares of one surface from a start nearby
 //! ([`settle`]): Gauss-Newton steps with Tukey's weights, whose window shrinks to the scatter of the points on the surface.
 //!
-//! For a given direction the least squares of ρ² − R² over the circle's centre and radius are linear, so a grid of
-//! directions finds the cylinder without normals and without a start: on small patches as on whole rings, on six points as
-//! on forty. Gauss-Newton steps on the distances follow, because ρ² − R² makes noisy short arcs too round.
+//! For a given direction the least squares of ρ² − R² over the circle's centre and radius are linear. A grid of directions
+//! therefore finds the cylinder without normals and without a start, on small patches and on full rings, from six points or from
+//! forty. Gauss-Newton steps on the distances follow, because ρ² − R² gives noisy short arcs too small a radius.
 
 use super::surface::{self, Cylinder, Plane, Surface};
 use crate::estimation::statistics;
@@ -26,13 +26,13 @@ pub(super) struct Settled {
 
 /// The window never shrinks faster than this in one round, so that the fit can follow.
 const SHRINK: f64 = 0.5;
-/// Parameters that the points are fitted by.
+/// Number of parameters of the fit.
 const PARAMETERS: f64 = 5.0;
-/// Steps below this share of their own standard deviation change nothing any more.
+/// A step below this share of its own standard deviation ends the iteration.
 const SETTLED: f64 = 1e-3;
 /// A scatter below this share of the size of the cloud is rounding.
 const SCATTER_FLOOR: f64 = 1e-12;
-/// Damping relative to the diagonal of the normal matrix: more than rounding, less than the worst conditioned arcs.
+/// Damping relative to the diagonal of the normal matrix: larger than rounding, smaller than for the worst conditioned arcs.
 const DAMPING: f64 = 1e-11;
 
 /// The normal equations of the points within `window` of a cylinder.
@@ -56,7 +56,7 @@ impl Equations {
             let rho = (u * u + v * v).sqrt();
             let distance = rho - cylinder.radius;
             let weight = statistics::weight(distance * distance, cut_off_squared);
-            // NaN compares false: a point on the axis or far away does not count.
+            // NaN compares false: a point on the axis or far away is ignored.
             if weight > 0.0 && rho > 0.0 {
                 let along = from.dot(&cylinder.direction);
                 let (c, s) = (u / rho, v / rho);
@@ -71,7 +71,7 @@ impl Equations {
         Self { normal, gradient, basis: [e, f], middle: cylinder.point + sum / weights }
     }
 
-    /// The step to the least squares, with the radius free as long as it stays within bounds.
+    /// The least-squares step, with the radius free as long as it stays within bounds.
     fn step(&self, radius: f64, Radii([least, most]): Radii) -> Option<Vector5> {
         if least < most {
             let free = solve(&self.normal, &self.gradient)?;
@@ -84,7 +84,7 @@ impl Equations {
         self.step_to(radius, least)
     }
 
-    /// The step at whose end the radius is `wanted`. A unit equation takes the place of the radius's own.
+    /// The step that gives the radius `wanted`. A unit equation replaces that of the radius.
     fn step_to(&self, radius: f64, wanted: f64) -> Option<Vector5> {
         let grown = wanted - radius;
         let mut gradient = self.gradient + self.normal.column(4) * grown;
@@ -97,7 +97,7 @@ impl Equations {
     }
 }
 
-/// −N⁻¹ g, scaled by the diagonal so that lengths and angles weigh alike.
+/// −N⁻¹ g, scaled by the diagonal so that lengths and angles have equal weight.
 fn solve(normal: &Matrix5, gradient: &Vector5) -> Option<Vector5> {
     let scale = normal.diagonal().map(|v| v.sqrt().recip());
     let scaled = Matrix5::from_diagonal(&scale) * normal * Matrix5::from_diagonal(&scale);
@@ -106,8 +106,8 @@ fn solve(normal: &Matrix5, gradient: &Vector5) -> Option<Vector5> {
     step.iter().all(|v| v.is_finite()).then_some(step)
 }
 
-/// Settles from `start`, first with the points within the wider of two windows. The other one is the narrowest to which it
-/// shrinks: as many points as parameters can be met exactly, and would seem to have no scatter.
+/// Settles from `start`, beginning with the points within the wider of two windows. The other window is the narrowest to which it
+/// shrinks: as many points as parameters can be fitted exactly and would seem to have no scatter.
 pub(super) fn settle(
     start: Surface,
     points: &[Vector3<f64>],
@@ -129,14 +129,14 @@ pub(super) fn settle(
                 });
                 let new = Plane::through(weighted.filter(|(weight, _)| *weight > 0.0))?;
                 *plane = new;
-                // In units of the scatter, about the middle of the cloud, as far as its size.
+                // The change in units of the scatter, about the middle of the cloud, over the size of the cloud.
                 let turned = new.normal.cross(&old.normal).norm() + (new.point - old.point).dot(&new.normal).abs();
                 turned * (points.len() as f64).sqrt()
             }
             Surface::Cylinder(cylinder) => {
                 let equations = Equations::of(cylinder, points, window);
                 let step = equations.step(cylinder.radius, radii)?;
-                // Turns about the middle of the points and shifts are nearly independent.
+                // Rotations about the middle of the points and shifts are nearly independent.
                 *cylinder = cylinder.moved(equations.basis, &step)?.based_at(&equations.middle);
                 (equations.normal * step).dot(&step).abs().sqrt()
             }
@@ -157,19 +157,19 @@ pub(super) fn settle(
     Some(Settled { surface, sigma })
 }
 
-/// Directions over half of the sphere, times the points of the patch: 40 points are tried in directions about 18° apart;
-/// fewer points have more cylinders that nearly pass them, and are tried more closely for the same work.
+/// Number of directions over half of the sphere, times the points of the patch: 40 points are tested in directions about 18° apart.
+/// Fewer points allow more cylinders that nearly fit and are tested more densely at the same cost.
 const TRIALS: usize = 2400;
 /// The golden angle spreads them evenly.
 const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
-/// A patch with so much of its mean squared distance from its plane left does not show a curvature.
+/// A patch does not show a curvature if a cylinder leaves a larger share of its mean squared distance from a plane.
 const ROUNDER: f64 = 0.7;
 /// Starts that are refined, with directions more than 25° apart.
 const STARTS: usize = 3;
 const COS_OTHER: f64 = 0.9;
 /// Rounds of re-weighting on a patch.
 const ROUNDS: usize = 6;
-/// The normal matrix of a circle is singular below: the points lie on a line.
+/// Below this the normal matrix of a circle is singular: the points lie on a line.
 const SINGULAR: f64 = 1e-12;
 
 /// A plane through a patch and, unless the patch is flat, a few cylinders.
@@ -204,7 +204,7 @@ fn mean(points: &[Vector3<f64>]) -> Option<Vector3<f64>> {
     (!points.is_empty()).then(|| points.iter().sum::<Vector3<f64>>() / points.len() as f64)
 }
 
-/// The principal axes and a grid that is turned with them, so that a turned cloud gives the turned result.
+/// The principal axes and a grid that rotates with them, so that a rotated cloud gives the rotated result.
 fn directions([a, b, c]: [Vector3<f64>; 3], count: usize) -> impl Iterator<Item = Vector3<f64>> {
     let grid = (0..count).map(move |i| {
         let height = (i as f64 + 0.5) / count as f64;
@@ -214,7 +214,7 @@ fn directions([a, b, c]: [Vector3<f64>; 3], count: usize) -> impl Iterator<Item 
     [a, b, c].into_iter().chain(grid)
 }
 
-/// The cylinder along `direction` with the least squares of (ρ² − R²)/2R, which is near the distance, and their mean.
+/// The cylinder along `direction` with the least squares of (ρ² − R²)/2R, which approximates the distance, and their mean.
 fn algebraic(patch: &[Vector3<f64>], middle: Vector3<f64>, direction: Vector3<f64>) -> Option<(f64, Cylinder)> {
     let [e, f] = surface::basis(&direction);
     let (mut uu, mut uv, mut vv, mut ur, mut vr, mut rr) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
@@ -243,7 +243,7 @@ fn algebraic(patch: &[Vector3<f64>], middle: Vector3<f64>, direction: Vector3<f6
     (rest.is_finite() && radius_squared > 0.0).then_some((rest / (4.0 * radius_squared), cylinder))
 }
 
-/// The cylinder with the nearest radius that is looked for, which still passes the points where it did.
+/// The cylinder with the nearest allowed radius that still passes through the points.
 pub(super) fn with_radius_within(cylinder: Cylinder, middle: Vector3<f64>, Radii([least, most]): Radii) -> Cylinder {
     let radius = cylinder.radius.clamp(least, most);
     let outward = middle - cylinder.based_at(&middle).point;
@@ -257,7 +257,7 @@ mod tests {
 
     /// The change of a point's distance for a small step of each parameter.
     #[test]
-    fn the_normal_equations_hold_the_derivatives_of_the_distance() {
+    fn the_normal_equations_contain_the_derivatives_of_the_distance() {
         let direction = Vector3::new(2.0, -3.0, 6.0) / 7.0;
         let cylinder = Cylinder { point: Vector3::new(0.3, 0.1, -0.2), direction, radius: 0.4 };
         let point = Vector3::new(0.7, 0.9, 0.2);

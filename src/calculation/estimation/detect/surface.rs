@@ -1,11 +1,11 @@
-//! The surfaces that the search compares (cylinders in any direction, and the planes that it must not take for cylinders), and the
-//! score by which it compares them: how unlikely it is that the points lie on a surface by chance. This compares a rough surface of
-//! many points with a smooth one of few, and a plane with a cylinder, without a tolerance that the user would have to know.
+//! The surfaces that the search compares (cylinders in any direction, and planes, which must not be taken for cylinders), and the
+//! score by which it compares them: how unlikely it is that the points lie on a surface by chance. The score compares a rough
+//! surface of many points with a smooth one of few, and a plane with a cylinder, without a tolerance from the user.
 //!
-//! Of n points spread evenly over the volume of the cloud, each lies within t of the surface with the probability
-//! p(t) = 2 t · area / volume. The probability that k or more do is at most exp(−n·KL(k/n, p)) (Chernoff's bound of the
-//! binomial tail); the points that determine the surface are not counted. The score is the greatest −log over t
-//! (the a-contrario criterion of Desolneux, Moisan and Morel, as in AC-RANSAC).
+//! Of n points spread evenly over the volume of the cloud, each lies within t of the surface with the probability p(t) = 2 t · area
+//! / volume. The probability that k or more do is at most exp(−n·KL(k/n, p)) (Chernoff's bound of the binomial tail); the points
+//! that determine the surface are not counted. The score is the greatest −log over t (the a-contrario criterion of Desolneux,
+//! Moisan and Morel, as in AC-RANSAC).
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -33,7 +33,7 @@ pub(super) enum Surface {
     Plane(Plane),
 }
 
-/// The largest turn of an axis in one step, rad: beyond it the linearisation does not hold.
+/// The largest rotation of an axis in one step, rad: beyond it the linearisation is invalid.
 const TURN_MAX: f64 = 0.5;
 
 impl Cylinder {
@@ -45,7 +45,7 @@ impl Cylinder {
         (from - self.direction * along).norm() - self.radius
     }
 
-    /// Coordinate of a point along the axis, from the axis's own point.
+    /// Coordinate of a point along the axis, from the reference point of the axis.
     pub(super) fn along(&self, point: &Vector3<f64>) -> f64 {
         (point - self.point).dot(&self.direction)
     }
@@ -55,12 +55,12 @@ impl Cylinder {
         basis(&self.direction)
     }
 
-    /// The same axis with a point of it near `to`.
+    /// The same axis with its reference point near `to`.
     pub(super) fn based_at(&self, to: &Vector3<f64>) -> Self {
         Self { point: self.point + self.direction * self.along(to), ..*self }
     }
 
-    /// After two turns of the axis about its point, two shifts perpendicular to it and a change of the radius.
+    /// The cylinder after two rotations of the axis about its point, two shifts perpendicular to it and a change of the radius.
     pub(super) fn moved(&self, [e, f]: [Vector3<f64>; 2], step: &SVector<f64, 5>) -> Option<Self> {
         let [turn_e, turn_f, shift_e, shift_f, grown] = (*step).into();
         let turn = turn_e.hypot(turn_f);
@@ -73,7 +73,7 @@ impl Cylinder {
 }
 
 impl Plane {
-    /// The plane that is nearest to weighted points; `None` where they have no weight.
+    /// The plane that is nearest to weighted points; `None` if their weight is zero.
     pub(super) fn through(points: impl Iterator<Item = (f64, Vector3<f64>)> + Clone) -> Option<Self> {
         let weight: f64 = points.clone().map(|(w, _)| w).sum();
         let point = points.clone().map(|(w, p)| p * w).sum::<Vector3<f64>>() / weight;
@@ -120,9 +120,9 @@ pub(super) fn principal(moments: SMatrix<f64, 3, 3>) -> Option<[Vector3<f64>; 3]
     }
 }
 
-/// Half octaves of the distance between the smallest and the size of the cloud, which is 1.
+/// Number of half octaves of the distance from the smallest one to the size of the cloud, which is 1.
 const BINS: usize = 56;
-/// The first bin ends here: 2⁻²⁷, below the resolution of single-precision coordinates.
+/// The first bin ends at 2⁻²⁷, below the resolution of single-precision coordinates.
 const FIRST_BIN: u64 = (1023 - 28) << 1;
 /// Volume of the ball whose diameter is the size of the cloud.
 const VOLUME: f64 = PI / 6.0;
@@ -131,22 +131,22 @@ const PLANE_AREA: f64 = PI / 4.0;
 
 /// Bins of an octave.
 const OCTAVE: usize = 2;
-/// On a surface the points are denser than beside it, on either side and as wide.
+/// Points must be denser on the surface than in strips of the same width on either side, by this factor.
 const DENSER: usize = 2;
 /// Widest tolerance of a cylinder, in radii.
 const TOLERANCE_RADII: f64 = 0.6;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Score {
-    /// −ln of the probability of so much agreement by chance.
+    /// −ln of the probability that this many points agree by chance.
     pub(super) evidence: f64,
-    /// The distance at which it is greatest.
+    /// The distance with the greatest evidence.
     pub(super) tolerance: f64,
     /// The points within this distance.
     pub(super) count: usize,
 }
 
-/// Coordinates that determine a surface: a point takes one of them.
+/// Number of coordinates that determine a surface: a point fixes one of them.
 fn freedom(surface: &Surface) -> f64 {
     match surface {
         Surface::Cylinder(_) => 5.0,
@@ -176,7 +176,7 @@ pub(super) fn score(surface: &Surface, points: &[Vector3<f64>]) -> Score {
         Surface::Cylinder(cylinder) => points.iter().for_each(|point| count(cylinder.distance(point))),
         Surface::Plane(_) => points.iter().for_each(|point| count(surface.distance(point))),
     }
-    // The points near a thin tube's axis, inside and outside of it alike, are a bundle and no surface.
+    // Points that lie near a thin tube's axis, inside and outside alike, are a bundle and not a surface.
     let widest = match surface {
         Surface::Cylinder(cylinder) => TOLERANCE_RADII * cylinder.radius,
         Surface::Plane(_) => 1.0,
@@ -204,8 +204,8 @@ pub(super) fn score(surface: &Surface, points: &[Vector3<f64>]) -> Score {
     best
 }
 
-/// The evidence above which a surface among so many points is no chance: as many surfaces pass through points as there are
-/// ways to choose those that determine one.
+/// The evidence above which a surface among this many points is significant: as many surfaces are possible as there are ways to
+/// choose the points that determine one.
 pub(super) fn significant(surface: &Surface, points_count: usize) -> f64 {
     let taken = freedom(surface);
     let choices = |i: u32| ((points_count as f64 - f64::from(i)) / f64::from(i + 1)).max(1.0).ln();

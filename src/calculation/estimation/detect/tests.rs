@@ -1,4 +1,4 @@
-//! Synthetic clouds whose truth is known, and what must not depend on unit, position, direction and threads.
+//! Synthetic clouds with known truth, and invariance under unit, position, direction and threads.
 
 use super::*;
 use nalgebra::{Rotation3, Unit};
@@ -56,7 +56,7 @@ impl Part {
         (0..count).map(point).collect()
     }
 
-    /// How far the surface found is off the true one where points are, in standard deviations of their noise.
+    /// The largest deviation of the detected surface from the true one at the points, in standard deviations of their noise.
     fn off(&self, found: &Detected) -> f64 {
         let found =
             surface::Cylinder { point: found.point.into(), direction: found.direction.into(), radius: found.radius };
@@ -68,7 +68,7 @@ impl Part {
     }
 }
 
-/// A plane that cuts the part, and points all over its surroundings.
+/// A plane that cuts the part, and points all over its background.
 fn foreign(part: &Part, count: usize, chance: &mut ChaCha8Rng) -> Vec<[f64; 3]> {
     let normal = direction(chance);
     let [e, f] = surface::basis(&normal);
@@ -84,10 +84,10 @@ fn one() -> Request {
     Request::default()
 }
 
-/// Half of the points lie on a plane through the part and all over it. The standard deviation of a surface fitted to
-/// 1500 points is 0.06 of theirs; a start is good within 1.
+/// Half of the points lie on a plane through the part and scattered around it. The standard deviation of a surface fitted to 1500
+/// points is 0.06 of theirs; a start is good within 1.
 #[test]
-fn a_cylinder_in_any_direction_is_found_among_as_many_foreign_points() {
+fn a_cylinder_in_any_direction_is_found_among_as_many_background_points() {
     for seed in 0..60 {
         let mut chance = ChaCha8Rng::seed_from_u64(seed);
         let part = Part::random(&mut chance);
@@ -100,12 +100,12 @@ fn a_cylinder_in_any_direction_is_found_among_as_many_foreign_points() {
 }
 
 #[test]
-fn few_points_are_enough_where_all_of_them_lie_on_it() {
+fn few_points_are_enough_if_all_of_them_lie_on_the_cylinder() {
     for seed in 0..40 {
         let mut chance = ChaCha8Rng::seed_from_u64(seed);
         let part = Part { arc: TAU, length: 40.0, radius: 10.0, sigma: 0.01, ..Part::random(&mut chance) };
         let found = detect(&part.points(14, &mut chance), &one());
-        // 14 points for 5 parameters: where there is no point, the surface is known to a few standard deviations.
+        // 14 points determine 5 parameters: away from the points the surface is accurate to a few standard deviations.
         let off = found.first().map(|found| part.off(found));
         assert!(off.is_some_and(|off| off < 4.0), "seed {seed}: {off:?} {found:?}");
     }
@@ -120,7 +120,7 @@ fn scene(seed: u64) -> (Part, Vec<[f64; 3]>) {
 }
 
 #[test]
-fn the_unit_does_not_matter() {
+fn the_result_does_not_depend_on_the_unit() {
     for (seed, scale) in [(1, 1e3), (2, 1e-3), (3, 1e-3), (4, 25.4)] {
         let (_, points) = scene(seed);
         let scaled: Vec<[f64; 3]> = points.iter().map(|point| point.map(|v| v * scale)).collect();
@@ -134,9 +134,9 @@ fn the_unit_does_not_matter() {
     }
 }
 
-/// Turned and moved, the sample is the same, so what is found differs by less than the steps at which settling ends.
+/// The sample of a rotated and moved cloud is the same, so the results differ by less than the steps at which settling ends.
 #[test]
-fn neither_direction_nor_position_matters() {
+fn the_result_is_independent_of_direction_and_position() {
     for seed in 1..9 {
         let (part, points) = scene(seed);
         let mut chance = ChaCha8Rng::seed_from_u64(seed);
@@ -155,7 +155,7 @@ fn neither_direction_nor_position_matters() {
 }
 
 #[test]
-fn threads_do_not_matter() {
+fn the_result_does_not_depend_on_the_number_of_threads() {
     let (_, points) = scene(5);
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
@@ -165,7 +165,7 @@ fn threads_do_not_matter() {
 }
 
 #[test]
-fn planes_and_bent_planes_are_no_cylinders() {
+fn planes_and_bent_planes_are_not_reported_as_cylinders() {
     for bend in [0.0, 0.01, 0.02] {
         let mut chance = ChaCha8Rng::seed_from_u64(7);
         let floor = (0..4000).map(|_| {
@@ -210,7 +210,7 @@ fn a_cone_of_directions_chooses_among_cylinders() {
 }
 
 #[test]
-fn a_detection_that_goes_on_finds_what_one_that_starts_again_finds() {
+fn a_continued_detection_finds_the_same_cylinders_as_a_new_one() {
     let mut chance = ChaCha8Rng::seed_from_u64(13);
     let along =
         |direction: V, middle: V| Part { middle, direction, radius: 10.0, length: 100.0, arc: 3.0, sigma: 0.05 };
@@ -226,7 +226,7 @@ fn a_detection_that_goes_on_finds_what_one_that_starts_again_finds() {
 }
 
 #[test]
-fn any_points_have_an_answer() {
+fn any_points_give_finite_results() {
     let line: Vec<[f64; 3]> = (0..50).map(|i| [f64::from(i), 2.0 * f64::from(i), 0.0]).collect();
     let lattice: Vec<[f64; 3]> = (0..900).map(|i| [f64::from(i % 30), f64::from(i / 30), 0.0]).collect();
     let mut twice = vec![[1.0, 2.0, 3.0]; 400];

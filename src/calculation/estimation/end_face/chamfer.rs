@@ -1,8 +1,8 @@
-//! Distinguishes what follows below the end of the surface: a chamfer, which belongs to the part, a shaft or support, which does not,
-//! or a slant of which the scan does not show the end.
+//! Distinguishes the continuations below the end of the surface: a chamfer, which belongs to the part; a shaft or support, which
+//! does not; or a slant whose end the scan does not show.
 //!
-//! Spacing by spacing outward from the end of the surface, the places below it are followed as long as they get deeper no
-//! faster than a chamfer does. A support farther below is not reached that way.
+//! One spacing at a time outward from the end of the surface, the positions below it are followed as long as they get deeper no
+//! faster than a chamfer does. A support farther below is not reached.
 
 use super::occupancy::{CELLS_MIN, Cells, DEPTH_MAX, LOST_MAX, SHARE_MIN, Slant};
 use crate::estimation::statistics::median;
@@ -14,21 +14,21 @@ const SLOPE_MIN: f64 = 0.1;
 /// Share of the points, the deepest ones, whose mean fixes the line: the end plane lies there.
 const DEEPEST_SHARE: f64 = 0.1;
 
-/// The surface below the end of the surface.
+/// The continuation below the end of the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Beneath {
-    /// Nothing, or something too far below to belong to the part.
+    /// Nothing, or an object too far below to belong to the part.
     Nothing,
     /// A slant that ends.
     Chamfer(Slant),
-    /// A shaft or a support, along the axis.
+    /// A shaft or a support parallel to the axis.
     Ledge(Slant),
-    /// A slant that does not end in the scan, or only as deep as no chamfer is.
+    /// A slant that does not end in the scan, or that ends deeper than any chamfer.
     Endless(Slant),
 }
 
 impl Beneath {
-    /// How far it has to be examined: a ledge no farther than `ledge_max`, since more of it shows nothing new.
+    /// How far it has to be examined: a ledge no farther than `ledge_max`, since a longer stretch of it adds no information.
     pub(super) fn to(&self, surface_end: f64, ledge_max: f64) -> f64 {
         match self {
             Self::Nothing => surface_end,
@@ -38,7 +38,7 @@ impl Beneath {
     }
 }
 
-/// The continuation below a surface that ends at `surface_end`, give or take half a spacing.
+/// The continuation below a surface that ends at `surface_end` ± half a spacing.
 pub(super) fn beneath(cells: &Cells, surface_end: f64, spacing: f64, tolerance: f64) -> Beneath {
     let start = surface_end - 0.5 * spacing;
     let mut bins: Vec<(f64, Option<f64>)> =
@@ -59,7 +59,7 @@ pub(super) fn beneath(cells: &Cells, surface_end: f64, spacing: f64, tolerance: 
             break;
         }
     }
-    // A few points may lie up to a spacing to either side of what was followed.
+    // A few points may lie up to a spacing to either side of the positions that were followed.
     let depth_max = depth_to + SLOPE_MAX * spacing + tolerance;
     let Some(slant) = line(cells, [start - spacing, to + spacing], depth_max).filter(|_| followed_count > 0) else {
         return Beneath::Nothing;
@@ -82,7 +82,7 @@ fn line(cells: &Cells, [from, to]: [f64; 2], depth_max: f64) -> Option<Slant> {
     let [mean_t, mean_depth] = mean(&points);
     let moments = points.iter().map(|[t, depth]| [(t - mean_t) * (depth - mean_depth), (t - mean_t).powi(2)]);
     let [product, square] = moments.fold([0.0; 2], |[product, square], [p, s]| [product + p, square + s]);
-    // Where all points lie at one place, the slope does not matter.
+    // If all points lie at one position, the slope has no effect.
     let slope = if square > 0.0 { (product / square).clamp(0.0, SLOPE_MAX) } else { 0.0 };
     (points.len() > CELLS_MIN).then_some(Slant { from, to, depth_max, at, depth, slope })
 }
@@ -119,12 +119,12 @@ mod tests {
         let Beneath::Chamfer(slant) = beyond(&[Some(0.5), Some(1.5), None, None]) else { panic!("no chamfer") };
         assert!((slant.slope - 1.0).abs() < 1e-9 && (slant.at, slant.depth) == (5.0, 1.5), "{slant:?}");
         assert!(matches!(beyond(&[Some(0.5), None, None]), Beneath::Chamfer(_)));
-        // A background farther below does not continue it.
+        // A background farther below is not a continuation.
         assert!(matches!(beyond(&[Some(0.5), Some(7.0), Some(7.0)]), Beneath::Chamfer(_)));
     }
 
     #[test]
-    fn a_slant_that_does_not_end_a_shaft_and_a_support_are_none() {
+    fn an_endless_slant_a_shaft_and_a_support_are_not_chamfers() {
         assert!(matches!(beyond(&[Some(0.5), Some(1.5), Some(2.5)]), Beneath::Endless(_)));
         let cone: Vec<Option<f64>> = (1..15).map(|depth| Some(f64::from(depth))).collect();
         assert!(matches!(beyond(&cone), Beneath::Endless(_)));

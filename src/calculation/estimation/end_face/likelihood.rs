@@ -1,21 +1,22 @@
-//! How likely the observations make an end plane at a place along the axis.
+//! The likelihood of an end plane at a position along the axis.
 //!
-//! Before the plane a cell shows the part except for drop-outs, beyond it nothing except for stray points. Both come in
-//! runs, so a cell is weighed by how many cells in a row beside it lack the part: a Markov chain along the profile. Its
-//! probabilities are counted before the plane. In order of t the log-likelihood of a plane is the running sum of the gains.
+//! Before the plane a cell shows the part except for drop-outs, beyond it nothing except for stray points. Both come in runs, so a
+//! cell is weighted by the number of consecutive cells beside it that lack the part: a Markov chain along the profile. Its
+//! probabilities are estimated from counts before the plane. In order of t the log-likelihood of a plane is the running sum of the
+//! gains.
 
 use super::occupancy::{Observation, RUN_MAX};
 
 /// Probability that a cell beyond the part shows something. Half and double of it change no scene of the tests.
 const STRAY: f64 = 1e-3;
-/// Prior probabilities that a cell before the plane lacks the part: after none, one, two, and three or more that lack it.
+/// Prior probabilities that a cell before the plane lacks the part: after none, one, two, and three or more cells that lack it.
 const MISSING: [f64; 1 + RUN_MAX] = [0.01, 0.9, 0.9, 0.9];
-/// How many cells the prior is worth, next to the plane and farther before it.
+/// Weight of the prior in cells, next to the plane and farther before it.
 const PRIOR_CELLS: f64 = 10.0;
 const PRIOR_CELLS_BEFORE: f64 = 1.0;
-/// Largest probabilities: a cell that shows the part must stay likelier before the plane than beyond it.
+/// Largest probabilities: a cell that shows the part must remain likelier before the plane than beyond it.
 const MISSING_MAX: [f64; 1 + RUN_MAX] = [0.5, 0.99, 0.99, 0.99];
-/// Cells are counted over this many spacings before the plane: one meets each column once. An edge is the more ragged the
+/// Cells are counted over this many spacings before the plane: one spacing contains each column once. An edge is more ragged the
 /// nearer to its end.
 const COUNTED_SPACINGS: f64 = 1.0;
 /// The likelihood of an end must fall by e⁸ (1 in 3000) on both sides.
@@ -23,23 +24,23 @@ const LOG_RATIO_MIN: f64 = 8.0;
 /// Share of the columns that must end before the last plane.
 const ENDED_MIN: f64 = 0.1;
 
-/// Where the likelihood of a plane changes.
+/// A position at which the likelihood of a plane changes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Step {
     pub(super) t: f64,
-    /// By how much its logarithm grows as the plane passes.
+    /// The change of its logarithm when the plane passes.
     pub(super) gain: f64,
     pub(super) column: usize,
     /// Variance of `t`, independent of that of the other steps, mm².
     pub(super) variance: f64,
 }
 
-/// The likelihood of a plane by its place.
+/// The likelihood of a plane as a function of its position.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Likelihood {
     /// In order of t.
     pub(super) steps: Vec<Step>,
-    /// The last place before the likeliest plane, mm.
+    /// The last position before the likeliest plane, mm.
     pub(super) last: f64,
 }
 
@@ -47,7 +48,7 @@ impl Likelihood {
     /// `None` if the observations do not show an end.
     pub(super) fn of(observations: &[Observation], spacing: f64, columns_count: usize) -> Option<Self> {
         let mut missing = Missing(MISSING);
-        // The probabilities need the place of the plane, which they hardly change.
+        // The probabilities depend on the position of the plane, but only slightly.
         for _ in 0..2 {
             let last = likeliest(&missing.steps(observations))?.t;
             missing = Missing::before(last, COUNTED_SPACINGS * spacing, observations);
@@ -63,7 +64,7 @@ impl Likelihood {
     }
 }
 
-/// Just beyond each step, in their order, the log-likelihood up to a constant.
+/// The log-likelihood just beyond each step, in their order, up to a constant.
 pub(super) fn sums(steps: &[Step]) -> impl Iterator<Item = Step> {
     steps.iter().scan(0.0, |sum, step| {
         *sum += step.gain;
@@ -75,16 +76,16 @@ fn likeliest(steps: &[Step]) -> Option<Step> {
     sums(steps).max_by(|a, b| a.gain.total_cmp(&b.gain))
 }
 
-/// Probabilities that a cell before the plane lacks the part, by how many beside it lack it.
+/// Probabilities that a cell before the plane lacks the part, by the number of cells beside it that lack it.
 #[derive(Debug, Clone, Copy)]
 struct Missing([f64; 1 + RUN_MAX]);
 
 impl Missing {
-    /// Counted before a plane at `last`.
+    /// Estimated from the cells before a plane at `last`.
     fn before(last: f64, counted: f64, observations: &[Observation]) -> Self {
         let within = |from: f64, to: f64| observations.iter().filter(move |o| o.t > from && o.t <= to);
-        // Farther before the plane there is no ragged edge: there single cells that noise and raster empty are
-        // distinguished from runs.
+        // Farther before the plane there is no ragged edge: there the counts distinguish single cells that noise and raster leave
+        // empty from runs.
         let far = Self(MISSING).counted(within(f64::NEG_INFINITY, last - counted), PRIOR_CELLS_BEFORE);
         let ([_, second, ..], [first, _, third, more]) = (far.0, MISSING);
         Self([first, second, third, more]).counted(within(last - counted, last), PRIOR_CELLS)
@@ -109,10 +110,10 @@ impl Missing {
         steps
     }
 
-    /// By how much the log-likelihood grows as the plane passes a cell.
+    /// The change of the log-likelihood when the plane passes a cell.
     fn gain(&self, observation: &Observation) -> f64 {
         let after = |beside: usize| self.0.get(beside).copied().unwrap_or_default();
-        // Where the cell beside it cannot be judged, as often as in the long run of the chain.
+        // If the cell beside it cannot be judged, the stationary probability of the chain applies.
         let missing = observation.missing_beside.map_or_else(|| after(0) / (1.0 + after(0) - after(1)), after);
         let of = |present: f64| if observation.present { present.ln() } else { (1.0 - present).ln() };
         of(1.0 - missing) - of(STRAY)
@@ -125,7 +126,7 @@ mod tests {
 
     const COLUMNS: usize = 200;
 
-    /// Ten profiles 1 mm apart, each column `step` farther than the one before it, of a part that ends at `end`.
+    /// Ten profiles 1 mm apart, each column `step` farther than the previous one, of a part that ends at `end`.
     fn likelihood(step: f64, end: f64) -> Option<Likelihood> {
         let cell = |plane: u32, column: usize| {
             let t = f64::from(plane) + step * column as f64;
@@ -143,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_that_continues_or_is_not_seen_has_no_end() {
+    fn a_part_that_continues_or_is_not_scanned_has_no_end() {
         assert_eq!(likelihood(0.005, 99.0), None);
         assert_eq!(likelihood(0.0, -1.0), None);
     }

@@ -1,34 +1,35 @@
-//! The end plane over all poses that the covariance allows: an edge that several columns show fits some of them better than others.
+//! The distribution of the end plane over all poses that the covariance allows: some of them fit an edge in several columns better
+//! than others.
 //!
-//! The covariance of the pose moves the columns along the axis in no more than three ways (all equally, as the sine, and as the cosine
-//! of the angle). The two in which columns move most against each other are kept apart: an edge that several columns show determines
-//! them. The remainder moves all columns equally.
+//! The covariance of the pose moves the columns along the axis in at most three ways (all equally, as the sine, and as the cosine
+//! of the angle). The two that move the columns most relative to each other are treated separately, because an edge in several
+//! columns determines them. The remainder moves all columns equally.
 //!
-//! The nodes of a grid over the two motions are weighted by their normal density and by the likelihood of their planes, and the grid
-//! contracts about the nodes with most weight. The posterior of the plane is that of all nodes together.
+//! The nodes of a grid over the two motions are weighted by their normal density and by the likelihood of their planes, and the
+//! grid contracts about the nodes with most weight. The posterior of the plane is that of all nodes together.
 
 use super::likelihood::{Step, sums};
 use super::unroll::{Columns, View};
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 use std::f64::consts::FRAC_1_SQRT_2;
 
-/// Planes e¹⁶ (10⁷) times less likely are left out.
+/// Planes that are less likely by e¹⁶ (10⁷) are left out.
 const LOG_RATIO_MAX: f64 = 16.0;
-/// Nodes along each motion, and their reach in standard deviations: 99.7 % of a normal density, at steps of one.
+/// Nodes along each motion, and their range in standard deviations: 99.7 % of a normal density, at steps of one.
 const NODES: usize = 7;
 const REACH: f64 = 3.0;
-/// How often the grid contracts. Where the pose is known badly, the first grids are too coarse for a sharp edge.
+/// Number of contractions of the grid. If the pose is very uncertain, the first grids are too coarse for a sharp edge.
 const CONTRACTIONS: usize = 5;
-/// Share of the variance between nodes by which steps are softened, so that coarse grids do not miss the edge. All of it,
+/// Share of the variance between nodes by which steps are softened, so that coarse grids do not miss the edge. The full variance,
 /// taken as independent from step to step, would hide the edge.
 const SOFTENED: f64 = 0.03;
-/// A step whose place is uncertain is divided at these of its standard deviations, each in the middle of its part.
+/// A step at an uncertain position is divided at these of its standard deviations, each in the middle of its part.
 const PARTS: [f64; 8] = [-2.45, -1.75, -1.05, -0.35, 0.35, 1.05, 1.75, 2.45];
 const HALF_PART: f64 = 0.35;
 /// A smaller step is not divided.
 const GAIN_MIN: f64 = 0.5;
 
-/// A plane anywhere between two places.
+/// A plane with uniform density between two positions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Piece {
     pub(super) from: f64,
@@ -38,7 +39,7 @@ pub(super) struct Piece {
 }
 
 impl Piece {
-    /// Relative to a piece of this logarithm.
+    /// The weight relative to a piece of this logarithm.
     pub(super) fn weight(&self, largest: f64) -> f64 {
         (self.log - largest).exp() * (self.to - self.from)
     }
@@ -54,7 +55,7 @@ fn likely(mut pieces: Vec<Piece>) -> Vec<Piece> {
     pieces
 }
 
-/// Where the plane may be, up to `to`, from steps in order of t; `None` without steps or weights.
+/// The possible positions of the plane, up to `to`, from steps in order of t; `None` without steps or weights.
 pub(super) fn planes(steps: &[Step], motions: &Motions, to: f64) -> Option<Vec<Piece>> {
     let near = Near::of(steps, motions, to)?;
     let mut grid = Grid { centre: Motion::zeros(), reach: Matrix2::from_diagonal_element(REACH) };
@@ -66,8 +67,8 @@ pub(super) fn planes(steps: &[Step], motions: &Motions, to: f64) -> Option<Vec<P
 }
 
 impl Step {
-    /// As a plane meets it that may lie to either side of its place: up to z standard deviations the likelihood has grown
-    /// by ln(1 + (e^gain − 1)·Φ(z)).
+    /// The step divided by its uncertain position: up to z standard deviations the likelihood has grown by ln(1 + (e^gain −
+    /// 1)·Φ(z)).
     fn parts(self) -> impl Iterator<Item = Self> {
         let Self { t, gain, variance, .. } = self;
         let grown = move |z: f64| (gain.exp_m1() * 0.5 * libm::erfc(-z * FRAC_1_SQRT_2)).ln_1p();
@@ -82,7 +83,7 @@ impl Step {
     }
 }
 
-/// The steps that a motion can bring to where the plane may be, in order of t.
+/// The steps that a motion can bring to a possible position of the plane, in order of t.
 struct Near<'a> {
     steps: Vec<Step>,
     motions: &'a Motions,
@@ -95,7 +96,7 @@ impl<'a> Near<'a> {
         Self::within(steps, motions, to, 2.0 * REACH * (motions.largest() + variance.sqrt()))
     }
 
-    /// Those within a margin about where the plane is likely; `None` without any.
+    /// The steps within a margin about the likely positions of the plane; `None` without any.
     fn within(steps: &[Step], motions: &'a Motions, to: f64, margin: f64) -> Option<Self> {
         let most = sums(steps).map(|step| step.gain).fold(f64::NEG_INFINITY, f64::max);
         let likely = || sums(steps).filter(|step| step.gain > most - LOG_RATIO_MAX).map(|step| step.t);
@@ -106,7 +107,8 @@ impl<'a> Near<'a> {
         Some(Self { steps, motions, to })
     }
 
-    /// As a node meets them that stands for all poses about it: poses between nodes move the steps by so much more.
+    /// The steps softened for a node, which represents all poses about it: poses between nodes move the steps by the added
+    /// variance.
     fn softened(&self, grid: Grid) -> Option<Self> {
         let between = grid.between() * SOFTENED;
         let met = |step: &Step| {
@@ -118,7 +120,7 @@ impl<'a> Near<'a> {
         Self::within(&parts, self.motions, self.to, 2.0 * REACH * self.motions.largest())
     }
 
-    /// The planes with the columns where they are at a node.
+    /// The planes with the columns in their positions at a node.
     fn planes(&self, at: Motion) -> Vec<Piece> {
         let moved = |step: &Step| [step.t + self.motions.of_column(step.column, at), step.gain];
         let mut steps: Vec<[f64; 2]> = self.steps.iter().map(moved).collect();
@@ -137,7 +139,7 @@ impl<'a> Near<'a> {
 #[derive(Debug, Clone, Copy)]
 struct Grid {
     centre: Motion,
-    /// How far it reaches along its two directions, one in each column.
+    /// Its range along its two directions, one in each column.
     reach: Matrix2<f64>,
 }
 
@@ -154,7 +156,7 @@ impl Grid {
         (0..NODES).flat_map(move |i| (0..NODES).map(move |j| node(i, j)))
     }
 
-    /// About the nodes that weigh, as far as they do.
+    /// The grid about the nodes with weight, as far as they extend.
     fn contracted(self, near: &Near<'_>) -> Option<Self> {
         let weigh = |at: Motion| {
             let planes = near.planes(at);
@@ -181,7 +183,7 @@ impl Grid {
     }
 }
 
-/// How far the pose is along either motion, in standard deviations.
+/// Displacement of the pose along the two motions, in standard deviations.
 pub(super) type Motion = Vector2<f64>;
 
 /// Eigenvalue iterations converge within a few sweeps.
@@ -190,21 +192,21 @@ pub(super) const SWEEPS_MAX: usize = 100;
 /// Motions of the columns, independent of each other.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Motions {
-    /// How far each column moves with a standard deviation of either motion, mm.
+    /// Displacement of each column by a standard deviation of either motion, mm.
     columns: Vec<Motion>,
-    /// Variance of what moves all columns alike, mm².
+    /// Variance of the displacement common to all columns, mm².
     pub(super) common: f64,
 }
 
 impl Motions {
-    /// Of the columns about a place along the axis; `covariance` is that of (deflection, pitch, y_ref, z_ref). `None` if it
-    /// cannot be decomposed.
+    /// The motions of the columns about a position along the axis; `covariance` is that of (deflection, pitch, y_ref, z_ref).
+    /// `None` if it cannot be decomposed.
     pub(super) fn about(t: f64, view: &View, columns: &Columns, covariance: Matrix4<f64>) -> Option<Self> {
         let derivatives: Vec<_> = columns.all.iter().map(|column| view.edge_by_pose(column.angle, t)).collect();
         Self::of(&derivatives, covariance)
     }
 
-    /// From the derivatives of each column's place by the pose.
+    /// The motions from the derivatives of each column's position by the pose.
     pub(super) fn of(derivatives: &[Vector4<f64>], covariance: Matrix4<f64>) -> Option<Self> {
         let eigen = covariance.try_symmetric_eigen(f64::EPSILON, SWEEPS_MAX)?;
         let root = Matrix4::from_diagonal(&eigen.eigenvalues.map(|value| value.max(0.0).sqrt()));
@@ -222,19 +224,19 @@ impl Motions {
         Some(Self { columns, common: common / count })
     }
 
-    /// How far the pose moves a column, mm.
+    /// Displacement of a column by the pose, mm.
     pub(super) fn of_column(&self, column: usize, at: Motion) -> f64 {
         self.columns.get(column).map_or(0.0, |by| by.dot(&at))
     }
 
-    /// How far these columns move with a standard deviation of either motion, on average, mm; `None` without columns.
+    /// Mean displacement of these columns by a standard deviation of either motion, mm; `None` without columns.
     pub(super) fn mean(&self, columns: impl Iterator<Item = usize>) -> Option<Motion> {
         let moved = columns.filter_map(|column| self.columns.get(column));
         let (sum, count) = moved.fold((Motion::zeros(), 0.0), |(sum, count), by| (sum + by, count + 1.0));
         (count > 0.0).then(|| sum / count)
     }
 
-    /// Variance of a column's place by a covariance of the motions, mm².
+    /// Variance of a column's position by a covariance of the motions, mm².
     pub(super) fn variance_by(&self, column: usize, covariance: &Matrix2<f64>) -> f64 {
         self.columns.get(column).map_or(0.0, |by| by.dot(&(covariance * by)))
     }
@@ -250,7 +252,7 @@ mod tests {
     use super::*;
     use nalgebra::{Matrix4, Vector4};
 
-    /// The mean of the plane with two columns that a motion of standard deviation `moved` moves against each other.
+    /// The mean of the plane with two columns that a motion of standard deviation `moved` moves in opposite directions.
     fn mean(steps: &[(f64, f64, usize, f64)], moved: f64, to: f64) -> f64 {
         let by = Vector4::new(moved, 0.0, 0.0, 0.0);
         let motions = Motions::of(&[by, -by], Matrix4::identity()).expect("motions");
@@ -268,10 +270,10 @@ mod tests {
         assert!((found - 2.0).abs() < 1e-3, "{found}");
     }
 
-    /// Column 0 has the plane within (0.0, 0.2), column 1 within (0.4, 0.6). A motion of 0.2 of either brings them together;
-    /// without one the plane is where the last cell shows the part, since a drop-out is likelier than a stray point.
+    /// Column 0 has the plane within (0.0, 0.2), column 1 within (0.4, 0.6). A motion of 0.2 of either reconciles them; without one
+    /// the plane is at the last cell that shows the part, since a drop-out is likelier than a stray point.
     #[test]
-    fn columns_in_conflict_that_the_pose_explains_meet_in_the_middle() {
+    fn conflicting_columns_that_the_pose_explains_give_the_middle() {
         let steps = [(0.0, 9.0, 0, 0.0), (0.2, -5.0, 0, 0.0), (0.4, 9.0, 1, 0.0), (0.6, -9.0, 1, 0.0)];
         let [rigid, moved] = [0.0, 0.2].map(|by| mean(&steps, by, 1.0));
         assert!((rigid - 0.5).abs() < 0.01 && (moved - 0.3).abs() < 0.02, "{rigid} {moved}");
@@ -279,7 +281,7 @@ mod tests {
 
     /// ∫ (1 − Φ((x − 3)/0.2)) dx from 1 = 2, as with a sharp end at 3; ∫ (x − 1)·(1 − Φ) dx = (2² + 0.2²)/2.
     #[test]
-    fn a_cell_whose_place_is_uncertain_ends_the_plane_gradually() {
+    fn a_cell_at_an_uncertain_position_ends_the_plane_gradually() {
         let found = mean(&[(1.0, 20.0, 0, 0.0), (3.0, -20.0, 1, 0.04)], 0.0, 5.0);
         assert!((found - (1.0 + 2.02 / 2.0)).abs() < 5e-3, "{found}");
     }
@@ -289,10 +291,10 @@ mod tests {
 mod motions_tests {
     use super::*;
 
-    /// Columns over 140° of a cylinder of radius 100, which slopes of 1e-4 and 2e-4 move, and an offset of 1e-3 with the
-    /// derivative 0.5 that moves all alike.
+    /// Columns over 140° of a cylinder of radius 100, moved by slopes of 1e-4 and 2e-4, and an offset of 1e-3 with the derivative
+    /// 0.5 that moves all equally.
     #[test]
-    fn the_two_slopes_move_columns_against_each_other_and_an_offset_does_not() {
+    fn the_two_slopes_move_columns_relative_to_each_other_and_an_offset_does_not() {
         let angles = (-70..=70).map(|degrees| f64::from(degrees).to_radians());
         let derivatives: Vec<_> = angles.map(|a| Vector4::new(100.0 * a.sin(), 100.0 * a.cos(), 0.5, 0.0)).collect();
         let covariance = Matrix4::from_diagonal(&Vector4::new(1e-8, 4e-8, 1e-6, 1e-6));

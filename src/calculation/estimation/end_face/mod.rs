@@ -1,13 +1,13 @@
-//! Where the part ends: the end plane is perpendicular to the axis, so one number is sought, its place along the axis. The
+//! The end of the part. The end plane is perpendicular to the axis, so one number is sought, its position along the axis. The
 //! result is the point where the axis meets the plane, or a warning that the scan does not show it.
 //!
 //! With a tilted axis the columns of points reach the plane at different phases of the spacing of the profiles, so the
-//! plane is known far better than the spacing. The calculation runs twice, coarsely over the whole scan and with every
+//! plane is far more accurate than the spacing. The calculation runs twice, coarsely over the whole scan and with every
 //! point about the end, in the order of the modules:
 //!
 //! ```text
-//! points --unroll--> (angle, place, height) --occupancy--> observations of presence --chamfer--> what belongs to the part
-//!        --likelihood--> of a plane --marginalise--> over the poses --posterior--> place and uncertainty
+//! points --unroll--> (angle, position, height) --occupancy--> observations of presence --chamfer--> extent of the part
+//!        --likelihood--> of a plane --marginalise--> over the poses --posterior--> position and uncertainty
 //! ```
 
 mod chamfer;
@@ -34,26 +34,26 @@ use unroll::{Columns, Plane, Unrolled, View};
 const COARSE_POINTS_MAX: usize = 64;
 const COARSE_COLUMNS: usize = 16;
 const COARSE_PLANES_MAX: usize = 4096;
-/// A point lies on the surface within ε or so many standard deviations of its height, whichever is more: in the coarse look
-/// of its noise, in the fine one of its noise and of the height that the pose leaves there.
+/// A point lies on the surface within ε or this many standard deviations of its height, whichever is larger: in the coarse search
+/// of its noise, in the fine search of its noise and of the uncertainty of the height from the pose.
 const COARSE_SIGMAS: f64 = 5.0;
 const FINE_SIGMAS: f64 = 3.0;
-/// Largest uncertainty of the height as a share of the coarse tolerance: beyond it the surface may leave its tolerance
-/// without an end.
+/// Largest uncertainty of the height as a share of the coarse tolerance: beyond it the surface may leave its tolerance without an
+/// end.
 const HEIGHT_SHARE_MAX: f64 = 0.75;
-/// Planes of the fine look; more are taken at a stride.
+/// Planes of the fine search; a longer region is thinned by a stride.
 const PLANES_MAX: usize = 256;
-/// Points of a column in each plane, so that none is empty by the raster, and least and most columns.
+/// Points of a column in each plane, so that the raster leaves no column empty, and least and most columns.
 const POINTS_PER_COLUMN: f64 = 2.0;
 const COLUMNS_MIN: usize = 8;
 const COLUMNS_MAX: usize = 1024;
-/// Spacings that are examined before the end, those next to the end that are left to a ragged edge, and those examined
-/// beyond the end and what continues below it: a gap takes four.
+/// Spacings that are examined before the end, those next to the end that are reserved for a ragged edge, and those examined beyond
+/// the end and beyond its continuation below: a gap takes four.
 const BEFORE: f64 = 10.0;
 const UNSETTLED: f64 = 2.0;
 const BEYOND: f64 = 4.0;
 
-/// Adds the end faces that the settings ask for to an accepted estimate, and a warning for each that is not seen.
+/// Adds the end faces that the settings request to an accepted estimate, and a warning for each one that is not observed.
 pub(super) fn complete(scan: &Scan, settings: &Settings, estimate: &mut Estimate) {
     let asked = settings.end_face;
     let Outcome::Accepted(pose) = &mut estimate.outcome else { return };
@@ -78,7 +78,7 @@ pub(super) fn complete(scan: &Scan, settings: &Settings, estimate: &mut Estimate
     pose.end_faces = EndFaces { asked, near: near.flatten(), far: far.flatten() };
 }
 
-/// The covariance of the pose relative to the scan: what moves the whole scan moves the edge with the axis.
+/// The covariance of the pose relative to the scan: an error that moves the whole scan moves the edge together with the axis.
 fn relative_to_scan(pose: &Pose, type_b: &TypeB) -> Matrix5<f64> {
     let whole = type_b.of_whole_scan(&type_b::Found {
         axis: pose.axis,
@@ -104,13 +104,13 @@ struct Search<'a> {
 struct About {
     /// End of the last spacing that shows the surface.
     last: f64,
-    /// How far something continues below the surface.
+    /// Extent of the continuation below the surface.
     beneath_to: f64,
-    /// Where something else begins.
+    /// Position at which another object begins.
     next: f64,
-    /// How far the end may lie from `last` because planes were left out.
+    /// Uncertainty of the end relative to `last` because planes were left out.
     slack: f64,
-    /// How far from the surface a point on it may lie.
+    /// Largest distance of a point on the surface from it.
     tolerance: f64,
     /// Least and largest lead of the columns.
     leads: [f64; 2],
@@ -141,7 +141,7 @@ impl Search<'_> {
         }
         // The surface ends within the last spacing that shows it.
         let beneath = chamfer::beneath(&cells, extent.last - coarse_spacing, coarse_spacing, tolerance);
-        // A long shaft would leave the fine look planes at a stride.
+        // A long shaft would force the fine search to thin out the planes.
         let ledge_max = extent.last + 0.5 * PLANES_MAX as f64 * spacing;
         Some(About {
             last: extent.last,
@@ -178,18 +178,18 @@ impl Search<'_> {
             let normal = motions.common + variance_of_x / view.x_by_t().powi(2);
             (posterior.half_of_expanded(normal.sqrt()) + shortfall) * view.x_by_t()
         };
-        // An axis that is less certain lets the surface leave its tolerance, which looks like an end.
+        // With a more uncertain axis the surface can leave its tolerance, which looks like an end.
         let known = 2.0 * standard(0.0) <= examined;
         known.then(|| EndFace { centre, x_standard: standard(self.type_b.along_x(centre)) })
     }
 
-    /// How far from the surface a point on it may lie if its height has this standard deviation beside its noise, mm.
+    /// Largest distance of a point on the surface from it, mm, if its height has this standard deviation in addition to its noise.
     fn tolerance(&self, sigmas: f64, height: f64) -> f64 {
         self.epsilon.max(sigmas * self.sigma.hypot(height))
     }
 }
 
-/// Columns of the points on the surface at the places that are wanted, as many as `columns_count` returns for these points.
+/// Columns of the points on the surface at the selected positions, as many as `columns_count` returns for these points.
 fn columns(
     points: &[Unrolled],
     view: &View,
@@ -203,7 +203,7 @@ fn columns(
     Columns::of(angles, columns_count, view)
 }
 
-/// The cells about the end, from a place to another.
+/// The cells about the end, within an interval of positions.
 struct Region<'a> {
     cells: &'a Cells,
     from: f64,
@@ -213,7 +213,7 @@ struct Region<'a> {
     sigma: f64,
 }
 
-/// An end with what it was found from.
+/// An end with the data from which it was found.
 struct FoundEnd {
     observations: Vec<Observation>,
     likelihood: Likelihood,
@@ -221,7 +221,7 @@ struct FoundEnd {
 }
 
 impl Region<'_> {
-    /// The end of the surface or, if a chamfer follows, the end of that.
+    /// The end of the surface or of the chamfer that follows it.
     fn end(&self, tolerance: f64) -> Option<FoundEnd> {
         let surface = self.end_with(None)?;
         match chamfer::beneath(self.cells, surface.likelihood.last, self.spacing, tolerance) {

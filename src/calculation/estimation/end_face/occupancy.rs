@@ -1,18 +1,18 @@
-//! Where the surface is seen, and where it is missing. A cell is one column in one plane: it shows the surface, something
-//! below it, something above that hides it, or nothing. Each cell that can be judged is an observation that the part is
-//! present, or is not, at a place along the axis.
+//! Where the surface is present and where it is missing. A cell is one column in one plane: it shows the surface, an object below
+//! it, an object above that hides it, or nothing. Each cell that can be judged is an observation that the part is present, or is
+//! not, at a position along the axis.
 
 use super::unroll::{Column, Columns, Plane, Unrolled};
 
-/// Points deeper below the surface than this share of the radius are not the part: a slant that deep is a cone, not a
+/// Points deeper below the surface than this share of the radius do not belong to the part: a slant that deep is a cone, not a
 /// chamfer. The deepest chamfer of the tests has a quarter.
 pub(super) const DEPTH_MAX: f64 = 0.5;
 /// Runs of missing cells are distinguished up to this length.
 pub(super) const RUN_MAX: usize = 3;
-/// The part continues where this share of the cells shows it, judged by at least so many cells.
+/// The part continues while this share of the cells shows it, judged by at least this many cells.
 pub(super) const SHARE_MIN: f64 = 0.1;
 pub(super) const CELLS_MIN: usize = 4;
-/// Up to so many spacings without the part are lost profiles; more than `UNDECIDED_MAX` are a gap.
+/// Up to this many spacings without the part are lost profiles; more than `UNDECIDED_MAX` are a gap.
 pub(super) const LOST_MAX: usize = 1;
 const UNDECIDED_MAX: usize = 3;
 
@@ -26,8 +26,8 @@ pub(super) enum Seen {
 }
 
 impl Seen {
-    /// With one more point: the surface counts before what hides it, and that before what lies below, of which the place
-    /// farthest outward counts.
+    /// The cell with one more point: the surface takes precedence over an object that hides it, and that over an object below, of
+    /// which the farthest outward position is kept.
     fn with(self, point: &Unrolled, tolerance: f64, depth_max: f64) -> Self {
         let (t, depth, on_surface) = (point.t, -point.height, point.t_on_surface);
         match self {
@@ -55,9 +55,9 @@ impl Seen {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Cells {
     pub(super) columns: Columns,
-    /// Where the axis meets each plane, mm.
+    /// Intersections of the axis with the planes, mm.
     planes: Vec<f64>,
-    /// Plane after plane, in each the columns in their order.
+    /// Plane by plane, in each the columns in their order.
     seen: Vec<Seen>,
 }
 
@@ -66,12 +66,12 @@ pub(super) struct Cells {
 pub(super) struct Slant {
     pub(super) from: f64,
     pub(super) to: f64,
-    /// Points deeper there are not part of it.
+    /// Deeper points do not belong to it.
     pub(super) depth_max: f64,
-    /// A place on it, and how deep it is there, mm.
+    /// A position on it, and its depth there, mm.
     pub(super) at: f64,
     pub(super) depth: f64,
-    /// By how much it is deeper per millimetre outward.
+    /// Its increase of depth per millimetre outward.
     pub(super) slope: f64,
 }
 
@@ -80,20 +80,20 @@ impl Slant {
         t > self.from && t <= self.to && depth <= self.depth_max
     }
 
-    /// Where the slant lies along the axis in a direction in which the surface leads its plane: leads grow with the distance
-    /// from the axis, so that t = plane + lead·(1 − d/R) with the depth d = depth + slope·(t − at).
+    /// Position of the slant along the axis in a direction in which the surface leads its plane: leads grow with the distance from
+    /// the axis, so that t = plane + lead·(1 − d/R) with the depth d = depth + slope·(t − at).
     fn place(&self, plane: f64, lead: f64, radius: f64) -> f64 {
         let share = lead / radius;
         (plane + lead - share * (self.depth - self.slope * self.at)) / (1.0 + share * self.slope)
     }
 }
 
-/// That the part is present, or is not, at a place along the axis.
+/// An observation that the part is present, or is not, at a position along the axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Observation {
     pub(super) t: f64,
     pub(super) present: bool,
-    /// How many cells in a row lack the part beside it, on the side with the smaller leads, up to [`RUN_MAX`]; `None` if
+    /// Number of consecutive cells beside it that lack the part, on the side with the smaller leads, up to [`RUN_MAX`]; `None` if
     /// the first of them cannot be judged.
     pub(super) missing_beside: Option<usize>,
     /// Variance of `t`, mm².
@@ -118,7 +118,7 @@ impl Cells {
         self.planes.iter().copied().zip(self.seen.chunks(self.columns.len().max(1)))
     }
 
-    /// The place of each cell that can be judged and, of what lies below the surface, its depth.
+    /// The position of each cell that can be judged and the depth of an object below the surface.
     pub(super) fn depths(&self) -> impl Iterator<Item = (f64, Option<f64>)> {
         self.by_plane().flat_map(|(plane, seen)| {
             self.columns.all.iter().zip(seen).filter_map(move |(column, seen)| match *seen {
@@ -133,7 +133,7 @@ impl Cells {
     /// One observation of each cell that is not hidden. A slant counts as the part. `sigma` is the noise of a point, mm.
     pub(super) fn observations(&self, slant: Option<&Slant>, sigma: f64) -> Vec<Observation> {
         let place = |plane: f64, lead: f64| slant.map_or(plane + lead, |s| s.place(plane, lead, self.columns.radius));
-        // Where a cell shows the part.
+        // Position at which a cell shows the part.
         let shown = |seen: &Seen| match *seen {
             Seen::Surface { last, .. } => Some(last),
             Seen::Below { t, depth } => slant.is_some_and(|slant| slant.contains(t, depth)).then_some(t),
@@ -146,7 +146,7 @@ impl Cells {
                 if *cell == Seen::Hidden {
                     continue;
                 }
-                // The part is missing from the first point of the column on: one step behind the last point before it.
+                // The part is missing from the first point of the column onwards: one step after the last point before it.
                 let behind = column.before.and_then(|before| shown(seen.get(before)?)).zip(first.behind);
                 let (from, lead) = behind.unwrap_or((plane, first.lead));
                 let missing = || (place(from, lead.mean), lead.variance);
@@ -164,7 +164,7 @@ impl Cells {
         observations
     }
 
-    /// Where the first point of each column lies, over the planes that show the surface in it.
+    /// Position of the first point of each column, over the planes that show the surface in it.
     fn firsts(&self) -> Vec<First> {
         let of_column = |index: usize| self.by_plane().map(move |(plane, seen)| (plane, seen.get(index)));
         let surface = |seen: Option<&Seen>| seen.and_then(|seen| seen.surface());
@@ -184,14 +184,14 @@ impl Cells {
 }
 
 impl Column {
-    /// Variance along the axis by the variance of a point's noise. On the surface only noise about the axis counts.
+    /// Variance along the axis from the variance of a point's noise. On the surface only noise about the axis contributes.
     fn place_by_noise(&self, seen: Seen) -> f64 {
         let [about, away] = self.slope;
         about * about + if matches!(seen, Seen::Below { .. }) { away * away } else { 0.0 }
     }
 }
 
-/// Mean and variance of what differs from plane to plane.
+/// Mean and variance over the planes.
 #[derive(Debug, Clone, Copy)]
 struct Spread {
     mean: f64,
@@ -208,12 +208,12 @@ impl Spread {
     }
 }
 
-/// Where the first point of a column lies.
+/// Position of the first point of a column.
 #[derive(Debug, Clone, Copy)]
 struct First {
-    /// Ahead of its plane.
+    /// Lead over its plane.
     lead: Spread,
-    /// Behind the last point of the column before it.
+    /// Distance from the last point of the previous column.
     behind: Option<Spread>,
 }
 
@@ -222,7 +222,7 @@ struct First {
 pub(super) struct Extent {
     /// End of the last spacing that shows the part, mm.
     pub(super) last: f64,
-    /// Where something else begins beyond a gap; infinite if nothing does.
+    /// Position at which an object begins beyond a gap; infinite if there is none.
     pub(super) next: f64,
 }
 

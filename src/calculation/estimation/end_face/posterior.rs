@@ -1,4 +1,4 @@
-//! The place of the end plane with its uncertainty, from the pieces that every pose contributes.
+//! The position of the end plane with its uncertainty, from the pieces that every pose contributes.
 
 use super::marginalise::{Motions, Piece, largest};
 use super::occupancy::Observation;
@@ -9,7 +9,7 @@ use std::f64::consts::{FRAC_1_SQRT_2, PI, SQRT_2};
 const CONTAINED: f64 = 0.954_499_736_103_642;
 /// Pieces below this share are left out: some thousands of them contain less than a millionth.
 const SHARE_MIN: f64 = 1e-10;
-/// Beyond so many standard deviations a normal distribution has ended, to double precision.
+/// Beyond this many standard deviations a normal density is zero in double precision.
 const NORMAL_ENDS: f64 = 8.0;
 /// Least normal error as a share of the standard deviation; it keeps the quotients finite.
 const NORMAL_MIN: f64 = 1e-9;
@@ -18,14 +18,14 @@ const ITERATIONS_MAX: usize = 60;
 const SHARE_ERROR: f64 = 1e-7;
 /// No distribution has more than 1/k² beyond k standard deviations (Chebyshev); 1/25 is less than 4.55 %.
 const DEVIATIONS_MAX: f64 = 5.0;
-/// Cells within so many steps of a column, or so many times half of the interval's half-width, are about the plane.
+/// Cells within this many steps of a column, or this many times half of the interval's half-width, are near the plane.
 const ABOUT_STEPS: f64 = 2.0;
 const ABOUT_HALVES: f64 = 4.0;
-/// Share of the motion between flanks that is added to the uncertainty, calibrated by the coverage of even rasters under
-/// pure pitch.
+/// Share of the motion between flanks that is added to the uncertainty, calibrated by the coverage of regular rasters under pure
+/// pitch.
 const FLANK_SHARE: f64 = 0.2;
 
-/// A distribution in pieces, each of which is uniform.
+/// A distribution of pieces with uniform density.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Posterior {
     /// From, to and weight; the weights add up to one.
@@ -56,8 +56,8 @@ impl Posterior {
         Some(Self { pieces, mean, deviation })
     }
 
-    /// Half of the half-width of the interval about the mean that contains 95.45 %, with an independent normal error of
-    /// this standard deviation added.
+    /// Half of the half-width of the interval about the mean that contains 95.45 %, including an independent normal error of this
+    /// standard deviation.
     pub(super) fn half_of_expanded(&self, normal: f64) -> f64 {
         let normal = normal.max(NORMAL_MIN * self.deviation);
         let deviation = self.deviation.hypot(normal);
@@ -76,7 +76,7 @@ impl Posterior {
         0.5 * half_width
     }
 
-    /// The share within a half-width of the mean, and by how much it grows with the half-width.
+    /// The share within a half-width of the mean, and its derivative by the half-width.
     fn contained(&self, half_width: f64, normal: f64) -> [f64; 2] {
         let [low, high] = [self.mean - half_width, self.mean + half_width];
         let share = |[from, to, weight]: &[f64; 3]| {
@@ -92,9 +92,9 @@ impl Posterior {
     }
 
     /// The amount to add to half of the half-width. Two flanks of the part that meet the plane at different phases of the raster
-    /// show how far the pose has moved them against each other. Where both meet it alike, they show one interval, which the
-    /// posterior takes for the intersection of two: each of its ends falls short by about that motion, and by no more than
-    /// the interval is wide.
+    /// show how far the pose has moved them relative to each other. If both meet it at the same phase, they give one interval,
+    /// which the posterior takes for the intersection of two: each of its ends is short by about that motion, and by at most the
+    /// width of the interval.
     pub(super) fn flank_shortfall(&self, observations: &[Observation], columns: &Columns, motions: &Motions) -> f64 {
         let half = self.half_of_expanded(0.0);
         let about = f64::max(ABOUT_STEPS * columns.mean_step(), ABOUT_HALVES * half);
@@ -108,7 +108,7 @@ impl Posterior {
     }
 }
 
-/// The mean and the probability by which z exceeds a unit normal number: z·Φ(z) + φ(z), and Φ(z).
+/// The mean excess of z over a unit normal variable and its probability: z·Φ(z) + φ(z), and Φ(z).
 fn excess(z: f64) -> [f64; 2] {
     if z.abs() > NORMAL_ENDS {
         return if z > 0.0 { [z, 1.0] } else { [0.0; 2] };
@@ -132,13 +132,13 @@ mod tests {
     }
 
     #[test]
-    fn of_a_uniform_distribution_the_interval_is_its_share() {
+    fn for_a_uniform_distribution_the_interval_is_its_share() {
         let half = uniform(2.0, 4.0).half_of_expanded(0.0);
         assert!((half - CONTAINED / 2.0).abs() < 1e-6, "{half}");
     }
 
     #[test]
-    fn of_a_normal_distribution_it_is_two_standard_deviations() {
+    fn for_a_normal_distribution_it_is_two_standard_deviations() {
         let half = uniform(2.0, 2.0 + 1e-6).half_of_expanded(0.3);
         assert!((half - 0.3).abs() < 1e-6, "{half}");
     }
@@ -146,13 +146,13 @@ mod tests {
     /// The half-width of 95.45 % of a uniform distribution over ±1 and a normal one of 0.3: where 0.3·L((c − 1)/0.3) =
     /// 0.0455 with L(z) = φ(z) − z·(1 − Φ(z)), that is L = 0.1517, z = 0.665 by the table of the unit normal loss.
     #[test]
-    fn of_both_it_agrees_with_the_table_of_the_loss_function() {
+    fn for_both_it_agrees_with_the_table_of_the_loss_function() {
         let half = uniform(-1.0, 1.0).half_of_expanded(0.3);
         assert!((2.0 * half - 1.1995).abs() < 2e-3, "{half}");
     }
 
     #[test]
-    fn a_far_piece_of_little_weight_is_left_outside() {
+    fn a_far_piece_of_little_weight_is_outside_the_interval() {
         let posterior = posterior(&[(0.0, 1.0, 0.98), (9.0, 10.0, 0.02)]).expect("a posterior");
         assert!(posterior.half_of_expanded(0.0) < 0.4, "{posterior:?}");
         assert!(posterior.deviation > 1.0, "{posterior:?}");
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn without_weight_there_is_none() {
+    fn without_weight_there_is_no_posterior() {
         assert_eq!(Posterior::of(&[]), None);
         assert_eq!(Posterior::of(&[Piece { from: 1.0, to: 1.0, log: 0.0 }]), None);
     }

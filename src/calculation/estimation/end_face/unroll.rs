@@ -1,8 +1,8 @@
-//! Unrolls the cylinder about the pose: a point becomes an angle about the axis, a place along it and a height above the
-//! surface. Places grow outward, towards the end that is sought, from the reference point of the pose.
+//! Unrolls the cylinder about the pose: a point becomes an angle about the axis, a position along it and a height above the
+//! surface. Positions grow outward, towards the end that is sought, from the reference point of the pose.
 //!
-//! With dx = x − x_ref, u and w from the axis in the plane of the profile and n² = 1 + p² + q² a point lies at
-//! t = ±(n·dx + (p·u + q·w)/n); its squared distance from the axis is u² + w² − (p·u + q·w)²/n².
+//! With dx = x − x_ref, u and w from the axis in the plane of the profile and n² = 1 + p² + q² a point lies at t = ±(n·dx + (p·u +
+//! q·w)/n); its squared distance from the axis is u² + w² − (p·u + q·w)²/n².
 
 use crate::estimation::estimate::Pose;
 use crate::estimation::settings::End;
@@ -13,16 +13,16 @@ use nalgebra::{Matrix5, Vector4, Vector5};
 use std::f64::consts::FRAC_PI_2;
 use std::ops::Range;
 
-/// Steps from plane to plane whose mean is taken: heads scan in pairs or threes.
+/// Number of steps from plane to plane that are averaged: some sensors alternate between two or three heads.
 const STEPS: usize = 4;
-/// Steps below this share of the mean step mean that the stage stood still.
+/// A step below this share of the mean step means that the stage stood still.
 const STANDING_SHARE: f64 = 0.01;
 
 /// The plane of a profile; one without points has an empty range.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Plane {
     pub(super) x: f64,
-    /// Where the axis meets it, mm along the axis.
+    /// Intersection with the axis, mm along the axis.
     pub(super) t: f64,
     pub(super) points: Range<usize>,
 }
@@ -32,9 +32,9 @@ pub(super) struct Plane {
 pub(super) struct Unrolled {
     /// Index of its plane.
     pub(super) plane: usize,
-    /// Place along the axis, mm.
+    /// Position along the axis, mm.
     pub(super) t: f64,
-    /// The place where its line of sight meets the surface; noise across the surface does not change it.
+    /// The position at which its line of sight meets the surface; noise across the surface does not change it.
     pub(super) t_on_surface: f64,
     /// About the axis, from +Z towards +Y, radians.
     pub(super) angle: f64,
@@ -42,7 +42,7 @@ pub(super) struct Unrolled {
     pub(super) height: f64,
 }
 
-/// The cylinder coordinates of a pose, outward to one end.
+/// The cylinder coordinates of a pose, outward towards one end.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct View {
     axis: AxisLine,
@@ -64,7 +64,7 @@ impl View {
         Self { axis: pose.axis, x_ref: pose.x_ref, radius: pose.radius, n: (1.0 + p * p + q * q).sqrt(), side }
     }
 
-    /// The planes from the reference point outward, also those of profiles without points.
+    /// The planes from the reference point outward, including those of profiles without points.
     pub(super) fn planes_outward(&self, scan: &Scan) -> Vec<Plane> {
         let plane = |x: f64, points: Range<usize>| Plane { x, t: self.plane_at(x), points };
         let full = scan.stations().iter().map(|station| plane(station.x, station.start..station.end));
@@ -74,7 +74,7 @@ impl View {
         planes
     }
 
-    /// Where the axis meets the plane at `x`.
+    /// Intersection of the axis with the plane at `x`.
     fn plane_at(&self, x: f64) -> f64 {
         self.side * self.n * (x - self.x_ref)
     }
@@ -102,13 +102,13 @@ impl View {
         Unrolled { plane, t, t_on_surface, angle: u.atan2(w), height: distance - self.radius }
     }
 
-    /// How far ahead of its plane the surface lies in a direction about the axis, mm along the axis.
+    /// Lead of the surface over its plane in a direction about the axis, mm along the axis.
     fn lead(&self, angle: f64) -> f64 {
         let [u, w] = self.surface(angle);
         self.side * (self.axis.p * u + self.axis.q * w) / self.n
     }
 
-    /// The surface in a direction about the axis, from the axis in the plane of a profile.
+    /// The surface in a direction about the axis, relative to the axis in the plane of a profile.
     fn surface(&self, angle: f64) -> [f64; 2] {
         let (sin, cos) = angle.sin_cos();
         let along = (self.axis.p * sin + self.axis.q * cos) / self.n;
@@ -120,19 +120,19 @@ impl View {
         self.x_ref + self.side * t / self.n
     }
 
-    /// The point of the axis at a place along it.
+    /// The point of the axis at a position along it.
     pub(super) fn axis_at(&self, t: f64) -> [f64; 3] {
         let x = self.x_at(t);
         let [y, z] = self.axis.at(x);
         [x, y, z]
     }
 
-    /// A length along x by one along the axis.
+    /// Ratio of a length along x to the length along the axis.
     pub(super) fn x_by_t(&self) -> f64 {
         self.n.recip()
     }
 
-    /// The largest standard deviation, over the columns, that the pose leaves to the height of the surface at a place.
+    /// The largest standard deviation, over the columns, of the height of the surface at a position due to the pose.
     pub(super) fn height_uncertainty(&self, pose: &Matrix5<f64>, columns: &Columns, t: f64) -> f64 {
         let AxisLine { p, q, .. } = self.axis;
         let dx = self.x_at(t) - self.x_ref;
@@ -144,11 +144,10 @@ impl View {
         columns.all.iter().map(variance).fold(0.0, f64::max).sqrt()
     }
 
-    /// How an edge that is seen in one direction moves along the axis with (deflection, pitch, y_ref, z_ref).
+    /// Derivatives of the position of an edge along the axis, in one direction about it, by (deflection, pitch, y_ref, z_ref).
     ///
-    /// The edge E stays where it is if the axis is another: x = x_E + (p·u + q·w)/n² with u = y_E − y_ref − p·dx and
-    /// w = z_E − z_ref − q·dx has the derivatives (u − p·dx)/n² − 2p(p·u + q·w)/n⁴ by p, −p/n² by y_ref, and likewise by
-    /// q and z_ref.
+    /// The edge E stays fixed if the axis changes: x = x_E + (p·u + q·w)/n² with u = y_E − y_ref − p·dx and w = z_E − z_ref − q·dx
+    /// has the derivatives (u − p·dx)/n² − 2p(p·u + q·w)/n⁴ by p, −p/n² by y_ref, and likewise by q and z_ref.
     pub(super) fn edge_by_pose(&self, angle: f64, t: f64) -> Vector4<f64> {
         let AxisLine { p, q, .. } = self.axis;
         let n2 = self.n * self.n;
@@ -166,8 +165,8 @@ impl View {
     }
 }
 
-/// Usual distance between neighbouring planes along the axis, mm: the median of the mean over a few steps; `None` below two
-/// planes.
+/// Usual distance between neighbouring planes along the axis, mm: the median of the mean over a few steps; `None` for fewer than
+/// two planes.
 pub(super) fn spacing(planes: &[Plane]) -> Option<f64> {
     let range = planes.last()?.t - planes.first()?.t;
     let standing = STANDING_SHARE * range / planes.len() as f64;
@@ -186,7 +185,7 @@ pub(super) fn thin(planes: &[Plane], planes_max: usize) -> Vec<Plane> {
 /// Divides the angles about the axis into columns that contain equally many points of the part.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Columns {
-    /// Where each column but the first begins, radians.
+    /// The angle at which each column except the first begins, radians.
     pub(super) bounds: Vec<f64>,
     /// In order of their angle.
     pub(super) all: Vec<Column>,
@@ -197,13 +196,13 @@ pub(super) struct Columns {
 pub(super) struct Column {
     /// Median direction of its points, radians.
     pub(super) angle: f64,
-    /// How far ahead of its plane the surface lies, mm along the axis.
+    /// Lead of the surface over its plane, mm along the axis.
     pub(super) lead: f64,
-    /// By how much the lead grows per millimetre about the axis, and per millimetre away from it.
+    /// Change of the lead per millimetre about the axis, and per millimetre away from it.
     pub(super) slope: [f64; 2],
     /// The column beside it with a smaller lead.
     pub(super) before: Option<usize>,
-    /// Whether the lead grows with the angle: where that turns, the part has two flanks.
+    /// Whether the lead grows with the angle: the part has two flanks where the sign changes.
     pub(super) rising: bool,
 }
 
@@ -248,7 +247,7 @@ impl Columns {
         leads.fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], lead| [least.min(lead), most.max(lead)])
     }
 
-    /// Mean step from a column to the next along the axis, mm.
+    /// Mean step from one column to the next along the axis, mm.
     pub(super) fn mean_step(&self) -> f64 {
         let pairs = self.all.windows(2).filter_map(|pair| Some((pair.last()?.lead - pair.first()?.lead).abs()));
         pairs.sum::<f64>() / self.len() as f64
@@ -269,7 +268,7 @@ mod tests {
 
     /// A point 0.5 mm off the surface along its line of sight.
     #[test]
-    fn noise_across_the_surface_does_not_move_the_place_on_it() {
+    fn noise_across_the_surface_does_not_move_the_position_on_it() {
         let [y, z] = VIEW.axis.at(30.0);
         let [u, w] = VIEW.surface(0.6);
         let [on, off] = [1.0, 1.025].map(|share| VIEW.point(0, [30.0, y + share * u, z + share * w]));

@@ -1,6 +1,6 @@
-//! A cylinder in any direction, small changes of it, and the descent from a start to the minimum of the sum of squared distances, down
-//! to the rounding of the numbers. Tilts and shifts are expressed in a basis perpendicular to the current direction, which is built anew after
-//! every step, so no direction is singular.
+//! A cylinder in any direction, small changes of it, and the descent from a start to the minimum of the sum of squared distances,
+//! down to the rounding of the numbers. Rotations and shifts are expressed in a basis perpendicular to the current direction, which
+//! is rebuilt after every step, so that no direction is singular.
 
 use super::points::{Lanes, Points, Terms};
 use crate::estimation::progress::Progress;
@@ -42,7 +42,7 @@ pub(super) fn basis_of(direction: &Vector3<f64>) -> [Vector3<f64>; 2] {
 }
 
 impl Cylinder {
-    /// A cylinder through any point of its axis; `None` where its radius cannot be one.
+    /// A cylinder through any point of its axis; `None` if the radius is invalid.
     pub(super) fn new(on_axis: Vector3<f64>, direction: Vector3<f64>, radius: f64) -> Option<Self> {
         let foot = on_axis - direction * direction.dot(&on_axis);
         let reversed = direction.get(direction.iamax()).is_some_and(|largest| *largest < 0.0);
@@ -58,8 +58,8 @@ impl Cylinder {
         Self::new(self.foot + first * step.z + second * step.w, direction, self.radius + step.a)
     }
 
-    /// The size of a step: its tilt, and its shift and change of radius as a share of the radius where that is greater than
-    /// the extent of the points.
+    /// The size of a step: its rotation, and its shift and change of radius relative to the larger of the radius and the extent of
+    /// the points.
     pub(super) fn size_of(&self, step: &Vector5<f64>) -> f64 {
         let size = self.radius.max(1.0);
         [step.x, step.y, step.z / size, step.w / size, step.a / size]
@@ -67,7 +67,7 @@ impl Cylinder {
             .fold(0.0, |most, part| part.abs().max(most))
     }
 
-    /// How far another cylinder is away, in the same measure, whatever the signs of the directions.
+    /// The difference of another cylinder in the same measure, irrespective of the signs of the directions.
     pub(super) fn distance(&self, other: &Self) -> f64 {
         let size = self.radius.max(other.radius).max(1.0);
         let tilt = self.direction.cross(&other.direction).norm();
@@ -145,8 +145,8 @@ impl Sums {
         Self { squares, gradient: -Vector5::new(dzc, dzs, dc, ds, d), normal, curvature }
     }
 
-    /// Newton's step, or Gauss and Newton's where the second derivatives are not positive definite; `damping` is the share of
-    /// the diagonal of JᵀJ that is added to it (Levenberg and Marquardt).
+    /// Newton's step, or the Gauss-Newton step if the second derivatives are not positive definite; `damping` is the share of the
+    /// diagonal of JᵀJ that is added to it (Levenberg and Marquardt).
     pub(super) fn step(&self, damping: f64) -> Option<Vector5<f64>> {
         let damped = self.normal + Matrix5::from_diagonal(&(self.normal.diagonal() * damping));
         let factors = (damped + self.curvature).cholesky().or_else(|| damped.cholesky())?;
@@ -155,8 +155,8 @@ impl Sums {
     }
 }
 
-/// The circle that fits points in a plane best by Kåsa's criterion Σ (ρ² − R²)², from moments about their mean: Σ u uᵀ, Σ w u
-/// and Σ w² with w = |u|² less its mean. Its centre is given, with the sum that remains.
+/// The circle of points in a plane with the least Kåsa criterion Σ (ρ² − R²)², from moments about their mean: Σ u uᵀ, Σ w u and Σ
+/// w² with w = |u|² minus its mean. Returns its centre and the remaining sum.
 pub(super) fn circle(uu: &Matrix2<f64>, wu: &Vector2<f64>, ww: f64) -> Option<(Vector2<f64>, f64)> {
     let twice = uu.cholesky()?.solve(wu);
     Some((twice * 0.5, (ww - twice.dot(wu)).max(0.0)))
@@ -164,9 +164,9 @@ pub(super) fn circle(uu: &Matrix2<f64>, wu: &Vector2<f64>, ww: f64) -> Option<(V
 
 /// Rounds of a descent; one that needs more creeps along a valley that another start leaves sooner.
 const ROUNDS_MAX: usize = 100;
-/// Rounds of Newton's method at the end; each doubles the number of right digits.
+/// Final rounds of Newton's method; each doubles the number of correct digits.
 const NEWTON_MAX: usize = 12;
-/// A step of this size has three right digits, so that Newton's method needs no more damping.
+/// A step of this size has three correct digits, so that Newton's method needs no more damping.
 const NEAR: f64 = 1e-3;
 const DAMPING_START: f64 = 1e-3;
 const DAMPING_MAX: f64 = 1e12;
@@ -176,7 +176,7 @@ const DAMPING_MAX: f64 = 1e12;
 pub(super) struct Minimum {
     pub(super) cylinder: Cylinder,
     pub(super) sums: Sums,
-    /// The size of the next step, which was not worth taking: of the order of rounding at a minimum that is determined.
+    /// The size of the next step, which was not taken: of the order of rounding at a well-determined minimum.
     pub(super) step: f64,
 }
 
@@ -217,8 +217,8 @@ pub(super) fn descend(points: &Points<'_>, start: &Cylinder, progress: &Progress
     at.sums.squares.is_finite().then_some(at)
 }
 
-/// Newton's steps until they get no smaller: what is left is the rounding of the gradient. The sum of squares is flat there
-/// and its rounding would stop them at half the digits.
+/// Newton's steps until they get no smaller: the remaining step is the rounding of the gradient. The sum of squares is flat there,
+/// and its rounding would end the iteration at half the digits.
 fn polish(points: &Points<'_>, mut at: Minimum) -> Minimum {
     let mut last = 2.0 * NEAR;
     for _ in 0..NEWTON_MAX {

@@ -13,10 +13,10 @@ use crate::estimation::progress::Progress;
 use nalgebra::{Matrix5, Vector3, Vector5};
 use rayon::prelude::*;
 
-/// One more than there are parameters, so that the scatter shows.
+/// One more than there are parameters, so that a scatter can be calculated.
 const POINTS_MIN: usize = 6;
 const PARAMETERS: usize = 5;
-/// Squares of coordinates up to here are far from infinite.
+/// The squares of coordinates up to this bound are far from infinite.
 const COORDINATE_MAX: f64 = 1e100;
 /// Half a unit in the last place of a number between 1 and 2.
 const ROUNDING: f64 = f64::EPSILON / 2.0;
@@ -24,15 +24,15 @@ const ROUNDING: f64 = f64::EPSILON / 2.0;
 /// least eigenvalue is smaller may be singular.
 const SINGULAR: f64 = 64.0 * f64::EPSILON;
 const SWEEPS_MAX: usize = 64;
-/// Minima nearer than this are one: a descent ends some eight digits below it.
+/// Minima nearer than this are the same: a descent ends some eight digits below it.
 const SAME: f64 = 1e-5;
-/// Minima of the sample that are compared over all points at most.
+/// Largest number of minima of the sample that are compared over all points.
 const COMPARED_MAX: usize = 8;
 
 /// Why points have no Gaussian associated cylinder.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum LeastSquaresError {
-    /// A coordinate is not a number, or so large that its square is none.
+    /// A coordinate is not a number, or its square is not finite.
     #[error(
         "point {index} has a coordinate that is not finite or is beyond 1e100 mm; remove the point or check the unit"
     )]
@@ -40,27 +40,27 @@ pub enum LeastSquaresError {
         /// Position of the point, from 0.
         index: usize,
     },
-    /// Five parameters and their scatter need six points.
+    /// Five parameters and their scatter require six points.
     #[error(
         "there are {distinct_count} different points among {points_count}, a cylinder with its uncertainty needs {POINTS_MIN}; \
          measure more points"
     )]
     TooFewPoints {
-        /// Points given.
+        /// Number of points.
         points_count: usize,
-        /// Points among them that differ from all others.
+        /// Number of different points among them.
         distinct_count: usize,
     },
     /// The points lie on a straight line.
     #[error("all {points_count} points lie on a straight line; measure points around the cylinder")]
     Collinear {
-        /// Points given.
+        /// Number of points.
         points_count: usize,
     },
     /// The points lie in a plane: a cylinder and its mirror image in that plane fit equally well.
     #[error("all {points_count} points lie in one plane; measure points in a second section of the cylinder")]
     Coplanar {
-        /// Points given.
+        /// Number of points.
         points_count: usize,
     },
     /// No cylinder fits better than a plane does.
@@ -68,7 +68,7 @@ pub enum LeastSquaresError {
         "the {points_count} points show no curvature; measure points on a longer arc, or check that the part is a cylinder"
     )]
     NoCurvature {
-        /// Points given.
+        /// Number of points.
         points_count: usize,
     },
     /// A parameter can change without changing any distance.
@@ -77,15 +77,15 @@ pub enum LeastSquaresError {
          directions about the axis and in two or more sections"
     )]
     Undetermined {
-        /// Points given.
+        /// Number of points.
         points_count: usize,
     },
     /// Different cylinders fit equally well.
     #[error("{cylinders_count} different cylinders fit the {points_count} points equally well; measure more points")]
     Ambiguous {
-        /// Points given.
+        /// Number of points.
         points_count: usize,
-        /// Cylinders with the same sum of squared distances.
+        /// Number of cylinders with the same sum of squared distances.
         cylinders_count: usize,
     },
 }
@@ -100,11 +100,11 @@ pub struct GaussianCylinder {
     /// Radius, mm.
     pub radius: f64,
     /// Standard deviation of the points about the cylinder, mm: √(Σ d²/(n − 5)). A fit of five parameters takes five degrees of
-    /// freedom from the distances, whose sum of squares is (n − 5) σ² on average where the points scatter with σ.
+    /// freedom from the distances, whose sum of squares is (n − 5) σ² on average if the points scatter with σ.
     pub sigma: f64,
     /// Covariance σ² (JᵀJ)⁻¹ of (tilt of the direction towards e1, tilt towards e2, shift of `point` along e1, shift along e2,
-    /// radius) in rad and mm, where e1 and e2 are the [`basis`] of `direction`. It holds where the errors of the points are
-    /// independent of one another.
+    /// radius) in rad and mm, where e1 and e2 are the [`basis`] of `direction`. It is valid if the errors of the points are
+    /// independent of each other.
     pub covariance: [[f64; 5]; 5],
 }
 
@@ -119,7 +119,7 @@ pub fn basis(direction: [f64; 3]) -> [[f64; 3]; 2] {
 /// The Gaussian associated cylinder of all points given, in mm. The result does not depend on the number of threads.
 ///
 /// # Errors
-/// [`LeastSquaresError`] where the points determine no cylinder, or more than one.
+/// [`LeastSquaresError`] if the points determine no cylinder, or more than one.
 pub fn least_squares_cylinder(points: &[[f64; 3]]) -> Result<GaussianCylinder, LeastSquaresError> {
     cylinder_of(points, &Progress::default())
 }
@@ -149,8 +149,8 @@ pub(super) fn cylinder_of(points: &[[f64; 3]], progress: &Progress) -> Result<Ga
     }
     let minima =
         distinct(starts::starts(&sample).par_iter().filter_map(|start| descend(&sample, start, progress)).collect());
-    // Over all points another of the minima may be the least: the sum of squares of a sample scatters by √(2/count), which
-    // is 5 of these standard deviations at most.
+    // Over all points another of the minima may be the least: the sum of squares of a sample scatters by √(2/count), which is 5 of
+    // these standard deviations at most.
     let scatter = if all.count() > sample.count() { 5.0 * (2.0 / sample.count() as f64).sqrt() } else { 0.0 };
     let least = minima.first().map_or(0.0, |least| least.sums.squares);
     let margin = |minimum: &&Minimum| {
@@ -159,7 +159,7 @@ pub(super) fn cylinder_of(points: &[[f64; 3]], progress: &Progress) -> Result<Ga
     let compared = minima.iter().filter(margin).take(COMPARED_MAX);
     let minima = distinct(compared.filter_map(|minimum| descend(&all, &minimum.cylinder, progress)).collect());
     let best = minima.first().ok_or(LeastSquaresError::NoCurvature { points_count })?;
-    // Newton's steps that stop to shrink at this size creep along a valley.
+    // Newton's steps that stop shrinking at this size creep along a valley.
     let settled = best.step < SAME;
     let inverse =
         inverse(&best.sums.normal).filter(|_| settled).ok_or(LeastSquaresError::Undetermined { points_count })?;
@@ -193,12 +193,12 @@ fn result(
     }
 }
 
-/// The corners of the box of the points.
+/// The corners of the bounding box of the points.
 fn bounds(points: &[[f64; 3]]) -> Result<(Vector3<f64>, Vector3<f64>), LeastSquaresError> {
     let mut low = Vector3::from_element(f64::INFINITY);
     let mut high = -low;
     for (index, point) in points.iter().enumerate() {
-        // Written so that NaN fails it, too.
+        // The comparison is written so that NaN fails it.
         if !point.iter().all(|value| value.abs() <= COORDINATE_MAX) {
             return Err(LeastSquaresError::Coordinate { index });
         }
@@ -208,7 +208,7 @@ fn bounds(points: &[[f64; 3]]) -> Result<(Vector3<f64>, Vector3<f64>), LeastSqua
     Ok((low, high))
 }
 
-/// How many different points there are, as far as [`POINTS_MIN`].
+/// The number of different points, counted up to [`POINTS_MIN`].
 fn count_distinct(points: &[[f64; 3]]) -> usize {
     let mut found: Vec<[f64; 3]> = Vec::with_capacity(POINTS_MIN);
     for point in points {
@@ -231,13 +231,14 @@ impl Terms<3> for Coordinates {
     }
 }
 
-/// Dividing by a power of two does not round. Of a length too small for that the least normal number is taken.
+/// Dividing by a power of two does not round. For a length that is too small, this is the least normal number.
 fn power_of_two_below(length: f64) -> f64 {
     f64::from_bits(length.max(f64::MIN_POSITIVE).to_bits() & 0x7ff0_0000_0000_0000)
 }
 
-/// The dimensions that points span beyond the rounding of their coordinates: from the farthest point a line, from the point
-/// farthest off it a plane. Two roundings of three coordinates each, of a point and of the plane, add up to less than eight.
+/// The number of dimensions that points span beyond the rounding of their coordinates, relative to the line through the farthest
+/// point and the plane through the point farthest from that line. Two roundings of three coordinates each, of a point and of the
+/// plane, add up to less than eight.
 fn dimensions(points: &Points<'_>, rounding: f64) -> usize {
     let tolerance = 8.0 * (rounding + ROUNDING);
     let (first, length) = points.farthest(Vector3::norm);
@@ -256,7 +257,7 @@ fn dimensions(points: &Points<'_>, rounding: f64) -> usize {
     if depth <= tolerance { 2 } else { 3 }
 }
 
-/// Sorts minima and leaves out what was found before.
+/// Sorts minima and removes duplicates.
 fn distinct(mut minima: Vec<Minimum>) -> Vec<Minimum> {
     minima.sort_by(|one, other| one.sums.squares.total_cmp(&other.sums.squares));
     let mut found: Vec<Minimum> = Vec::new();
@@ -268,15 +269,15 @@ fn distinct(mut minima: Vec<Minimum>) -> Vec<Minimum> {
     found
 }
 
-/// The largest effect of rounding on a sum of squared distances: a distance is made of three rounded coordinates and a rounded
-/// radius, and Σ (d + δ)² − Σ d² is at most 2 δ √(n Σ d²) + n δ².
+/// The largest effect of rounding on a sum of squared distances: a distance is calculated from three rounded coordinates and a
+/// rounded radius, and Σ (d + δ)² − Σ d² is at most 2 δ √(n Σ d²) + n δ².
 fn uncertainty_of_sum(minimum: &Minimum, points: &Points<'_>, rounding: f64) -> f64 {
     let delta = 4.0 * (rounding + ROUNDING * minimum.cylinder.radius.max(1.0));
     let count = points.count() as f64;
     2.0 * delta * (count * minimum.sums.squares).sqrt() + count * delta * delta
 }
 
-/// The inverse of JᵀJ, or `None` where it may be singular as far as its rounding shows.
+/// The inverse of JᵀJ, or `None` if it may be singular within its rounding.
 fn inverse(normal: &Matrix5<f64>) -> Option<Matrix5<f64>> {
     // Scaled to a unit diagonal, as the columns of J have different units.
     let scale: Vector5<f64> = normal.diagonal().map(|value| value.sqrt().recip());

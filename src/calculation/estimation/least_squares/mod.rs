@@ -1,4 +1,4 @@
-//! The method `least_squares`: the Gaussian associated cylinder of all points of a scan, none of which is judged.
+//! The method `least_squares`: the Gaussian associated cylinder of all points of a scan, without rejection of points.
 
 mod cylinder;
 mod fit;
@@ -20,7 +20,7 @@ use crate::scan::{Scan, Station};
 use fit::cylinder_of;
 use nalgebra::{Matrix3, Matrix5, Vector3, Vector5};
 
-/// The whole measurement.
+/// The complete measurement.
 pub(super) fn measure(scan: &Scan, settings: &Settings, progress: &Progress) -> Estimate {
     let points: Vec<[f64; 3]> = scan.stations().iter().flat_map(|station| scan.points_of(station)).collect();
     let (outcome, residuals, axial_length) = match cylinder_of(&points, progress) {
@@ -41,7 +41,7 @@ pub(super) fn measure(scan: &Scan, settings: &Settings, progress: &Progress) -> 
     Estimate { method: settings.method, outcome, profiles, conditioning, residuals }
 }
 
-/// All points of every profile count.
+/// A profile of which all points are used.
 fn unjudged(station: &Station) -> Profile {
     let points_count = station.end - station.start;
     Profile { x: station.x, points_count, rejected: None, section: None, offset: None }
@@ -76,7 +76,7 @@ fn outcome(found: &GaussianCylinder, points_count: usize, extent: [f64; 2], sett
     }))
 }
 
-/// Where the points begin and end along the axis, from its point, mm.
+/// The interval of the points along the axis, from its point, mm.
 fn extent(points: &[[f64; 3]], found: &GaussianCylinder) -> [f64; 2] {
     let (origin, direction) = (Vector3::from(found.point), Vector3::from(found.direction));
     let ends = |[first, last]: [f64; 2], point: &[f64; 3]| {

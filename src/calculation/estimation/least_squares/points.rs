@@ -4,20 +4,20 @@ use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-/// Points that one task adds up at least; the rounding of the sum grows with the square root of their number.
+/// Least number of points that one task adds up; the rounding of the sum grows with the square root of the number of points.
 const CHUNK_MIN: usize = 4096;
-/// Most tasks: their number depends on the points alone, so the result does not depend on the threads.
+/// Largest number of tasks, which depends only on the points, so that the result does not depend on the number of threads.
 const CHUNKS_MAX: usize = 256;
 
-/// Points that are worked on at once.
+/// Points that are processed at once.
 const LANES: usize = 8;
 
-/// Points with the centre and the scale that they are seen through.
+/// Points with the centre and the scale that are applied to them.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Points<'a> {
     raw: &'a [[f64; 3]],
     centre: Vector3<f64>,
-    /// A power of two, by which multiplication is exact.
+    /// A power of two, so that multiplication is exact.
     magnification: f64,
 }
 
@@ -30,17 +30,17 @@ impl<'a> Points<'a> {
         self.raw.len()
     }
 
-    /// The point at a position, seen through centre and scale.
+    /// The point at an index, after centring and scaling.
     pub(super) fn get(&self, index: usize) -> Option<Vector3<f64>> {
         self.raw.get(index).map(|point| self.see(point))
     }
 
-    /// Every point in its order.
+    /// All points in their order.
     pub(super) fn iter(&self) -> impl Iterator<Item = Vector3<f64>> {
         self.raw.iter().map(|point| self.see(point))
     }
 
-    /// Adds up the terms of every point: in chunks that depend on the number of points alone, and in their order.
+    /// Adds up the terms of all points in a fixed order, in chunks that depend only on the number of points.
     pub(super) fn sum<const N: usize>(&self, terms: &impl Terms<N>) -> [f64; N] {
         let of_chunk = |chunk| Arch::new().dispatch(Sum { points: self, chunk, terms });
         let chunk = self.raw.len().div_ceil(CHUNKS_MAX).max(CHUNK_MIN);
@@ -54,7 +54,7 @@ impl<'a> Points<'a> {
         })
     }
 
-    /// The point for which `measure` is greatest, with that value; the first of equals.
+    /// The point with the largest `measure` and its value; the first of equal ones.
     pub(super) fn farthest(&self, measure: impl Fn(&Vector3<f64>) -> f64) -> (Vector3<f64>, f64) {
         self.iter().fold((Vector3::zeros(), 0.0), |best, point| {
             let value = measure(&point);
@@ -75,7 +75,7 @@ fn add<const N: usize>(total: &mut [f64; N], terms: &[f64; N]) {
     }
 }
 
-/// Terms of a sum over points whose coordinates lie side by side.
+/// Terms of a sum over points whose coordinates are stored by component.
 pub(super) trait Terms<const N: usize>: Sync {
     /// The terms of [`LANES`] points.
     fn of(&self, x: Lanes, y: Lanes, z: Lanes) -> [Lanes; N];
@@ -90,7 +90,7 @@ struct Sum<'a, T, const N: usize> {
 impl<T: Terms<N>, const N: usize> WithSimd for Sum<'_, T, N> {
     type Output = [f64; N];
 
-    // The instructions of the processor at hand; the order of the additions is the same with all of them.
+    // Uses the instructions of the processor; the order of the additions is always the same.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> [f64; N] {
         let mut total = [[0.0; LANES]; N];
@@ -114,7 +114,7 @@ impl<T: Terms<N>, const N: usize> WithSimd for Sum<'_, T, N> {
     }
 }
 
-/// Numbers of several points, one operation on all of them.
+/// Numbers of several points, processed together.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Lanes([f64; LANES]);
 

@@ -1,20 +1,20 @@
-//! The cylinders from which the fit starts, so that the least of all minima is found. For a given direction the best circle
-//! by Kåsa's criterion follows from moments of the points to the fourth order (Eberly), without another look at the points.
+//! The cylinders from which the fit starts, chosen so that the least of all minima is found. For a given direction the best circle
+//! by Kåsa's criterion follows from moments of the points to the fourth order (Eberly), without another pass over the points.
 
 use super::cylinder::{Cylinder, basis_of, circle};
 use super::points::Points;
 use nalgebra::{Matrix2, Matrix3, Matrix3x6, Matrix6, Vector2, Vector3, Vector6};
 
-/// Points that are searched on: their sum of squares is known to √(2/1024) = 4 %.
+/// Points of the search: their sum of squares is accurate to √(2/1024) = 4 %.
 pub(super) const SAMPLE_MAX: usize = 1024;
 /// Directions on the half sphere, 4.5° from one to the next.
 const DIRECTIONS: usize = 1024;
-/// The fit is started so often that its rounds look at about this many points together.
+/// The number of starts is chosen so that their rounds process about this many points together.
 const WORK: usize = 1 << 13;
 const SWEEPS_MAX: usize = 64;
 
-/// The points themselves where they are few; else one of each of [`SAMPLE_MAX`] stretches of equal length, at a place that
-/// follows no period: a regular stride could take one column of every profile.
+/// All points if there are few, else one of each of [`SAMPLE_MAX`] stretches of equal length at a pseudo-random position: a regular
+/// stride could select one column of every profile.
 pub(super) fn sample(points: &Points<'_>) -> Vec<[f64; 3]> {
     let count = points.count();
     if count <= SAMPLE_MAX {
@@ -40,8 +40,8 @@ fn scrambled(state: u64) -> u64 {
 pub(super) fn starts(points: &Points<'_>) -> Vec<Cylinder> {
     let moments = Moments::of(points);
     let starts_max = WORK.div_ceil(points.count().max(1));
-    // Evenly spread directions find every wide minimum. The minimum of a long thin part, or of a flat patch, is narrow: spread
-    // in coordinates in which the points have the same extent in every direction, they lie as dense as it is narrow.
+    // Evenly spread directions find every wide minimum. The minimum of a long thin part, or of a flat patch, is narrow; directions
+    // that are spread evenly in coordinates in which the points have the same extent in every direction are correspondingly dense.
     let even = moments.best(&Matrix3::identity(), starts_max);
     let stretched = moments.stretch().map(|stretch| moments.best(&stretch, starts_max)).unwrap_or_default();
     let mut all: Vec<(Cylinder, f64)> = even.into_iter().chain(stretched).collect();
@@ -55,7 +55,7 @@ struct Moments {
     mean: Vector3<f64>,
     /// Σ q qᵀ.
     second: Matrix3<f64>,
-    /// Σ q mᵀ, m being the six products of two coordinates, less their means.
+    /// Σ q mᵀ, with m the six products of two coordinates minus their means.
     third: Matrix3x6<f64>,
     /// Σ m mᵀ.
     fourth: Matrix6<f64>,
@@ -86,14 +86,14 @@ impl Moments {
         moments
     }
 
-    /// The square root of the covariance: stretches a sphere to the shape of the points.
+    /// The square root of the covariance: it maps a sphere to the shape of the points.
     fn stretch(&self) -> Option<Matrix3<f64>> {
         let eigen = (self.second / self.count).try_symmetric_eigen(f64::EPSILON, SWEEPS_MAX)?;
         Some(eigen.eigenvectors * Matrix3::from_diagonal(&eigen.eigenvalues.map(|value| value.max(0.0).sqrt())))
     }
 
-    /// The best cylinders among directions that are evenly spread before they are stretched, best first, none
-    /// within twice the spacing of a better one: a start descends into the same minimum as its neighbours.
+    /// The best cylinders among directions that are evenly spread and then stretched, best first, none within twice the spacing of
+    /// a better one: a start descends into the same minimum as its neighbours.
     fn best(&self, stretch: &Matrix3<f64>, starts_max: usize) -> Vec<(Cylinder, f64)> {
         let rated = half_sphere().filter_map(|even| {
             let (cylinder, score) = self.cylinder(&(stretch * even).try_normalize(0.0)?)?;
@@ -111,7 +111,7 @@ impl Moments {
         apart.into_iter().map(|(_, cylinder, score)| (cylinder, score)).collect()
     }
 
-    /// The best cylinder of a direction, and about the sum of its squared distances: (ρ² − R²)/(2R) is nearly ρ − R.
+    /// The best cylinder of a direction, and an estimate of the sum of its squared distances: (ρ² − R²)/(2R) is nearly ρ − R.
     fn cylinder(&self, direction: &Vector3<f64>) -> Option<(Cylinder, f64)> {
         let [first, second] = basis_of(direction);
         // |u|² of the projection is the product of these with the six products.
@@ -135,7 +135,7 @@ fn products_of(q: &Vector3<f64>) -> Vector6<f64> {
     Vector6::new(q.x * q.x, q.y * q.y, q.z * q.z, q.x * q.y, q.x * q.z, q.y * q.z)
 }
 
-/// Directions spread evenly over the half sphere, on Fibonacci's spiral.
+/// Directions spread evenly over the half sphere along Fibonacci's spiral.
 fn half_sphere() -> impl Iterator<Item = Vector3<f64>> {
     let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
     (0..DIRECTIONS).map(move |index| {

@@ -1,13 +1,13 @@
 //! Finds the parts of a scan by the gaps between them: stretches of the rail without a profile that shows a part.
 //!
-//! A profile that shows an arc while none of its neighbours does is ignored. A stretch of profiles that is too short to be
-//! measured (fewer than `profiles_min`, or shorter than `axial_length_min_mm`) is no part.
+//! A profile that shows an arc while none of its neighbours does is ignored. A stretch of profiles that is too short to be measured
+//! (fewer than `profiles_min`, or shorter than `axial_length_min_mm`) is not a part.
 //!
-//! A profile shows a part if enough of its points lie on one circular arc. A support, a step or the two planes of a V-block do
-//! not. Random consensus: circles through three points of a thinned profile until one has [`SHARE_MIN`] of the points within
-//! the tolerance t and these span [`ARC_MIN_DEG`]. A straight line stays within ±t of an arc of φ along a chord of at most
-//! 16 t/φ (its sagitta is chord · φ/8), which with t of at most a thousandth of the profile's size is 6 % of it; two planes
-//! touch a circle along twice 9 %.
+//! A profile shows a part if enough of its points lie on one circular arc. A support, a step or the two planes of a V-block do not.
+//! Random consensus: circles through three points of a thinned profile until one has [`SHARE_MIN`] of the points within the
+//! tolerance t and these span [`ARC_MIN_DEG`]. A straight line stays within ±t of an arc of φ along a chord of at most 16 t/φ (its
+//! sagitta is chord · φ/8), which with t of at most a thousandth of the profile's size is 6 % of it; two planes touch a circle
+//! along twice 9 %.
 
 use super::rule::ByGap;
 use crate::estimation::cylinder::sample;
@@ -19,9 +19,9 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// A gap is at least so many usual distances between profiles: a coarse scan has no gap after every profile.
+/// Least length of a gap in usual distances between profiles, so that a coarse scan has no gap after every profile.
 const GAP_SPACINGS: f64 = 2.5;
-/// Profiles on either side among which a profile must find another one that shows a part.
+/// Number of profiles on either side among which another one must show a part.
 const NEIGHBOURS: usize = 2;
 
 /// The stations of each part, in order of x, from the first profile that shows it to the last.
@@ -39,12 +39,12 @@ pub(super) fn parts(scan: &Scan, settings: &Settings, rule: &ByGap) -> Vec<Range
     found.into_iter().map(|stretch| stretch.range).collect()
 }
 
-/// Profiles that show a part with no gap between them.
+/// Consecutive profiles that show a part, with no gap between them.
 struct Stretch {
     range: Range<usize>,
     x_min: f64,
     x_max: f64,
-    /// Of those that show a part.
+    /// Number of profiles that show a part.
     count: usize,
 }
 
@@ -59,12 +59,12 @@ impl Stretch {
     }
 }
 
-/// Median distance of a profile from the next; 0 for a single one.
+/// Median distance between neighbouring profiles; 0 for a single one.
 fn spacing(stations: &[Station]) -> f64 {
     median(stations.iter().zip(stations.iter().skip(1)).map(|(a, b)| b.x - a.x)).unwrap_or(0.0)
 }
 
-/// The profiles that show a part, and near which another one does.
+/// The profiles that show a part and have a neighbour that does.
 fn confirmed(shown: &[bool]) -> impl Iterator<Item = usize> {
     (0..shown.len()).filter(|&index| {
         let near = shown.iter().take(index + NEIGHBOURS + 1).skip(index.saturating_sub(NEIGHBOURS));
@@ -72,20 +72,21 @@ fn confirmed(shown: &[bool]) -> impl Iterator<Item = usize> {
     })
 }
 
-/// Share of the points that must lie on the arc: less than that of a profile of which a clamp covers half.
+/// Share of the points that must lie on the arc; it is below that of a profile that is half covered by a clamp.
 const SHARE_MIN: f64 = 0.2;
-/// The arc that they must span; a shorter one does not distinguish a part from a support.
+/// The arc that the points must span; a shorter one does not distinguish a part from a support.
 const ARC_MIN_DEG: f64 = 15.0;
 /// Points of a profile that are examined.
 const POINTS_MAX: usize = 96;
-/// Triples that are tried: of a profile with the least share on the arc 95 % are recognised, with 30 % all but one of 30 000.
+/// Number of triples that are tested: 95 % of the profiles with the least share on the arc are recognised, with a share of 30 % all
+/// but one in 30 000.
 const DRAWS: u64 = 384;
-/// Nearness to the arc, in spreads of the points about their neighbours,
+/// Tolerance about the arc, in spreads of the points about their neighbours,
 const TOLERANCE_ROUGHNESS: f64 = 3.0;
 /// but at most this share of the size of the profile.
 const TOLERANCE_SIZE: f64 = 1e-3;
-/// Largest radius, in sizes of the profile: ½ / sin(½ · 15°), where the whole of it is the least arc. Three points of a plane
-/// support are nearly always on a larger circle, so that a support takes little time.
+/// Largest radius, in sizes of the profile: ½ / sin(½ · 15°), for a profile that spans just the least arc. Three points of a plane
+/// support are nearly always on a larger circle, so a support takes little time.
 const RADIUS_SIZE: f64 = 3.84;
 
 /// For every profile in station order whether it shows a part.
@@ -104,8 +105,8 @@ fn thinned(scan: &Scan, station: &Station) -> Vec<[f64; 2]> {
     (station.start..station.end).step_by(stride).filter_map(|index| scan.columns().get(index)).collect()
 }
 
-/// Whether enough of the points lie on one arc. The seed is the profile's own: what the draws miss on one they find on the
-/// next, and a profile is judged alike in whatever scan it comes.
+/// Whether enough of the points lie on one arc. The seed depends only on the profile, so that a profile is judged equally in every
+/// scan, and draws that fail on one profile differ on the next.
 fn has_arc(points: &[[f64; 2]], tolerance: f64, seed: u64) -> bool {
     let size = size(points);
     let (tolerance, radius_max) = (tolerance.min(TOLERANCE_SIZE * size), RADIUS_SIZE * size);
@@ -132,7 +133,7 @@ struct Circle {
     radius: f64,
 }
 
-/// The circle through three points; `None` where they lie on a line.
+/// The circle through three points; `None` if they lie on a line.
 fn circle([ay, az]: [f64; 2], [by, bz]: [f64; 2], [cy, cz]: [f64; 2]) -> Option<Circle> {
     let ([by, bz], [cy, cz]) = ([by - ay, bz - az], [cy - ay, cz - az]);
     let (b2, c2, twice_area) = (by * by + bz * bz, cy * cy + cz * cz, by * cz - bz * cy);
@@ -152,7 +153,7 @@ fn holds(points: &[[f64; 2]], Circle { centre: [cy, cz], radius }: Circle, toler
     if count < SHARE_MIN * points.len() as f64 {
         return false;
     }
-    // From their mean direction, so that the arc may go past ±180°.
+    // Angles count from the mean direction, so that the arc may extend across ±180°.
     let angles = on().map(|[u, w]| (w * sum_u - u * sum_w).atan2(u * sum_u + w * sum_w));
     let (low, high) = angles.fold((0.0_f64, 0.0_f64), |(low, high), angle| (low.min(angle), high.max(angle)));
     high - low >= ARC_MIN_DEG.to_radians()
@@ -186,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn floors_steps_and_v_blocks_show_no_part() {
+    fn planes_steps_and_v_blocks_show_no_part() {
         for sigma in [0.01, 0.05, 0.2] {
             assert_eq!(count(&surface(sigma, |y| 0.1 * y - 150.0)), 0, "a floor, {sigma} mm");
             assert_eq!(
@@ -199,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_is_seen_on_short_arcs_through_noise_and_under_clamps() {
+    fn a_part_is_recognised_on_short_arcs_with_noise_and_under_clamps() {
         let part = |arc_deg| Part { profiles_count: 60, points_count: 320, arc_deg, ..Part::smooth(3) };
         let clamped = Interference { clamps: 0.5, clamp_arc: 0.5, clamp_height_mm: 25.0, ..Interference::default() };
         for part in [
@@ -214,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_flat_clamp_leaves_of_the_arc_is_enough() {
+    fn the_arc_beside_a_flat_clamp_is_enough() {
         let under_clamp = |half_width: f64| {
             surface(0.05, move |y| if y.abs() < half_width { 260.0 } else { (250.0_f64.powi(2) - y * y).sqrt() })
         };
@@ -223,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn few_points_show_nothing() {
+    fn too_few_points_show_no_part() {
         let few = Part { points_count: 19, profiles_count: 5, ..Part::smooth(1) };
         assert_eq!(count(&make(&few).expect("a scan").0), 0);
     }

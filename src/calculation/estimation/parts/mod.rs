@@ -1,4 +1,4 @@
-//! Several parts in one scan, one behind the other on the rail: the scan is cut along x, and each piece is estimated as a
+//! Several parts in one scan, in a row along the rail: the scan is cut along x, and each piece is estimated as a
 //! scan of its own.
 //!
 //! ```text
@@ -23,18 +23,18 @@ use std::ops::Range;
 /// The result for a scan.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ScanEstimate {
-    /// Of all of it, where no parts were requested.
+    /// The estimate of the complete scan, if no parts were requested.
     Whole(Estimate),
-    /// Of its parts.
+    /// The estimates of its parts.
     Parts(Parts),
 }
 
-/// The parts of a scan and what lies outside of them.
+/// The parts of a scan and the profiles outside of them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parts {
-    /// In order of x.
+    /// The parts in order of x.
     pub parts: Vec<PartEstimate>,
-    /// Why the scan as a whole is refused, whatever the result of each part.
+    /// Why the complete scan is refused, irrespective of the result of each part.
     pub refusal: Option<Refusal>,
     /// The profiles that belong to no part, in station order.
     pub outside: Vec<Profile>,
@@ -45,7 +45,7 @@ pub struct Parts {
 pub struct PartEstimate {
     /// Its name.
     pub name: String,
-    /// Its window along x, or where its first and last profile lie, mm.
+    /// Its window along x, or the x of its first and last profile, mm.
     pub x_mm: [f64; 2],
     /// Its profiles among those of the scan.
     pub stations: Range<usize>,
@@ -81,18 +81,18 @@ impl Parts {
     }
 }
 
-/// A piece of a scan that is to be one part.
+/// A piece of a scan with one part.
 struct Piece {
     name: String,
     x_mm: [f64; 2],
     stations: Range<usize>,
     settings: Settings,
-    /// Planes that show nothing of the part, mm.
+    /// Planes without points on the part, mm.
     blanks: Vec<f64>,
 }
 
-/// The measurement of every part by the rule. The result does not depend on the number of threads, and that of a
-/// part not on the others.
+/// Measures every part by the rule. The results do not depend on the number of threads, and the result of a part does not depend on
+/// the others.
 #[must_use]
 pub fn estimate_parts(scan: &Scan, settings: &Settings, rule: &PartRule, progress: &Progress) -> ScanEstimate {
     match rule {
@@ -111,11 +111,11 @@ fn in_windows(scan: &Scan, settings: &Settings, windows: &[Window]) -> Vec<Piece
     let piece = |window: &Window| {
         let below = |x: f64| scan.stations().partition_point(|station| station.x < x);
         let up_to = |x: f64| scan.stations().partition_point(|station| station.x <= x);
-        // A profile where two windows meet is of the first.
+        // A profile at the common bound of two windows belongs to the first.
         let start = below(window.x_min_mm).max(end);
         end = up_to(window.x_max_mm).max(start);
         let x_mm = [window.x_min_mm, window.x_max_mm];
-        // What lies beyond a window is not looked at, not even to see a part end there.
+        // Points beyond a window are ignored, even as evidence that a part ends there.
         let blanks = scan.blanks().iter().copied().filter(|x| (window.x_min_mm..=window.x_max_mm).contains(x));
         let settings = window.settings(settings);
         Piece { name: window.name.clone(), x_mm, stations: start..end, settings, blanks: blanks.collect() }
@@ -126,7 +126,7 @@ fn in_windows(scan: &Scan, settings: &Settings, windows: &[Window]) -> Vec<Piece
 fn between_gaps(scan: &Scan, settings: &Settings, rule: &ByGap, progress: &Progress) -> Parts {
     let found = gap::parts(scan, settings, rule);
     let wrong_count = wrong_count(found.len(), rule);
-    // A part ends where the profiles of the gap show nothing of it.
+    // A part ends where the profiles of the gap do not show it.
     let between =
         scan.stations().iter().enumerate().filter(|(index, _)| !found.iter().any(|part| part.contains(index)));
     let blanks: Vec<f64> = between.map(|(_, station)| station.x).chain(scan.blanks().iter().copied()).collect();
@@ -141,10 +141,10 @@ fn between_gaps(scan: &Scan, settings: &Settings, rule: &ByGap, progress: &Progr
         pieces.clear();
     }
     let mut parts = measure(scan, &pieces, progress);
-    // A scan without a part may have a refusal that names the cause better.
+    // A scan without a part may have a refusal with a more specific cause.
     parts.refusal = if found.is_empty() { unusable(scan, settings).or(wrong_count) } else { wrong_count };
     if let Some(refusal) = &parts.refusal {
-        // It is unknown which of them is which, so none of the poses may be used.
+        // The parts cannot be assigned, so none of the poses may be used.
         parts.parts.iter_mut().for_each(|part| part.estimate.outcome = Outcome::Refused(refusal.clone()));
     }
     parts
@@ -168,7 +168,7 @@ fn measure(scan: &Scan, pieces: &[Piece], progress: &Progress) -> Parts {
         x_mm: piece.x_mm,
         stations: piece.stations.clone(),
         estimate: match scan.part(piece.stations.clone()) {
-            // Parts lie one behind the other along X, so that is where the axis of each is looked for.
+            // Parts lie in a row along X, so the axis of each is searched along X.
             Some(part) => {
                 let grouping = match scan.grouping() {
                     Grouping::Given | Grouping::SharedX => Grouping::Given,

@@ -9,34 +9,34 @@ use serde::{Deserialize, Serialize};
 pub const PARTS_MAX: usize = 16;
 /// Longest name of a part.
 const NAME_CHARACTERS_MAX: usize = 32;
-/// Beyond this lies no rail, mm.
+/// Largest x of any rail, mm.
 const X_MAX_MM: f64 = 1e6;
 
 /// Which profiles belong to one part.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PartRule {
-    /// All of them.
+    /// All profiles.
     #[default]
     One,
-    /// Those between two gaps; the parts are called `part_1`, `part_2`, … in order of x.
+    /// Those between two gaps; the parts are named `part_1`, `part_2`, … in order of x.
     ByGap(ByGap),
     /// Those in a window, in any order.
     Windows(Vec<Window>),
 }
 
-/// Parts that are found by what lies between them.
+/// Parts that are separated by gaps.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ByGap {
-    /// A stretch of the rail at least this long without a profile that shows a part divides two parts.
+    /// A stretch of the rail at least this long without a profile that shows a part separates two parts.
     pub gap_min_mm: f64,
-    /// How many parts there must be; 1 to [`PARTS_MAX`] by default.
+    /// Required number of parts; 1 to [`PARTS_MAX`] by default.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub count: Option<u32>,
 }
 
-/// A part that is looked for in one place.
+/// A part within a window of x.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Window {
@@ -44,9 +44,9 @@ pub struct Window {
     pub name: String,
     /// Least x, included.
     pub x_min_mm: f64,
-    /// Largest x, included; where the next window begins there, a profile at the bound is of this one.
+    /// Largest x, included; if the next window begins there, a profile at the bound belongs to this one.
     pub x_max_mm: f64,
-    /// The radius that the drawing of this part gives; that of the settings by default.
+    /// The nominal radius of this part from the drawing; that of the settings by default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub nominal_radius_mm: Option<f64>,
 }
@@ -54,25 +54,25 @@ pub struct Window {
 /// Why a rule cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PartsError {
-    /// A gap that is no length.
+    /// A gap that is not a valid length.
     #[error("by_gap.gap_min_mm must be a length above 0 and at most 100000 mm, got {value}")]
     Gap {
         /// The given value.
         value: f64,
     },
-    /// No number of parts that a scan may have.
+    /// A number of parts outside the allowed range.
     #[error("by_gap.count must be between 1 and {PARTS_MAX}, got {value}")]
     Count {
         /// The given value.
         value: u32,
     },
-    /// No window, or more than a scan may have parts.
+    /// No window, or more than the allowed number of parts.
     #[error("windows must be a list of 1 to {PARTS_MAX}, got {windows_count}")]
     WindowsCount {
         /// The given value.
         windows_count: usize,
     },
-    /// A name that is none.
+    /// An invalid name.
     #[error(
         "windows[{index}].name must be a letter and then letters, digits, - or _, at most {NAME_CHARACTERS_MAX} together, \
          got {name:?}"
@@ -83,7 +83,7 @@ pub enum PartsError {
         /// The given value.
         name: String,
     },
-    /// A name that an earlier window has.
+    /// The name of an earlier window.
     #[error("windows[{index}].name: another window is called {name}, too; every part needs a name of its own")]
     NameTwice {
         /// Position of the later one.
@@ -91,7 +91,7 @@ pub enum PartsError {
         /// The name.
         name: String,
     },
-    /// Bounds that contain nothing.
+    /// Bounds that contain no x.
     #[error(
         "windows[{index}] ({name}): x_min_mm must be below x_max_mm and both within ±1000000, got {x_min_mm} and {x_max_mm}"
     )]
@@ -105,7 +105,7 @@ pub enum PartsError {
         /// The given value.
         x_max_mm: f64,
     },
-    /// Two windows that claim the same profiles.
+    /// Two windows with common profiles.
     #[error(
         "windows[{index}] ({name}): it begins at {x_min_mm} mm, before {other} ends at {x_max_mm} mm; windows must not overlap"
     )]
@@ -121,7 +121,7 @@ pub enum PartsError {
         /// Where that ends.
         x_max_mm: f64,
     },
-    /// The settings do not go with the window's nominal radius, or with its absence.
+    /// The settings are incompatible with the window's nominal radius, or with its absence.
     #[error("windows[{index}] ({name}): {source}")]
     Setting {
         /// Position in the list, from 0.
@@ -163,7 +163,7 @@ impl Window {
 }
 
 impl PartRule {
-    /// The settings to be checked beside the rule: those of the first part, since the nominal radius may be declared only there.
+    /// The settings to check together with the rule: those of the first part, since the nominal radius may be declared only there.
     #[must_use]
     pub fn settings(&self, settings: &Settings) -> Settings {
         match self {
@@ -172,10 +172,10 @@ impl PartRule {
         }
     }
 
-    /// Whether the rule can be used with these settings.
+    /// Checks that the rule can be used with these settings.
     ///
     /// # Errors
-    /// [`PartsError`] names the first thing that cannot be.
+    /// [`PartsError`] names the first invalid field.
     pub fn check(&self, settings: &Settings) -> Result<(), PartsError> {
         match self {
             Self::One => Ok(()),
@@ -237,7 +237,7 @@ fn check_apart(windows: &[Window]) -> Result<(), PartsError> {
     Ok(())
 }
 
-/// A letter first, so that no name is mistaken for a number.
+/// A name begins with a letter, so that it is not mistaken for a number.
 fn is_name(text: &str) -> bool {
     text.bytes().next().is_some_and(|first| first.is_ascii_alphabetic())
         && text.bytes().all(|byte| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_'))
@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rule_reads_as_it_is_written_in_a_recipe_and_strange_fields_are_named() {
+    fn a_rule_of_a_recipe_is_parsed_and_unknown_fields_are_named() {
         let read = serde_json::from_str::<PartRule>;
         assert_eq!(read("\"one\"").expect("a rule"), PartRule::One);
         assert_eq!(read(r#"{"by_gap": {}}"#).expect("a rule"), PartRule::ByGap(ByGap::default()));
@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_refused_by_its_field() {
+    fn an_invalid_rule_is_refused_with_its_field() {
         let windows = |list: &[Window]| PartRule::Windows(list.to_vec());
         assert_eq!(field(&PartRule::ByGap(ByGap { gap_min_mm: f64::NAN, count: None })), "by_gap.gap_min_mm");
         assert_eq!(field(&PartRule::ByGap(ByGap { count: Some(17), ..ByGap::default() })), "by_gap.count");
@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fixed_radius_may_be_said_by_the_windows_but_then_by_all_of_them() {
+    fn a_fixed_radius_may_be_declared_by_the_windows_if_all_of_them_do() {
         let settings = Settings { radius: RadiusRule::Fixed, ..Settings::default() };
         let with_radius = Window { nominal_radius_mm: Some(200.0), ..window("a", 0.0, 1.0) };
         let both = PartRule::Windows(vec![with_radius.clone(), window("b", 2.0, 3.0)]);

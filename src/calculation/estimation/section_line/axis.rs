@@ -1,11 +1,11 @@
 //! A robust straight line through the centres of the sections, its covariance, and its response to errors of the sensor.
 //!
 //! y = y_ref + p·(x − x_ref) and z likewise, each by weighted least squares, re-weighted by Tukey on the distance of the centre
-//! from the line, |P_i P_0 × T| / |T|, until the weights settle. The covariance is the sandwich B (Σ G_i G_iᵀ) Bᵀ with the profile as
-//! the cluster: errors common to the points of a profile are in its centre, so nothing is assumed about them.
+//! from the line, |P_i P_0 × T| / |T|, until the weights settle. The covariance is the sandwich B (Σ G_i G_iᵀ) Bᵀ with the profile
+//! as the cluster: errors common to the points of a profile are in its centre, so no assumption about them is needed.
 //!
-//! The response to a shift in z of the points at each place of the laser line, in all profiles at once, is calculated by fitting some
-//! sections again with the points of a patch shifted; each of them represents its neighbours.
+//! The response to a shift in z of the points at each position of the laser line, in all profiles together, is calculated by
+//! fitting some sections again with the points of a patch shifted; each of them represents its neighbours.
 
 use super::section::Workspace;
 use crate::estimation::estimate::Profile;
@@ -26,39 +26,39 @@ pub(super) struct Centre {
     pub(super) radius: f64,
 }
 
-/// The line and what belongs to it.
+/// The line and its properties.
 #[derive(Debug, Clone)]
 pub(super) struct Fit {
     pub(super) axis: AxisLine,
     pub(super) x_ref: f64,
     pub(super) radius: f64,
-    /// Of (p, q, y_ref, z_ref, radius), widened for its degrees of freedom.
+    /// Covariance of (p, q, y_ref, z_ref, radius), widened for its degrees of freedom.
     pub(super) covariance: Matrix5<f64>,
     pub(super) freedom: f64,
-    /// One a centre; 0 where it lies off the axis.
+    /// One a centre; 0 for a centre off the axis.
     pub(super) weights: Vec<f64>,
-    /// How the line responds to the shift of a centre; one for each with a weight.
+    /// The response of the line to a shift of a centre; one for each centre with a weight.
     pub(super) influences: Vec<Influence>,
 }
 
-/// Whether centres that do not agree lose their weight.
+/// Whether outlying centres lose their weight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Reweighting {
     Tukey,
     None,
 }
 
-/// Largest leverage of a centre; with more its error could not be estimated.
+/// Largest leverage of a centre; with a larger one its error cannot be estimated.
 const LEVERAGE_MAX: f64 = 0.95;
 const ROUNDS_MAX: usize = 100;
-/// Where y_ref and, behind it, z_ref stand among the parameters.
+/// Index of y_ref among the parameters; z_ref follows it.
 const Y_REF: usize = 2;
-/// Weights have settled when none moves by more.
+/// The weights have settled when no change is larger.
 const SETTLED: f64 = 1e-9;
 /// Distances below this share of the lengths involved are rounding.
 const SPREAD_FLOOR: f64 = 1e-10;
 
-/// Fits the line; `None` where fewer than two distinct x remain.
+/// Fits the line; `None` if fewer than two distinct x remain.
 pub(super) fn fit(centres: &[Centre], reweighting: Reweighting) -> Option<Fit> {
     let middle = centres.iter().map(|c| c.x).sum::<f64>() / centres.len() as f64;
     let mut weights = vec![1.0; centres.len()];
@@ -87,7 +87,7 @@ pub(super) fn fit(centres: &[Centre], reweighting: Reweighting) -> Option<Fit> {
     let x_ref = x_sum / used_count;
     let sum: f64 = weights.iter().sum();
     let radius = centres.iter().zip(&weights).map(|(c, w)| w * c.radius).sum::<f64>() / sum;
-    // Two parameters a coordinate were taken from the centres that are left.
+    // The fit takes two parameters a coordinate from the remaining centres.
     let freedom = (used_count - 2.0).max(1.0);
     let (covariance, influences) = sensitivity(centres, &weights, &axis, x_ref, radius, cut_off)?;
     let covariance = covariance * coverage_ratio(freedom, TWO_SIGMA).powi(2);
@@ -119,7 +119,7 @@ fn sensitivity(
     radius: f64,
     cut_off: f64,
 ) -> Option<(Matrix5<f64>, Vec<Influence>)> {
-    // Order inside: p, q, y_ref, z_ref, radius.
+    // Internal order: p, q, y_ref, z_ref, radius.
     let (mut hessian, mut scatter) = (Matrix5::<f64>::zeros(), Matrix5::<f64>::zeros());
     let mut blocks = Vec::with_capacity(centres.len());
     let (weight, spread) = centres
@@ -130,7 +130,7 @@ fn sensitivity(
         let dx = c.x - x_ref;
         let [line_y, line_z] = axis.at(c.x);
         let (ry, rz) = (c.y - line_y, c.z - line_z);
-        // A centre pulls the line towards itself; its residual is made as large as if it had not (MacKinnon and White, HC3).
+        // A centre attracts the line; its residual is corrected for this (MacKinnon and White, HC3).
         let leverage = (w / weight + w * dx * dx / spread).min(LEVERAGE_MAX);
         let gradient = Vector5::new(dx * ry, dx * rz, ry, rz, c.radius - radius) * (w / (1.0 - leverage));
         scatter += gradient * gradient.transpose();
@@ -156,7 +156,7 @@ fn sensitivity(
     matrix.iter().all(|v| v.is_finite()).then_some((matrix, influences))
 }
 
-/// Sections that are fitted again. The response of a section to a patch changes slowly along the part, as its arc does.
+/// Number of sections that are fitted again. The response of a section to a patch changes slowly along the part, as its arc does.
 const SECTIONS: usize = 16;
 const RADIUS: usize = 4;
 
@@ -165,19 +165,19 @@ struct Group {
     ellipse: SectionEllipse,
     y: Vec<f64>,
     z: Vec<f64>,
-    /// How the axis responds to a shift of all their centres,
+    /// Response of the axis to a shift of all their centres,
     by_centre: Matrix5x2<f64>,
-    /// and the radius to that of all their radii.
+    /// and of the radius to a change of all their radii.
     by_radius: f64,
 }
 
-/// A section, its profile, and the responses of the axis to a shift of its centre and of the radius to that of its own.
+/// A section, its profile, the response of the axis to a shift of its centre, and that of the radius to a change of its own radius.
 type Section<'a> = (SectionEllipse, &'a Station, Matrix5x2<f64>, f64);
 
-/// The response to each patch; empty where there is none.
+/// The response to each patch; empty if there are none.
 pub(super) fn influences(scan: &Scan, profiles: &[Profile], fit: &Fit, settings: &Settings) -> Vec<PatchInfluence> {
     let groups = groups(scan, profiles, fit);
-    // Points beside the part have no influence.
+    // Points next to the part have no influence.
     let on_part = |group: &Group, y: f64| (y - group.ellipse.centre_y).abs() <= group.ellipse.semi_major;
     let places = groups.iter().flat_map(|group| group.y.iter().copied().filter(|y| on_part(group, *y)));
     let Some(patches) = Patches::over(places) else {
@@ -198,7 +198,7 @@ pub(super) fn influences(scan: &Scan, profiles: &[Profile], fit: &Fit, settings:
 }
 
 fn groups(scan: &Scan, profiles: &[Profile], fit: &Fit) -> Vec<Group> {
-    // The fit has an influence for each centre with a weight, and profiles without one have been rejected since.
+    // The fit has an influence for each centre with a weight; profiles whose centre has none have been rejected meanwhile.
     let valid = profiles.iter().zip(scan.stations()).filter(|(profile, _)| profile.rejected.is_none());
     let fitted = valid.filter_map(|(profile, station)| Some((profile.section?.ellipse, station)));
     let weights: Vec<f64> = fit.weights.iter().copied().filter(|weight| *weight > 0.0).collect();

@@ -1,7 +1,7 @@
 //! The bias of a free ellipse on a part of its arc. The direct fit is biased along the viewing direction, more on shorter arcs and
-//! rougher surfaces, and no number of profiles removes that; so it belongs into the budget. It is found by a parametric bootstrap:
-//! profiles are simulated on the fitted ellipse with the fitted spread, and with noise that is as correlated from point to point as
-//! the residuals are (speckle), and fitted again; their mean error is the bias. The draws come from a fixed seed.
+//! rougher surfaces, and averaging over profiles does not reduce the bias, so it is a line of the budget. It is calculated by a
+//! parametric bootstrap: profiles are simulated on the fitted ellipse with the fitted spread and the correlation of the residuals
+//! from point to point (speckle), and fitted again; their mean error is the bias. The draws come from a fixed seed.
 
 use super::section::Workspace;
 use crate::estimation::estimate::Section;
@@ -22,25 +22,25 @@ pub(super) struct Bias {
     pub(super) radius_scatter: f64,
 }
 
-/// Simulated profiles: the bias is then known to a sixteenth of a profile's scatter.
+/// Number of simulated profiles: the bias is then accurate to a sixteenth of a profile's scatter.
 const DRAWS: u64 = 256;
-/// Rounds, and profiles of each, in which the noise is found that makes residuals like those observed.
+/// Rounds, and profiles of each, for finding the noise that gives residuals like the observed ones.
 const CALIBRATIONS: usize = 3;
 const CALIBRATION_DRAWS: u64 = 48;
-/// More points than this are thinned out, and their noise with them: bias and scatter depend equally on both.
+/// More points than this are thinned out together with their noise: bias and scatter depend equally on both.
 const POINTS_MAX: usize = 640;
 /// Largest correlation of the noise.
 const CORRELATION_MAX: f64 = 0.99;
 
-/// The bias of a profile whose points (y, z) gave `section`. Zero where it cannot be determined.
+/// The bias of a profile whose points (y, z) gave `section`. Zero if it cannot be determined.
 pub(super) fn bias(section: &Section, y: &[f64], z: &[f64], settings: &Settings) -> Bias {
     let stride = y.len().div_ceil(POINTS_MAX).max(1);
     let places: Vec<Place> = y.iter().zip(z).step_by(stride).map(|(&y, &z)| place(&section.ellipse, y, z)).collect();
     let seen = Seen { section, points: places.iter().map(|p| section.ellipse.point(p.parameter)).collect(), settings };
     let shown = Noise { sigma: section.sigma, correlation: correlation(&places, settings.epsilon_mm) };
     let mut noise = shown;
-    // A fit absorbs some of the noise, most of that which is correlated over the arc: simulated profiles must have the residuals of
-    // this one.
+    // A fit absorbs some of the noise, most of the noise that is correlated over the arc: simulated profiles must have the
+    // residuals of this one.
     for _ in 0..CALIBRATIONS {
         let simulated = seen.refits(&noise, CALIBRATION_DRAWS);
         let (sigma, correlation) =
@@ -86,7 +86,7 @@ struct Seen<'a> {
 }
 
 impl Seen<'_> {
-    /// Fits of so many profiles that are simulated with this noise, in order, so that no sum depends on threads.
+    /// Fits of this many profiles simulated with this noise, in order, so that no sum depends on the number of threads.
     fn refits(&self, noise: &Noise, draws: u64) -> Vec<Refit> {
         (0..draws).into_par_iter().filter_map(|draw| self.refit(noise, draw)).collect()
     }
@@ -113,7 +113,7 @@ impl Seen<'_> {
     }
 }
 
-/// Where on the ellipse a point was seen, and how far from it.
+/// Position of a point on the ellipse and its distance from it.
 struct Place {
     /// Parameter of the ellipse, radians.
     parameter: f64,

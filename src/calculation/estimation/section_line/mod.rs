@@ -1,4 +1,4 @@
-//! The published method: an ellipse a profile by Tukey M-estimation, valid when enough of its points are inliers, then
+//! The published method: an ellipse for each profile by Tukey M-estimation, valid when enough of its points are inliers, then
 //! a robust line through the valid centres; and its non-robust comparison.
 //!
 //! ```text
@@ -22,17 +22,16 @@ use axis::{Centre, Reweighting};
 use bias::Bias;
 use rayon::prelude::*;
 
-/// How often the points of profiles that are not planar are moved along the axis found so far.
+/// How often the points of non-planar profiles are moved along the current axis.
 const ROUNDS_MAX: usize = 12;
 /// The axis has settled when its last change moves no point by more than this share of ε.
 const SETTLED: f64 = 1e-3;
 
-/// The pose or why there is none, and what became of every profile.
+/// The pose or the reason why there is none, and the verdict on every profile.
 ///
-/// A section is planar. Where the points of a profile have an x of their own, each is moved along the axis found so far into
-/// the plane at the x of its profile, and the axis is found again: an axis that is off by δ moves a point by δ times its
-/// distance from that plane, far less than what turns the axis by δ, so the rounds converge unless profiles are as long as the
-/// part.
+/// A section is planar. If the points of a profile have individual x, each is moved along the current axis into the plane at the x
+/// of its profile, and the axis is calculated again. An axis that is off by δ displaces a point by δ times its distance from that
+/// plane, far less than the displacement that turns the axis by δ, so the rounds converge unless profiles are as long as the part.
 pub(super) fn find(scan: &Scan, settings: &Settings, progress: &Progress) -> Found {
     let thickness_mm = thickness(scan);
     let mut along = Slopes { p: 0.0, q: 0.0 };
@@ -59,7 +58,7 @@ struct Slopes {
     q: f64,
 }
 
-/// Median over the profiles of how far the tenth farthest of their points lies from their plane, mm; 0 where profiles are planar.
+/// Median over the profiles of the distance of nine in ten points from their plane, mm; 0 for planar profiles.
 fn thickness(scan: &Scan) -> f64 {
     let of_profile = |station: &Station| {
         let own_x = scan.own_x(station)?;
@@ -95,7 +94,7 @@ fn fit_sections(scan: &Scan, along: Slopes, settings: &Settings, progress: &Prog
     scan.stations().par_iter().map_init(section::Workspace::default, fit).collect()
 }
 
-/// Draws the axis through the valid centres; marks those that lie off it. The axis is known also where the scan is refused.
+/// Fits the axis through the valid centres and marks those off it. The axis is returned even if the scan is refused.
 fn fit_axis(scan: &Scan, along: Slopes, profiles: &mut [Profile], settings: &Settings) -> (Outcome, Option<AxisLine>) {
     let reweighting = match settings.method {
         Method::SectionLinePlain => Reweighting::None,

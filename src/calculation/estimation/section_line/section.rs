@@ -1,11 +1,11 @@
-//! The section of one profile by the published robust method: an ellipse, re-weighted until the points that do not belong to it
-//! have no weight. Returns the section and its diagnostics, or the reason why there is none.
+//! The section of one profile by the published robust method: an ellipse, re-weighted until the outliers have no weight. Returns
+//! the section and its diagnostics, or the reason why there is none.
 //!
 //! The ellipse is a weighted direct least-squares fit. The conic F = A u² + B uv + C v² + D u + E v + G = 0 that minimises Σ w F²
-//! under 4AC − B² = 1 is always an ellipse (Fitzgibbon, Pilu and Fisher 1999). Halír and Flusser (1998) eliminate the linear part and
-//! leave M a = λ K a with M symmetric 3×3 and K of the constraint; here M⁻¹ᐟ² K M⁻¹ᐟ² is diagonalised instead, which is symmetric, has
-//! exactly one positive eigenvalue by Sylvester's law, and stays defined on exact data, where M is singular. The conic is fitted in
-//! centred and scaled coordinates.
+//! under 4AC − B² = 1 is always an ellipse (Fitzgibbon, Pilu and Fisher 1999). Halír and Flusser (1998) eliminate the linear part,
+//! which leaves M a = λ K a with M symmetric 3×3 and K of the constraint. Here M⁻¹ᐟ² K M⁻¹ᐟ² is diagonalised instead: it is
+//! symmetric, has exactly one positive eigenvalue by Sylvester's law, and remains definite on exact data, where M is singular. The
+//! conic is fitted in centred and scaled coordinates.
 
 use crate::estimation::estimate::Section;
 use crate::estimation::refusal::Reason;
@@ -20,11 +20,11 @@ use std::f64::consts::TAU;
 const SPREAD_FLOOR: f64 = 1e-9;
 /// Re-weighting has settled when the ellipse moves by less than this share of ε.
 const SETTLED: f64 = 1e-3;
-/// Shift of the points of a patch, in units of the profile's spread, by which derivatives are taken: its square is far below
-/// one, and rounding is far below it.
+/// Shift of the points of a patch for finite differences, in units of the profile's spread: its square is far below one, and
+/// rounding is far below it.
 const SHIFT: f64 = 1e-4;
 
-/// Room for one profile, kept between profiles.
+/// Buffers for one profile, reused between profiles.
 #[derive(Debug, Default)]
 pub(super) struct Workspace {
     pub(super) y: Vec<f64>,
@@ -34,7 +34,7 @@ pub(super) struct Workspace {
     scratch: Vec<u64>,
 }
 
-/// Centre and size that bring a profile's points near the unit circle.
+/// Centre and size that move a profile's points near the unit circle.
 #[derive(Debug, Clone, Copy)]
 struct Normalisation {
     y: f64,
@@ -56,8 +56,8 @@ impl Workspace {
         Ok(self.judge(&ellipse, normalisation, epsilon, iterations_count))
     }
 
-    /// How centre y, centre z and semi-minor axis answer to a shift of the points of each patch in z, the weights unchanged.
-    /// Fits the profile as [`Self::fit`] does; empty where it has no ellipse.
+    /// The response of centre y, centre z and semi-minor axis to a shift of the points of each patch in z, with unchanged weights.
+    /// Fits the profile as [`Self::fit`] does; empty if it has no ellipse.
     pub(super) fn responses(&mut self, settings: &Settings, patches: &Patches) -> Vec<[f64; 3]> {
         let Some(to) = self.normalise() else { return Vec::new() };
         if self.reweight(settings, settings.epsilon_mm / to.scale).is_none() {
@@ -148,7 +148,7 @@ impl Workspace {
     }
 }
 
-/// How far two ellipses lie apart, by centre and axes.
+/// Difference of two ellipses in centre and axes.
 fn movement(a: &SectionEllipse, b: &SectionEllipse) -> f64 {
     (a.centre_y - b.centre_y)
         .hypot(a.centre_z - b.centre_z)
@@ -156,10 +156,10 @@ fn movement(a: &SectionEllipse, b: &SectionEllipse) -> f64 {
         .max((a.semi_minor - b.semi_minor).abs())
 }
 
-/// Angle between the outermost of the given directions, seen along their mean; a full turn where they surround it.
+/// Angle between the outermost of the given directions, relative to their mean; 360° if they surround it.
 fn arc(directions: impl Iterator<Item = [f64; 2]> + Clone) -> f64 {
     let (mean_u, mean_v) = directions.clone().fold((0.0, 0.0), |(su, sv), [u, v]| (su + u, sv + v));
-    // 1 − cos, signed by the side, orders directions like their angle and needs no arc tangent for each point.
+    // 1 − cos with the sign of the side has the order of the angle and needs no arc tangent for each point.
     let outermost = directions.fold([None::<(f64, f64)>; 2], |[low, high], [u, v]| {
         let (along, across) = (u * mean_u + v * mean_v, v * mean_u - u * mean_v);
         let turn = (1.0 - along / along.hypot(across).max(f64::MIN_POSITIVE)).copysign(across);
@@ -259,7 +259,7 @@ const CONSTRAINT: Matrix3<f64> = Matrix3::new(
 const SINGULAR: f64 = 1e-17;
 
 impl Conic {
-    /// Fits points (u, v) with weights w, all of one length. `None` where they define no ellipse.
+    /// Fits points (u, v) with weights w, all of one length. `None` if they define no ellipse.
     pub(super) fn fit(u: &[f64], v: &[f64], w: &[f64]) -> Option<Self> {
         let scatter = Moments::sum(u, v, w).scatter();
         let quadratic: Matrix3<f64> = scatter.fixed_view::<3, 3>(0, 0).into_owned();
@@ -295,7 +295,7 @@ impl Conic {
         }));
     }
 
-    /// The ellipse in the coordinates of the fit; `None` where the conic has no real points.
+    /// The ellipse in the coordinates of the fit; `None` if the conic has no real points.
     pub(super) fn ellipse(&self) -> Option<SectionEllipse> {
         let [a, b, c, d, e, _] = self.0;
         let definite = 4.0 * a * c - b * b;

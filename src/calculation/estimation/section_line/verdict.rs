@@ -1,4 +1,4 @@
-//! Decides what is accepted and what is refused: each profile by its section, the scan by its valid profiles.
+//! Decides which profiles are valid, by their sections, and whether the scan is refused, by its valid profiles.
 
 use super::axis::{Centre, Fit};
 use super::bias::Bias;
@@ -14,13 +14,13 @@ use crate::geometry::AxisLine;
 use crate::scan::{Scan, Station};
 use nalgebra::Vector5;
 
-/// Radii of sections that scatter by more than this share of their median,
+/// Radii of sections do not belong to one cylinder if they scatter by more than this share of their median,
 const RADIUS_SPREAD: f64 = 0.03;
-/// and by more than this many times what their noise does, do not belong to one cylinder.
+/// and by more than this many times the effect of their noise.
 const RADIUS_SCATTERS: f64 = 4.0;
-/// The axes of a section relate as 1 to 1/cos of the tilt; below this, a tilt of 53°, it is no section of a part on a rail.
+/// The axes of a section have the ratio 1 to 1/cos of the tilt; below this, a tilt of 53°, it is not a section of a part on a rail.
 const SLENDER: f64 = 0.6;
-/// Sections that are longer than the tilt of their axis makes them, by this share, are not round.
+/// Sections are not round if their axis ratio differs from that of the tilt by more than this share.
 const ROUND: f64 = 0.1;
 
 /// Judges a profile by its own section.
@@ -28,7 +28,7 @@ pub(super) fn profile(station: &Station, section: Result<Section, Reason>, setti
     let rejected = match &section {
         Err(reason) => Some(*reason),
         Ok(_) if settings.method == Method::SectionLinePlain => None,
-        // Nearly flat or nearly anything else: an ellipse, but not of a cylinder that crosses the planes.
+        // A nearly flat or otherwise degenerate ellipse is not the section of a cylinder that crosses the planes.
         Ok(section) if section.ellipse.semi_minor < SLENDER * section.ellipse.semi_major => Some(Reason::NotConverged),
         Ok(section) if section.ellipse.semi_minor < settings.radius_resolved_mm() => Some(Reason::NotConverged),
         Ok(section) if section.inlier_ratio < settings.inlier_ratio_min => Some(Reason::LowInlierRatio),
@@ -45,12 +45,12 @@ pub(super) fn centre(profile: &Profile) -> Option<Centre> {
     Some(Centre { x: profile.x, y: ellipse.centre_y, z: ellipse.centre_z, radius: ellipse.semi_minor })
 }
 
-/// Refusals that need no axis, the most telling first.
+/// Refusals that need no axis, the most specific first.
 pub(super) fn before_fitting(scan: &Scan, profiles: &[Profile], settings: &Settings) -> Option<Refusal> {
     unusable(scan, settings).or_else(|| too_few_valid(profiles, settings))
 }
 
-/// Refusals that the finished axis gives rise to.
+/// Refusals that the fitted axis gives rise to.
 pub(super) fn after_fitting(profiles: &[Profile], axis: &AxisLine, bias: Bias, settings: &Settings) -> Option<Refusal> {
     too_few_valid(profiles, settings).or_else(|| too_short(profiles, settings)).or_else(|| {
         (settings.method == Method::SectionLine)
@@ -59,7 +59,7 @@ pub(super) fn after_fitting(profiles: &[Profile], axis: &AxisLine, bias: Bias, s
     })
 }
 
-/// Sections are ellipses with the axes R and R·n, n² = 1 + p² + q²: what is longer or shorter is no cylinder's.
+/// Sections are ellipses with the axes R and R·n, n² = 1 + p² + q²; any other ratio does not belong to a cylinder.
 fn not_round(profiles: &[Profile], axis: &AxisLine) -> Option<Refusal> {
     let valid = profiles.iter().filter(|p| p.rejected.is_none()).filter_map(|p| p.section);
     let axis_ratio = median(valid.map(|section| section.ellipse.semi_major / section.ellipse.semi_minor))?;
@@ -83,7 +83,7 @@ fn disagreement(profiles: &[Profile], bias: Bias) -> Option<Refusal> {
     (radius_spread_mm > limit).then_some(Refusal::SectionsDisagree { radius_mm, radius_spread_mm })
 }
 
-/// The refusal where the valid centres allow no line at all.
+/// The refusal if the valid centres determine no line.
 pub(super) fn no_axis(profiles: &[Profile], settings: &Settings) -> Refusal {
     too_few_valid(profiles, settings).unwrap_or(Refusal::AxialLengthTooShort {
         axial_length_mm: axial_length(profiles),
@@ -95,7 +95,7 @@ fn too_few_valid(profiles: &[Profile], settings: &Settings) -> Option<Refusal> {
     let (profiles_min, profiles_count) = (settings.profiles_min, profiles.len());
     let valid_count = profiles.iter().filter(|p| p.rejected.is_none()).count();
     let counted = |reason: &Reason| profiles.iter().filter(|p| p.rejected == Some(*reason)).count();
-    // The earlier of two equally common reasons names the plainer cause.
+    // The earlier of two equally common reasons names the simpler cause.
     let most_common = Reason::ALL.into_iter().rev().max_by_key(counted).unwrap_or(Reason::NotConverged);
     let sigma_mm = median(profiles.iter().filter_map(|p| p.section).map(|section| section.sigma));
     let epsilon_mm = settings.epsilon_mm;
@@ -110,7 +110,7 @@ fn too_few_valid(profiles: &[Profile], settings: &Settings) -> Option<Refusal> {
     })
 }
 
-/// Notes every centre's distance from the axis and rejects those that the line gave no weight.
+/// Stores every centre's distance from the axis and rejects those without weight in the line.
 pub(super) fn mark_off_axis(profiles: &mut [Profile], fit: &Fit) {
     let mut weights = fit.weights.iter();
     for profile in profiles {
@@ -123,11 +123,10 @@ pub(super) fn mark_off_axis(profiles: &mut [Profile], fit: &Fit) {
     }
 }
 
-/// The pose with its uncertainty: the scatter of the profiles, the bias common to all of them, and the errors that no scan
-/// shows.
+/// The pose with its uncertainty: the scatter of the profiles, the bias common to all of them, and the errors that no scan shows.
 pub(super) fn pose(fit: &Fit, bias: Bias, patches: &[PatchInfluence], origin: [f64; 3], settings: &Settings) -> Pose {
     let Fit { axis, x_ref, radius, .. } = *fit;
-    // Position and radius are off together: the ellipse shrinks away from where it is seen.
+    // The errors of position and radius are correlated: the ellipse shrinks away from the observed arc.
     let shared = Vector5::new(0.0, 0.0, bias.y, bias.z, bias.radius);
     let mut lines = vec![
         Line::of_slopes(Line::REPEATABILITY, &fit.covariance, &axis).with_freedom(Vector5::repeat(fit.freedom)),

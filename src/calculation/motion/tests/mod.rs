@@ -1,5 +1,5 @@
-//! Tests of the module as a whole: the arrangement and the random requests that they use, and the kinematics against the rigid
-//! motion calculated in another way: quaternions, distances, areas on the sphere.
+//! Tests of the module: the arrangement and the random requests that they use, and the kinematics compared with the rigid motion
+//! calculated in another way: quaternions, distances, areas on the sphere.
 
 mod paths;
 mod refusals;
@@ -15,7 +15,7 @@ pub(super) fn fixed() -> ProptestConfig {
     ProptestConfig { rng_seed: RngSeed::Fixed(19), failure_persistence: None, ..ProptestConfig::default() }
 }
 
-/// Two manipulators a metre apart, and axes as such manipulators have them.
+/// Two manipulators a metre apart, with typical axes.
 pub(super) fn arrangement() -> Arrangement {
     let linear =
         |half: f64| AxisLimits { lower: -half, upper: half, speed: 10.0, acceleration: 40.0, jerk: 400.0, step: 60.0 };
@@ -25,7 +25,7 @@ pub(super) fn arrangement() -> Arrangement {
     Arrangement {
         supports: Pair { m1: support(300.0), m2: support(1300.0) },
         strain_max_mm: 0.2,
-        // So far that it slows down nothing; `run_on` has tests of its own.
+        // So large that it slows nothing down; `run_on` has separate tests.
         run_on_max_mm: 1000.0,
         twist_max: 0.01,
         clearance_min_mm: 400.0,
@@ -72,7 +72,7 @@ pub(super) fn positions() -> impl Strategy<Value = Pair<Position>> {
     (one(), one()).prop_map(|(m1, m2)| Pair { m1, m2 })
 }
 
-/// A request for an alignment: where the clamps are, the measured pose (its axis near the clamps' line, not on it), and the
+/// A request for an alignment: the positions of the clamps, the measured pose (its axis near the clamps' line, not on it), and the
 /// target.
 #[derive(Debug, Clone)]
 pub(super) struct Wish {
@@ -94,7 +94,7 @@ pub(super) fn wishes() -> impl Strategy<Value = Wish> {
     })
 }
 
-/// Planned; the ranges of [`wishes`] are such that it is allowed.
+/// The plan; the ranges of [`wishes`] ensure that it is allowed.
 pub(super) fn planned(wish: &Wish, share: f64) -> Plan {
     plan_alignment(&arrangement(), &wish.from, &wish.measured, &wish.target, share).expect("allowed")
 }
@@ -125,7 +125,7 @@ proptest! {
     }
 
     #[test]
-    fn the_clamps_go_with_the_part_as_one_rigid_body(wish in wishes()) {
+    fn the_clamps_move_with_the_part_as_one_rigid_body(wish in wishes()) {
         let arrangement = arrangement();
         let (_, to) = ends(&planned(&wish, 1.0));
         let (a, b) = (Vector3::from(wish.measured.axis.direction()), Vector3::from(wish.target.axis.direction()));
@@ -143,7 +143,7 @@ proptest! {
     }
 
     #[test]
-    fn where_the_part_is_does_not_depend_on_the_way(a in positions(), b in positions(), c in positions(), wish in wishes()) {
+    fn the_pose_of_the_part_does_not_depend_on_the_path(a in positions(), b in positions(), c in positions(), wish in wishes()) {
         let arrangement = arrangement();
         let axis = wish.measured.axis;
         let at_once = carried(&arrangement, &a, &c, &axis);
@@ -154,14 +154,14 @@ proptest! {
     }
 
     #[test]
-    fn a_part_on_the_clamps_line_stays_on_it(a in positions(), b in positions()) {
+    fn a_part_on_the_clamps_line_remains_on_it(a in positions(), b in positions()) {
         let arrangement = arrangement();
         let carried = carried(&arrangement, &a, &b, &clamps_axis(&arrangement, &a));
         prop_assert!(apart(&carried, &clamps_axis(&arrangement, &b)) < EXACT_MM);
     }
 
     #[test]
-    fn the_turn_is_the_roll_and_the_area_that_the_axis_goes_round(from in positions(), wish in wishes()) {
+    fn the_turn_is_the_roll_and_the_area_enclosed_by_the_axis(from in positions(), wish in wishes()) {
         let arrangement = arrangement();
         let axis = clamps_axis(&arrangement, &from);
         let measured = PartPose { axis, x_ref: 800.0 };
@@ -209,7 +209,7 @@ proptest! {
     }
 
     #[test]
-    fn a_cell_seen_from_the_other_end_plans_with_the_manipulators_exchanged(wish in wishes()) {
+    fn a_cell_viewed_from_the_other_end_plans_with_the_manipulators_exchanged(wish in wishes()) {
         let ours = arrangement();
         let mirror = |support: &Support| {
             let [x, y, z] = support.mount_mm;
@@ -254,11 +254,11 @@ fn a_part_straight_along_the_rail_rolls_by_both_turns_and_shifts_by_both_x() {
 }
 
 #[test]
-fn a_quarter_turn_of_the_clamps_takes_a_part_beside_their_line_a_quarter_round() {
+fn a_quarter_turn_of_the_clamps_moves_a_part_beside_their_line_by_a_quarter_turn() {
     let arrangement = arrangement();
     let before = Pair::default();
     let after = Pair { m1: at(0.0, 0.0, 0.0, 1.5), m2: at(0.0, 0.0, 0.0, 1.5) };
-    // 2 mm towards +Y of the clamps' line, and leaning towards +Y: turning from +Y to +Z takes both along.
+    // The axis lies 2 mm towards +Y of the clamps' line and leans towards +Y: a rotation from +Y to +Z applies to both.
     let part = AxisLine { p: 0.01, q: 0.0, y0: 14.0, z0: -340.0 };
     let (sin, cos) = 1.5f64.sin_cos();
     let truth = AxisLine { p: 0.01 * cos, q: 0.01 * sin, y0: 12.0 + 2.0 * cos, z0: -340.0 + 2.0 * sin };
@@ -266,7 +266,7 @@ fn a_quarter_turn_of_the_clamps_takes_a_part_beside_their_line_a_quarter_round()
 }
 
 #[test]
-fn a_roll_beyond_half_a_turn_is_not_taken_for_the_shorter_way_round() {
+fn a_roll_beyond_half_a_turn_is_not_replaced_by_the_shorter_rotation() {
     let mut arrangement = arrangement();
     for carrier in Carrier::ALL {
         arrangement.supports.get_mut(carrier).limits.c.upper = 10.0;

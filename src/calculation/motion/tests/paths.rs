@@ -1,4 +1,4 @@
-//! What every planned path keeps, seen from its set-points alone or from its course by finite differences.
+//! Properties of every planned path, from its set-points alone or from its course by finite differences.
 
 use super::*;
 use crate::motion::course::{Course, Progress};
@@ -7,11 +7,11 @@ use crate::motion::strain::slowed;
 /// The effect of rounding on a distance of a metre.
 const ROUNDING_MM: f64 = 1e-9;
 
-/// A raw move that strains a little: both go alike, but for what is allowed.
+/// A raw move with a small strain: both manipulators move equally, except for an allowed difference.
 fn raw_moves() -> impl Strategy<Value = (Pair<Position>, MoveTargets)> {
     let way = (-30.0..30.0, -30.0..30.0, -30.0..30.0, -0.4..0.4);
     let own = (-0.3..0.3, -1.0..1.0, -1.0..1.0, -0.015..0.015);
-    // Level at the start, so that a millimetre across costs less than the strain allowed.
+    // Horizontal at the start, so that a millimetre across costs less than the allowed strain.
     (way, own, 0..16u8).prop_map(|((x, y, z, c), (dx, dy, dz, dc), asked)| {
         let wanted = |axis: Axis, value| (asked == 0 || asked >> (axis as u8) & 1 == 1).then_some(value);
         let pick = |at: Position| at.map(|axis, value| wanted(axis, *value));
@@ -35,7 +35,7 @@ fn check_set_points(plan: &Plan, share: f64) -> Result<(), TestCaseError> {
             for axis in Axis::ALL {
                 let way = (pair[1].targets.get(carrier).get(axis) - pair[0].targets.get(carrier).get(axis)).abs();
                 let speed = *pair[1].speeds.get(carrier).get(axis);
-                // All arrive at the same moment, and none is too fast for it.
+                // All axes arrive at the same moment, and none exceeds its speed.
                 prop_assert!((speed * time - way).abs() <= 1e-12 * way);
                 prop_assert!(speed <= share * arrangement.supports.get(carrier).limits.get(axis).speed);
             }
@@ -48,7 +48,7 @@ fn check_set_points(plan: &Plan, share: f64) -> Result<(), TestCaseError> {
     Ok(())
 }
 
-/// Largest change of the distance of the clamps at a thousand places between the set-points, all axes going together.
+/// Largest change of the distance of the clamps at a thousand positions between the set-points, with all axes moving together.
 fn strain_by_sampling(plan: &Plan) -> f64 {
     let arrangement = arrangement();
     let waypoints = &plan.path.waypoints;
@@ -72,7 +72,7 @@ proptest! {
     }
 
     #[test]
-    fn an_alignment_keeps_the_clamps_apart_as_they_were(wish in wishes()) {
+    fn an_alignment_keeps_the_distance_of_the_clamps(wish in wishes()) {
         let plan = planned(&wish, 1.0);
         let origin = distance(&arrangement(), &wish.from);
         for waypoint in &plan.path.waypoints {
@@ -81,11 +81,11 @@ proptest! {
         }
         let sampled = strain_by_sampling(&plan);
         prop_assert!(sampled <= arrangement().strain_max_mm + ROUNDING_MM);
-        prop_assert!(sampled <= plan.strain_mm + ROUNDING_MM, "the plan says {} mm, seen {sampled} mm", plan.strain_mm);
+        prop_assert!(sampled <= plan.strain_mm + ROUNDING_MM, "planned {} mm, sampled {sampled} mm", plan.strain_mm);
     }
 
     #[test]
-    fn an_alignment_bears_any_order_of_arrival(
+    fn an_alignment_tolerates_any_order_of_arrival(
         wish in wishes(),
         shares in proptest::collection::vec((0.0..=1.0f64, any::<[bool; 8]>()), 32),
     ) {
@@ -95,7 +95,7 @@ proptest! {
             let one = |carrier, axis| if late[carrier as usize * 4 + axis as usize] { *share } else { 1.0 - share.round() };
             let strain = (distance(&arrangement, &between(&pair[0].targets, &pair[1].targets, one)) - origin).abs();
             prop_assert!(strain <= arrangement.strain_max_mm + ROUNDING_MM, "{strain} mm");
-            // One manipulator has done its step, the other has not started.
+            // One manipulator has completed its step, the other has not started.
             let dead = Pair { m1: pair[1].targets.m1, m2: pair[0].targets.m2 };
             prop_assert!((distance(&arrangement, &dead) - origin).abs() <= arrangement.strain_max_mm + ROUNDING_MM);
             prop_assert!((dead.m1.c - dead.m2.c - (wish.from.m1.c - wish.from.m2.c)).abs() <= arrangement.twist_max + 1e-9);
@@ -103,7 +103,7 @@ proptest! {
     }
 
     #[test]
-    fn a_raw_move_passes_the_check_or_says_why_not((from, targets) in raw_moves(), share in 0.01..1.0) {
+    fn a_raw_move_passes_the_check_or_is_refused_with_the_true_reason((from, targets) in raw_moves(), share in 0.01..1.0) {
         let arrangement = arrangement();
         match plan_move(&arrangement, &from, &targets, share) {
             Ok(plan) => {
@@ -146,7 +146,7 @@ proptest! {
             for axis in Axis::ALL {
                 let q = |i: usize| *ways[i].get(carrier).get(axis);
                 let limits = limits.get(carrier).get(axis);
-                // Positions of up to 100 are good to 1e-13 or so (metres of coordinates go into them).
+                // Positions of up to 100 are accurate to about 1e-13 (coordinates of metres enter the calculation).
                 let noise = 2e-12;
                 for i in 1..ways.len() - 2 {
                     let speed = (q(i + 1) - q(i)) / h;
@@ -161,10 +161,10 @@ proptest! {
     }
 
     #[test]
-    fn a_path_that_was_stored_is_the_same_and_passes_again(wish in wishes()) {
+    fn a_stored_path_is_unchanged_and_passes_the_check_again(wish in wishes()) {
         let plan = planned(&wish, 0.5);
         let stored = serde_json::to_string(&plan).expect("finite numbers");
-        let read: Plan = serde_json::from_str(&stored).expect("our own");
+        let read: Plan = serde_json::from_str(&stored).expect("a stored plan");
         prop_assert_eq!(check_path(&arrangement(), &wish.from, &read.path), Ok(()));
         prop_assert_eq!(read, plan);
     }
@@ -184,7 +184,8 @@ fn steps_across_the_part_are_long_and_steps_along_it_short() {
         let targets = Pair { m1: Some(wanted), m2: Some(wanted) };
         plan_move(&arrangement(), &Pair::default(), &targets, 1.0).expect("allowed").path.waypoints.len() - 1
     };
-    // Along: 0.2 mm of lead are 0.2 mm of strain. Across a metre, 20 mm of lead are √(1000² + 20²) - 1000 = 0.19998 mm.
+    // Along: 0.2 mm of lead are 0.2 mm of strain. Across, with a distance of a metre: 20 mm of lead are √(1000² + 20²) - 1000 =
+    // 0.19998 mm.
     assert_eq!(move_to(Axes { x: Some(10.0), ..Axes::default() }), 50);
     assert_eq!(move_to(Axes { y: Some(20.0), ..Axes::default() }), 1);
     assert_eq!(move_to(Axes { y: Some(40.1), ..Axes::default() }), 3);
@@ -193,8 +194,8 @@ fn steps_across_the_part_are_long_and_steps_along_it_short() {
 }
 
 #[test]
-fn the_rigid_way_spares_the_part_what_straight_axes_would_cost() {
-    // The part pitches by 6°: end to end the clamps keep their distance, but not half-way along straight axes.
+fn a_rigid_course_avoids_the_strain_of_straight_axes() {
+    // The part pitches by 6°: the clamps have the same distance at both ends, but not half-way along straight axes.
     let mut arrangement = arrangement();
     arrangement.strain_max_mm = 0.01;
     let start =
@@ -216,7 +217,7 @@ fn the_rigid_way_spares_the_part_what_straight_axes_would_cost() {
 }
 
 #[test]
-fn only_the_manipulators_that_have_a_way_to_go_are_said_to_move() {
+fn only_manipulators_with_travel_are_marked_as_moving() {
     let targets = Pair { m1: None, m2: Some(Axes { y: Some(3.0), ..Axes::default() }) };
     let plan = plan_move(&arrangement(), &Pair::default(), &targets, 1.0).expect("3 mm across strain by 0.0045 mm");
     assert_eq!(plan.path.moves, Pair { m1: false, m2: true });
@@ -225,7 +226,7 @@ fn only_the_manipulators_that_have_a_way_to_go_are_said_to_move() {
 }
 
 #[test]
-fn an_axis_a_hair_beyond_its_limit_may_come_back_without_being_sent_outside() {
+fn an_axis_slightly_beyond_its_limit_may_return_without_a_set_point_outside() {
     for side in [1.0, -1.0] {
         let mut from = Pair::<Position>::default();
         (from.m1.y, from.m2.y) = (80.015 * side, 80.0 * side);
@@ -238,15 +239,15 @@ fn an_axis_a_hair_beyond_its_limit_may_come_back_without_being_sent_outside() {
 }
 
 #[test]
-fn a_turn_at_its_limit_does_not_hold_up_a_part_that_is_not_to_roll() {
+fn a_turn_at_its_limit_does_not_block_a_part_without_roll() {
     let mut arrangement = arrangement();
     for carrier in Carrier::ALL {
         let c = &mut arrangement.supports.get_mut(carrier).limits.c;
         (c.lower, c.upper) = (0.0, 6.0);
     }
-    // The axis leans by 0.001 against the clamps' line X and is taken up by 0.03: X, the axis, the target and the line after it
-    // enclose a parallelogram of 3e-5 on the sphere, which is the turn that is asked for. One way it can be done; the other
-    // way it is below the limit.
+    // The axis leans by 0.001 relative to the clamps' line X and is raised by 0.03: X, the axis, the target and the line after it
+    // enclose a parallelogram of 3e-5 on the sphere, which is the required turn. In one direction it is possible; in the other it
+    // is below the limit.
     for (p, turn, left_mm) in [(0.001, 3e-5, 0.0), (-0.001, 0.0, 0.8 * 3e-5)] {
         let axis = AxisLine::through([800.0, 12.0, -340.0], p, 0.0);
         let target = AxisLine::through([800.0, 12.0, -340.0], 0.0, 0.03);
@@ -254,7 +255,7 @@ fn a_turn_at_its_limit_does_not_hold_up_a_part_that_is_not_to_roll() {
         let plan = plan_alignment(&arrangement, &Pair::default(), &measured, &PoseTarget::axis(target), 1.0)
             .expect("the turn is not needed");
         assert!(plan.axes.iter().all(|(_, axes)| (axes.c.travel - turn).abs() < 1e-7));
-        // Left undone, it leaves the axis, 0.8 mm beside the clamps' line at the part's ends, off by 0.8 mm of 3e-5.
+        // Without the turn the axis, 0.8 mm beside the clamps' line at the part's ends, is off by 0.8 mm times 3e-5.
         let predicted = plan.predicted.expect("an alignment predicts");
         let off = apart(&predicted.axis, &target);
         assert!((off - left_mm).abs() < 1e-7, "{off} mm");
@@ -285,7 +286,7 @@ fn run_on_mm(path: &Path) -> f64 {
 fn a_path_is_slowed_down_until_it_keeps_the_run_on_and_no_further() {
     let (fast, slow) = (path(1000.0), path(0.5));
     assert!(run_on_mm(&fast) > 1.0, "{} mm", run_on_mm(&fast));
-    // The greatest speed is kept on the whole of the middle, which a set-point's mean over its step comes near to.
+    // The greatest speed applies throughout the middle, which the mean of a set-point over its step approaches.
     let run_on = run_on_mm(&slow);
     assert!(run_on <= 0.5 + 1e-9 && run_on > 0.2, "{run_on} mm");
     let end = |path: &Path| path.waypoints.last().map(|last| last.targets);
@@ -293,7 +294,7 @@ fn a_path_is_slowed_down_until_it_keeps_the_run_on_and_no_further() {
 }
 
 #[test]
-fn a_path_that_would_run_on_too_far_is_refused_before_it_is_executed() {
+fn a_path_with_too_long_a_run_on_is_refused_before_execution() {
     let strict = crate::motion::Arrangement { run_on_max_mm: 0.5, ..arrangement() };
     let refused = check_path(&strict, &ORIGIN, &path(1000.0)).expect_err("too fast");
     assert!(matches!(refused, MotionRefusal::RunsOn { unit: "mm", max, .. } if max == 0.5), "{refused}");

@@ -12,7 +12,7 @@ fn refused(from: &Pair<Position>, targets: &MoveTargets) -> MotionRefusal {
     plan_move(&arrangement(), from, targets, 1.0).expect_err("must be refused")
 }
 
-/// A path that is allowed, to be spoilt.
+/// A valid path for the tests to modify.
 fn path() -> Path {
     plan_move(&arrangement(), &Pair::default(), &both(Axes { y: Some(30.0), ..Y }), 1.0).expect("allowed").path
 }
@@ -40,26 +40,26 @@ fn an_alignment_out_of_reach_is_refused() {
 }
 
 #[test]
-fn an_axis_that_stands_outside_is_not_moved() {
+fn an_axis_outside_its_limits_is_not_moved() {
     let mut from = Pair::<Position>::default();
     (from.m1.y, from.m2.y) = (81.0, 81.0);
     let refusal = refused(&from, &both(Axes { y: Some(60.0), ..Y }));
     let truth =
         MotionRefusal::StandsOutside { carrier: Carrier::M1, axis: Axis::Y, actual: 81.0, lower: -80.0, upper: 80.0 };
     assert_eq!(refusal, truth);
-    // Another axis may move meanwhile.
+    // Another axis may move at the same time.
     let other = both(Axes { z: Some(5.0), ..Axes::default() });
     assert!(plan_move(&arrangement(), &from, &other, 1.0).is_ok());
 }
 
 #[test]
-fn a_way_longer_than_the_step_is_refused() {
+fn a_travel_longer_than_the_step_is_refused() {
     let refusal = refused(&Pair::default(), &both(Axes { y: Some(70.0), ..Y }));
     assert_eq!(refusal, MotionRefusal::StepTooLarge { carrier: Carrier::M1, axis: Axis::Y, travel: 70.0, max: 60.0 });
 }
 
 #[test]
-fn one_manipulator_may_move_only_as_far_as_the_part_bears() {
+fn one_manipulator_may_move_only_within_the_strain_limit() {
     let one = |wanted| Pair { m1: Some(wanted), m2: None };
     let along = |x| one(Axes { x: Some(x), ..Axes::default() });
     assert!(plan_move(&arrangement(), &Pair::default(), &along(0.19), 1.0).is_ok());
@@ -76,8 +76,8 @@ fn one_manipulator_may_move_only_as_far_as_the_part_bears() {
 }
 
 #[test]
-fn the_strain_on_the_way_counts_where_both_ends_are_allowed() {
-    // m2 goes from 30 mm on one side to 30 mm on the other; in the middle the clamps are nearer by 0.45 mm.
+fn the_strain_along_the_path_counts_even_if_both_ends_are_allowed() {
+    // m2 moves from 30 mm on one side to 30 mm on the other; in the middle the clamps are nearer by 0.45 mm.
     let from = Pair { m1: Position::default(), m2: at(0.0, -29.0, 0.0, 0.0) };
     let targets = Pair { m1: None, m2: Some(Axes { y: Some(29.0), ..Axes::default() }) };
     let MotionRefusal::StrainTooLarge { strain_mm, .. } = refused(&from, &targets) else { panic!("strain") };
@@ -85,7 +85,7 @@ fn the_strain_on_the_way_counts_where_both_ends_are_allowed() {
 }
 
 #[test]
-fn manipulators_must_not_meet_but_may_part() {
+fn manipulators_must_not_collide_but_may_move_apart() {
     let mut tight = arrangement();
     (tight.strain_max_mm, tight.clearance_min_mm) = (200.0, 650.0);
     let one = |x| Pair { m1: Some(Axes { x: Some(x), ..Axes::default() }), m2: None };
@@ -98,7 +98,7 @@ fn manipulators_must_not_meet_but_may_part() {
 }
 
 #[test]
-fn spans_are_looked_at_all_along_the_path() {
+fn spans_are_checked_along_the_whole_path() {
     let mut path = path();
     let last = path.waypoints.len() - 1;
     let mut arrangement = arrangement();
@@ -119,7 +119,7 @@ fn spans_are_looked_at_all_along_the_path() {
 }
 
 #[test]
-fn clamps_that_stand_in_one_place_carry_no_part_along_the_rail() {
+fn clamps_in_the_same_position_carry_no_part_along_the_rail() {
     let mut arrangement = arrangement();
     arrangement.supports.m2.mount_mm = arrangement.supports.m1.mount_mm;
     let axis = AxisLine { p: 0.0, q: 0.0, y0: 0.0, z0: 0.0 };
@@ -129,7 +129,7 @@ fn clamps_that_stand_in_one_place_carry_no_part_along_the_rail() {
 }
 
 #[test]
-fn what_is_within_its_tolerance_is_not_moved() {
+fn an_axis_within_its_tolerance_is_not_moved() {
     assert_eq!(refused(&Pair::default(), &Pair::default()), MotionRefusal::NothingToMove);
     let hair = both(Axes { y: Some(0.019), ..Y });
     assert_eq!(refused(&Pair::default(), &hair), MotionRefusal::NothingToMove);
@@ -141,7 +141,7 @@ fn what_is_within_its_tolerance_is_not_moved() {
 }
 
 #[test]
-fn a_share_of_the_speed_is_a_share() {
+fn a_share_of_the_speed_outside_its_range_is_refused() {
     for share in [0.0, -1.0, 1.01, f64::NAN, f64::INFINITY, 1e-300] {
         let refusal = plan_move(&arrangement(), &Pair::default(), &both(Y), share);
         assert!(matches!(refusal, Err(MotionRefusal::ShareOutOfRange { .. })), "{share}");
@@ -149,7 +149,7 @@ fn a_share_of_the_speed_is_a_share() {
 }
 
 #[test]
-fn numbers_that_are_none_are_refused() {
+fn numbers_that_are_not_finite_are_refused() {
     let bad = f64::NAN;
     let mut from = Pair::<Position>::default();
     from.m2.z = bad;
@@ -167,7 +167,7 @@ fn numbers_that_are_none_are_refused() {
 }
 
 #[test]
-fn a_way_too_long_for_what_the_part_bears_is_refused() {
+fn a_travel_too_long_for_the_strain_limit_is_refused() {
     let mut delicate = arrangement();
     delicate.strain_max_mm = 0.001;
     let refusal = plan_move(&delicate, &Pair::default(), &both(Axes { x: Some(10.0), ..Axes::default() }), 1.0);
@@ -190,7 +190,7 @@ fn a_path_is_stale_when_an_axis_has_moved_and_only_then() {
 }
 
 #[test]
-fn the_check_trusts_no_earlier_one() {
+fn the_check_does_not_rely_on_an_earlier_one() {
     let spoilt = |change: &dyn Fn(&mut Arrangement)| {
         let mut arrangement = arrangement();
         change(&mut arrangement);
@@ -212,7 +212,7 @@ fn the_check_trusts_no_earlier_one() {
 }
 
 #[test]
-fn a_path_that_was_not_planned_here_is_malformed() {
+fn a_path_from_another_source_is_malformed() {
     let fault = |change: &dyn Fn(&mut Path)| {
         let mut path = path();
         change(&mut path);
@@ -234,7 +234,7 @@ fn a_path_that_was_not_planned_here_is_malformed() {
 }
 
 #[test]
-fn an_arrangement_that_makes_no_sense_names_its_field() {
+fn an_invalid_arrangement_is_refused_with_its_field() {
     let field = |change: &dyn Fn(&mut Arrangement)| {
         let mut arrangement = arrangement();
         change(&mut arrangement);
@@ -256,7 +256,7 @@ fn an_arrangement_that_makes_no_sense_names_its_field() {
     assert_eq!(field(&|a| a.supports.m2.limits.y.lower = 80.0), "supports.m2.limits.y");
 }
 
-/// Anything, and often enough something that looks right.
+/// Arbitrary numbers, often enough plausible ones.
 fn numbers() -> impl Strategy<Value = f64> {
     prop_oneof![
         any::<f64>(),
@@ -297,7 +297,7 @@ proptest! {
     #![proptest_config(fixed())]
 
     #[test]
-    fn nonsense_is_refused_and_what_is_planned_passes(
+    fn invalid_requests_are_refused_and_planned_paths_pass(
         arrangement in any_arrangements(),
         from in prop_oneof![any_positions(), positions()],
         to in prop_oneof![any_positions(), positions()],
@@ -314,7 +314,7 @@ proptest! {
         for plan in plans {
             match plan {
                 Ok(plan) => prop_assert_eq!(check_path(&arrangement, &from, &plan.path), Ok(())),
-                // Saying why must not fail either.
+                // Formatting the refusal must not panic either.
                 Err(refusal) => prop_assert!(!refusal.to_string().is_empty()),
             }
         }
@@ -322,7 +322,7 @@ proptest! {
     }
 
     #[test]
-    fn a_path_of_nonsense_is_refused(
+    fn a_path_of_invalid_numbers_is_refused(
         places in proptest::collection::vec((numbers(), any_positions(), any_positions()), 0..4),
         actual in any_positions(),
     ) {

@@ -1,19 +1,19 @@
 //! Tables in text: CSV, TXT, XYZ, ASC, TSV, PTS, DS; rows of points, or a matrix of heights with declared pitches.
 //!
-//! | taken as it comes | how |
+//! | property | how it is recognised |
 //! |---|---|
 //! | separator | `;`, tab, `,` or blanks, from the first row of numbers |
 //! | decimals | point, or comma where the comma does not separate; thousands separators as in [`number`](super::number) |
 //! | header | names with x, y, z; up to 1000 lines before it are skipped; also in the last comment before the rows |
 //! | units | in the names, in a row below them, or in a comment (`unit: mm`) |
 //! | no header | three columns are x y z; four are profile x y z where the first counts runs that share the second |
-//! | names of points | without a header, in the first of four columns or more: words, or numbers that count up; skipped, as are columns behind x y z |
-//! | number of points | a whole number alone in the first line; then columns behind x y z (intensity, r, g, b) are skipped |
+//! | names of points | without a header, in the first of four columns or more: words, or numbers that count up; skipped, as are columns after x y z |
+//! | number of points | a whole number alone in the first line; then columns after x y z (intensity, r, g, b) are skipped |
 //! | comments | lines that begin with `#` or `//` |
 //! | line ends | LF, CR LF, or CR alone |
-//! | no point | a coordinate that is empty, `nan`, `-`, `null`, `n/a` |
-//! | behind the rows | a line that states their number, `END`, and NUL |
-//! | the header again | skipped |
+//! | missing point | a coordinate that is empty, `nan`, `-`, `null`, `n/a` |
+//! | after the rows | a line that states their number, `END`, and NUL |
+//! | repeated header | skipped |
 
 use super::error::DecodeError;
 use super::fields::Separator;
@@ -58,7 +58,7 @@ pub(super) fn decode(reader: &mut dyn std::io::BufRead, request: &Request<'_>) -
     })
 }
 
-/// Hands out the lines that are left and that are neither blank nor comments.
+/// Passes on the remaining lines that are neither blank nor comments.
 fn each_line(
     lines: &mut Lines<'_>,
     mut take: impl FnMut(&[u8], u64) -> Result<(), DecodeError>,
@@ -87,7 +87,7 @@ fn check_announced(announced: Option<u64>, found: u64) -> Result<(), DecodeError
     }
 }
 
-/// Reads the rows of a table one after the other.
+/// Reads the rows of a table.
 struct Rows<'a> {
     table: Table,
     /// The line of the header.
@@ -104,10 +104,10 @@ impl Rows<'_> {
         if let Some(end) = &self.end
             && !ends_table(line, self.gather.seen() as u64)
         {
-            // It was none, as it seems.
+            // The line did not end the rows after all.
             return Err(no_number(&end.bytes, end.number));
         }
-        // Scans are exported one behind the other, each with its number of points.
+        // Several scans may be exported in a row, each with its number of points.
         if let Some(points) = &mut self.announced
             && *points == self.gather.seen() as u64
             && let Some(more) = lone_count(line)
@@ -139,7 +139,7 @@ impl Rows<'_> {
         let mut found = 0;
         for (column, field) in separator.split(line).enumerate() {
             let [point_x, point_y, point_z] = &mut point;
-            // A column may be a coordinate and the label at once.
+            // A column may be both a coordinate and the label.
             if label_at == Some(column) {
                 label = self.numbers.read(field, number, column)?;
             }
@@ -150,7 +150,7 @@ impl Rows<'_> {
             } else if column == z {
                 *point_z = self.numbers.read(field, number, column)?;
             }
-            // Empty cells behind the last column are what a spreadsheet leaves.
+            // Spreadsheets leave empty cells after the last column.
             if column < columns || !field.is_empty() {
                 found = column + 1;
             }
@@ -162,7 +162,7 @@ impl Rows<'_> {
     }
 }
 
-/// A line without the NULs at its end, which may be the last one of a file that was filled up.
+/// A line without the NULs at its end, which some programs append to the last line of a file.
 fn strip_fill(line: &[u8]) -> &[u8] {
     let kept = line.iter().rposition(|byte| !is_fill(*byte)).map_or(0, |last| last + 1);
     line.get(..kept).unwrap_or_default()
@@ -247,7 +247,7 @@ mod tests {
         read_in(text, None)
     }
 
-    /// The points of every well-formed spelling below.
+    /// The points of every valid spelling below.
     fn expected() -> (Vec<Stripe>, Columns) {
         let stripes = vec![Stripe { label: 0.0, x: 1.5, end: 2 }, Stripe { label: 0.0, x: -2.0, end: 3 }];
         (stripes, Columns::F64 { y: vec![2.5, 0.25, 7.0], z: vec![3.0, 4.0, 8.0] })
@@ -284,14 +284,14 @@ mod tests {
     }
 
     #[test]
-    fn columns_that_could_mean_two_things_need_a_header() {
+    fn ambiguous_columns_require_a_header() {
         for text in ["0 1.5 2 100\n0 1.6 2 90\n1 1.5 2 90\n", "1 2\n3 4\n", "1 2 3 4 5\n"] {
             assert_eq!(read(text).expect_err("ambiguous").code(), "header_needed", "{text}");
         }
     }
 
     #[test]
-    fn names_of_points_before_the_coordinates_are_passed_over() {
+    fn names_of_points_before_the_coordinates_are_skipped() {
         for text in [
             "a4,1.5,2.5,3,\nb12,1.5,0.25,4,\n17,-2,7,8,\n",
             "\u{feff}a4;1,5;2,5;3\r\nb12;1,5;0,25;4\r\n17;-2;7;8",
@@ -323,12 +323,12 @@ mod tests {
         let limits = Limits { columns_max: 3, ..Limits::default() };
         let request = Request::new(&limits);
         assert_eq!(decode(&mut rows.as_bytes(), &request).expect_err("too many").code(), "too_many_columns");
-        // A header of positions is none of names.
+        // A header of positions does not contain names.
         assert_eq!(read("y,0,5,10\n-38,1,2,3\n-37,1,2,3\n").expect_err("a matrix").code(), "column_unknown");
     }
 
     #[test]
-    fn the_number_of_points_in_the_first_line_is_no_row() {
+    fn the_number_of_points_in_the_first_line_is_not_a_row() {
         for text in [
             "3\n1.5 2.5 3\n1.5 0.25 4\n-2 7 8\n",
             "3\r\n1.5\t2.5\t3\r\n1.5\t0.25\t4\r\n-2\t7\t8\r\n",
@@ -357,7 +357,7 @@ mod tests {
         assert_eq!(huge.code(), "file_truncated");
         // Two blocks, the second of which ends early.
         assert_eq!(read("1\n1 2 3\n2\n1 2 4\n").expect_err("ends early").code(), "file_truncated");
-        // A number alone that no row of three follows is none of points.
+        // An integer alone that no row of three follows is not a number of points.
         assert_eq!(read("7\n1 2\n3 4\n").expect_err("two columns").code(), "column_unknown");
         assert_eq!(read("1600\nx y z\n1 2 3\n").expect("a title").columns.len(), 1);
     }
@@ -403,14 +403,14 @@ mod tests {
     const TWO: [[f64; 3]; 2] = [[1.0, 2.0, 3.0], [1.0, 4.0, 5.0]];
 
     #[test]
-    fn a_header_is_found_behind_a_long_preamble_and_behind_numbers_in_it() {
+    fn a_header_is_found_after_a_long_preamble_and_after_numbers_in_it() {
         let long: String = (0..300).map(|i| format!("Key{i};value {i}\n")).collect();
         for preamble in [long.as_str(), "Resolution,0.1,0.2\n1280,0.05\n", "0.1 0.2\n", "10;20;30;40\nRange;7\n"] {
             for rows in ["x_mm,y_mm,z_mm\n1,2,3\n1,4,5\n", "x;y;z\n1,0;2,0;3,0\n1;4;5\n"] {
                 assert_eq!(points(&format!("{preamble}{rows}")), TWO, "{preamble:.20} {rows}");
             }
         }
-        // As many numbers as the header has names could be points.
+        // A line with as many numbers as the header has names could be points.
         assert_eq!(read("9,9,9\nx,y,z\n1,2,3\n").expect_err("points above").code(), "number_invalid");
     }
 
@@ -436,7 +436,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_of_points_in_the_first_column_are_passed_over() {
+    fn numbers_of_points_in_the_first_column_are_skipped() {
         let rows = |first: usize, more: &str| -> String {
             (0..10).map(|i| format!("{},1.5,{}.25,3.5{more}\n", first + i, i)).collect()
         };
@@ -444,7 +444,8 @@ mod tests {
             let points = points(&text);
             assert_eq!((points.len(), points[3]), (10, [1.5, 3.25, 3.5]), "{text:.40}");
         }
-        // A coordinate that rises by one has decimals as the others have, and a table of whole numbers shows nothing.
+        // A coordinate that increases by one has as many decimals as the others, and a table of integers does not show the
+        // difference.
         let steps: String = (0..10).map(|i| format!("{i}.0,1.5,{i}.25,3.5\n")).collect();
         let whole: String = (0..10).map(|i| format!("{i},1,2,3\n")).collect();
         for text in [steps, whole] {
@@ -453,7 +454,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_behind_the_rows_are_passed_over_where_they_are_certain() {
+    fn lines_after_the_rows_are_skipped_if_they_are_unambiguous() {
         for tail in [
             "Total points: 2\n",
             "# 2\n",
@@ -479,14 +480,14 @@ mod tests {
     }
 
     #[test]
-    fn a_message_about_a_cell_shows_its_place_its_text_and_what_to_do() {
+    fn a_message_about_a_cell_shows_its_position_its_text_and_the_remedy() {
         for (cell, hint) in [
-            ("\u{2212}5.2", "plain -"),
+            ("\u{2212}5.2", "of the keyboard"),
             ("1'950", "thousands"),
             ("1,2.5", "thousands"),
             ("12 mm", "unit"),
             ("12\"", "unit"),
-            ("no echo", "no point"),
+            ("no echo", "not a point"),
             ("?", "empty"),
         ] {
             let error = read(&format!("x;y;z\n1;2;3\n1;{cell};3\n")).expect_err("no number").to_string();
@@ -513,7 +514,7 @@ mod tests {
     }
 
     #[test]
-    fn thousands_separators_are_refused_or_settled() {
+    fn thousands_separators_are_refused_unless_the_decimal_sign_is_declared() {
         let text = "x;y;z\n950;-343,43;192,99\n1.950;353,22;266,55\n";
         let error = read(text).expect_err("two readings");
         assert_eq!(error.code(), "number_ambiguous");

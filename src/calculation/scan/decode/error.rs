@@ -1,4 +1,4 @@
-//! Why a file cannot be read: each variant a reason with its numbers, each text what happened and what to do.
+//! Why a file cannot be read: each variant is a reason with its numbers, and its message states what happened and what to do.
 
 use super::format::Format;
 use super::hints::{NumberHint, Pitches, json_hint};
@@ -8,10 +8,10 @@ use std::io::{self, ErrorKind};
 /// Why a file does not become a cloud.
 #[derive(Debug, thiserror::Error)]
 pub enum DecodeError {
-    /// Not one byte.
+    /// The file has no bytes.
     #[error("the file is empty; send the bytes of a scan")]
     Empty,
-    /// Neither declaration, bytes nor name show the format.
+    /// Neither declaration, bytes nor file name show the format.
     #[error("the format of the file is not known; name it: {}", Format::ALL.map(Format::name).join(", "))]
     UnknownFormat,
     /// Two declarations, or a declaration and the bytes, contradict each other.
@@ -22,88 +22,88 @@ pub enum DecodeError {
         /// The format of the bytes, or the other declaration.
         found: Format,
     },
-    /// The first bytes are not those of the format.
+    /// The first bytes do not match the format.
     #[error("the file does not begin as {format} does; declare its true format")]
     NotThisFormat {
-        /// The format it is read as.
+        /// The format of the reader.
         format: Format,
     },
-    /// A stated count is more than what follows.
+    /// The file ends before the announced number of points.
     #[error("the file announces {expected} points and ends after {found}; send the whole file")]
     Truncated {
         /// Points announced.
         expected: u64,
-        /// Whole points found.
+        /// Complete points found.
         found: u64,
     },
-    /// A section of a Gocator file states how many frames it has, and the file ends before.
+    /// A Gocator file ends before the number of frames that a section announces.
     #[error(
         "the section that begins in line {line} announces {expected} frames and the file ends after {found}; send the whole file"
     )]
     FramesMissing {
-        /// Where the section begins.
+        /// Line at which the section begins.
         line: u64,
         /// Frames announced.
         expected: u64,
-        /// Whole frames found.
+        /// Complete frames found.
         found: u64,
     },
-    /// The file ends inside its header or another part that has no points.
+    /// The file ends inside its header or another part before the points.
     #[error("the {format} file ends before its points begin; send the whole file")]
     EndsEarly {
-        /// The format it is read as.
+        /// The format of the reader.
         format: Format,
     },
     /// A line of the header does not have the content that its first word announces.
     #[error("line {line} of the {format} header cannot be understood as {field}; write the file again")]
     HeaderLine {
-        /// The format it is read as.
+        /// The format of the reader.
         format: Format,
         /// Its number, from 1.
         line: u64,
-        /// What the line should state.
+        /// The expected content of the line.
         field: &'static str,
     },
-    /// The header lacks something.
+    /// The header is incomplete.
     #[error("the {format} header does not state {field}; write the file again")]
     HeaderMissing {
-        /// The format it is read as.
+        /// The format of the reader.
         format: Format,
-        /// What is missing.
+        /// The missing statement.
         field: &'static str,
     },
     /// The header does not end.
     #[error("the {format} header is longer than {limit} lines; leave comments out")]
     HeaderTooLong {
-        /// The format it is read as.
+        /// The format of the reader.
         format: Format,
-        /// Most lines or bytes of a header.
+        /// Largest number of lines or bytes of a header.
         limit: usize,
     },
     /// Two statements about a size contradict each other.
     #[error("the {format} file states {field} = {stated}, which should be {expected}; write the file again")]
     SizeMismatch {
-        /// The format it is read as.
+        /// The format of the reader.
         format: Format,
         /// The statement.
         field: &'static str,
-        /// Its text.
+        /// Its value.
         stated: u64,
-        /// What the rest of the file makes of it.
+        /// The value that follows from the rest of the file.
         expected: u64,
     },
-    /// Compressed points that do not unpack.
+    /// Compressed points that cannot be decompressed.
     #[error("the compressed points of the {format} file are damaged; send the file again")]
     DamagedPoints {
-        /// The format it is read as.
+        /// The format of the reader.
         format: Format,
     },
-    /// Something of the format that is not read.
+    /// A feature of the format that is not supported.
     #[error("{format}: {what}")]
     Unsupported {
-        /// The format it is read as.
+        /// The format of the reader.
         format: Format,
-        /// What it is, and what to do instead.
+        /// The feature, and the alternative.
         what: &'static str,
     },
     /// A numpy array of a shape that is not points.
@@ -115,8 +115,8 @@ pub enum DecodeError {
         /// Its shape.
         shape: Vec<u64>,
     },
-    /// An archive without the arrays that are looked for.
-    #[error("the archive must hold the arrays x, y and z of equal shape, or a single array; it holds: {}", found.join(", "))]
+    /// An archive without the required arrays.
+    #[error("the archive must contain the arrays x, y and z of equal shape, or a single array; it contains: {}", found.join(", "))]
     ArraysMissing {
         /// Names of the entries.
         found: Vec<String>,
@@ -124,21 +124,21 @@ pub enum DecodeError {
     /// Not a readable zip archive.
     #[error("the archive is damaged: {what}; send the file again")]
     DamagedArchive {
-        /// Which check it fails.
+        /// The check that failed.
         what: &'static str,
     },
-    /// Bytes that contradict themselves where nothing more is known.
+    /// Contradictory bytes without a more specific error.
     #[error("the file is damaged or ends early; send it again")]
     DamagedFile,
-    /// More entries than are examined.
+    /// More entries than allowed.
     #[error("the archive has {found} entries, at most {limit} are allowed; leave out what is not the scan")]
     TooManyEntries {
         /// Entries found.
         found: usize,
-        /// Most entries.
+        /// Largest number of entries.
         limit: usize,
     },
-    /// A byte order mark or NUL bytes: not ASCII-compatible text.
+    /// The file has a byte order mark or NUL bytes, so it is not ASCII-compatible text.
     #[error("line {line} is not text (binary, or UTF-16 without a byte order mark); save the table as UTF-8")]
     NotText {
         /// Number of the line, from 1.
@@ -147,41 +147,41 @@ pub enum DecodeError {
     /// Text without a row of numbers.
     #[error("line {line} begins text that is not a table of points: {text:?}; send rows of x, y, z")]
     NotATable {
-        /// How it begins.
+        /// The beginning of the text.
         text: String,
         /// Number of the first line that is neither blank nor comment, from 1.
         line: u64,
     },
-    /// A line without an end.
+    /// A line that is too long.
     #[error("line {line} is longer than {limit} bytes; split it or raise the limit")]
     LineTooLong {
         /// Its number, from 1.
         line: u64,
-        /// Most bytes of a line.
+        /// Largest number of bytes of a line.
         limit: usize,
     },
-    /// More columns, properties or fields than are examined.
+    /// More columns, properties or fields than allowed.
     #[error("there are more than {limit} columns; leave out what is not a coordinate")]
     TooManyColumns {
-        /// Most columns.
+        /// Largest number of columns.
         limit: usize,
     },
-    /// A column that is needed or asked for is not there.
+    /// A required or requested column is missing.
     #[error(
         "there is no column {wanted}; the columns are: {}; {}", found.join(", "),
         if matches!(wanted.as_str(), "x" | "y" | "z") {
-            "rename the one that is meant, e.g. x_mm, y_mm, z_mm, or send three columns x, y, z without a header"
+            "rename the intended one, e.g. x_mm, y_mm, z_mm, or send three columns x, y, z without a header"
         } else {
             "name one of these"
         }
     )]
     UnknownColumn {
-        /// What was looked for.
+        /// The missing column.
         wanted: String,
-        /// What is there.
+        /// The columns of the file.
         found: Vec<String>,
     },
-    /// Two columns have a claim to the same coordinate.
+    /// Two columns have names of the same coordinate.
     #[error("the columns {first} and {second} both claim to be {wanted}; rename or leave out one")]
     DoubleColumn {
         /// The coordinate.
@@ -200,10 +200,10 @@ pub enum DecodeError {
         /// Columns found.
         columns: usize,
     },
-    /// A row of another length than the rest.
+    /// A row whose length differs from the others.
     #[error("line {line} has {found} columns where {expected} are expected: {text:?}; correct or remove the line")]
     RaggedRow {
-        /// What stands there, shortened.
+        /// The text of the row, shortened.
         text: String,
         /// Its number, from 1.
         line: u64,
@@ -212,16 +212,16 @@ pub enum DecodeError {
         /// Columns of the row.
         found: usize,
     },
-    /// Something that is not a number where one should be.
+    /// A cell that should be a number and is not.
     #[error("line {line}, column {column}: {text:?} is not a number; {hint}")]
     BadNumber {
         /// Number of the line, from 1.
         line: u64,
         /// Number of the column, from 1.
         column: usize,
-        /// What stands there, shortened.
+        /// The text of the cell, shortened.
         text: String,
-        /// What to do about it.
+        /// The remedy.
         hint: NumberHint,
     },
     /// A number with two possible values.
@@ -234,33 +234,33 @@ pub enum DecodeError {
         line: u64,
         /// Number of the column, from 1.
         column: usize,
-        /// What stands there.
+        /// The text of the cell.
         text: String,
         /// Its value with a decimal point.
         as_point: f64,
         /// Its value with a decimal comma.
         as_comma: f64,
     },
-    /// A matrix of heights whose cells have no place.
-    #[error("the {format} file holds a matrix of {columns} columns, not x, y, z of points; declare {}", wanted.text())]
+    /// A matrix of heights without positions of its cells.
+    #[error("the {format} file contains a matrix of {columns} columns, not x, y, z of points; declare {}", wanted.text())]
     PitchNeeded {
-        /// The format it is read as.
+        /// The format of the reader.
         format: Format,
         /// Its columns.
         columns: usize,
-        /// What has to be declared.
+        /// The pitches to declare.
         wanted: Pitches,
     },
-    /// Pitches for a file that states where its points lie.
+    /// Pitches for a file that states the positions of its points.
     #[error(
         "x_pitch_mm and y_pitch_mm place the cells of a matrix, and the {format} file holds points with their own places; leave \
          them out (slabs along x are profile_by=x_pitch_mm=...)"
     )]
     PitchUnused {
-        /// The format it is read as.
+        /// The format of the reader.
         format: Format,
     },
-    /// The positions of a matrix are no positions.
+    /// The first row or column of a matrix does not contain positions.
     #[error(
         "row {row} of the matrix has no number in its first column, which is taken as {axis}; complete it, or declare both x_pitch_mm \
          and y_pitch_mm where the column holds no {axis}"
@@ -271,19 +271,19 @@ pub enum DecodeError {
         /// The coordinate that the column should contain.
         axis: &'static str,
     },
-    /// A text whose line ends are gone.
+    /// A text file without line ends.
     #[error("the file has lost its line ends, as curl -d @file removes them; send it with --data-binary @file")]
     LinesStripped,
-    /// A zip archive of something else than numpy arrays.
+    /// A zip archive without numpy arrays.
     #[error("the file is a zip archive of {}, not of numpy arrays (NPZ); unpack it and send the file itself, packed by gzip if need be", found.join(", "))]
     ZippedFile {
         /// Names of the entries.
         found: Vec<String>,
     },
-    /// The file states another unit than the caller, or two units.
-    #[error("the unit is declared as {declared} but the file says {found}; declare {found} or none")]
+    /// The unit of the file differs from the caller's, or the file states two units.
+    #[error("the unit is declared as {declared} but the file states {found}; declare {found} or none")]
     UnitConflict {
-        /// The unit declared by the caller, or in another place of the file.
+        /// The unit declared by the caller, or elsewhere in the file.
         declared: Unit,
         /// The unit stated in the file.
         found: Unit,
@@ -293,15 +293,15 @@ pub enum DecodeError {
         "the Gocator file has none of the sections Profile, RawProfile, Part, Surface, SurfacePointCloud; export one"
     )]
     SectionMissing,
-    /// A Gocator section without a table that is understood.
+    /// A Gocator section without a known table.
     #[error("line {line} begins a Gocator section whose table is not understood: {field} is missing; export it again")]
     SectionIncomplete {
         /// Number of the section's first line, from 1.
         line: u64,
-        /// What is missing.
+        /// The missing statement.
         field: &'static str,
     },
-    /// A Gocator frame without its place along the travel.
+    /// A Gocator frame without its position along the travel.
     #[error("line {line}: the frame has no Y (travel); export with encoder or travel speed set, or send x, y, z rows")]
     TravelMissing {
         /// Number of the line, from 1.
@@ -314,10 +314,10 @@ pub enum DecodeError {
         line: usize,
         /// Number of the byte in the line, from 1.
         column: usize,
-        /// What stands there, shortened.
+        /// The text at this position, shortened.
         found: String,
     },
-    /// JSON of another shape.
+    /// JSON of another structure.
     #[error(
         "line {line}, column {column}: {found:?} departs from {{\"profiles\": [{{\"x_mm\": 0.0, \"points\": [[y, z], ...]}}]}}; \
          leave out other fields, and write numbers without quotes"
@@ -327,11 +327,11 @@ pub enum DecodeError {
         line: usize,
         /// Number of the byte in the line, from 1.
         column: usize,
-        /// What stands there, shortened.
+        /// The text at this position, shortened.
         found: String,
     },
-    /// No point, or only missing ones.
-    #[error("the file holds no valid point ({missing_count} are marked as missing); check range and exposure")]
+    /// The file has no points, or only missing ones.
+    #[error("the file contains no valid point ({missing_count} are marked as missing); check range and exposure")]
     NoPoints {
         /// Points marked as missing.
         missing_count: u64,
@@ -341,10 +341,10 @@ pub enum DecodeError {
         "the scan has more than {limit} points; thin it out, or raise scan.points_max and limits.memory_max_mb, the smaller of which decides"
     )]
     TooManyPoints {
-        /// Most points.
+        /// Largest number of points.
         limit: usize,
     },
-    /// A coordinate that cannot be one.
+    /// A coordinate beyond the limit.
     #[error(
         "point {index} has the coordinate {value:e} mm, beyond {limit} mm; check the unit and mark bad points as NaN"
     )]
@@ -356,19 +356,19 @@ pub enum DecodeError {
         /// Largest magnitude, mm.
         limit: f64,
     },
-    /// Compressed data that are far longer than they look.
+    /// Compressed data with too large a ratio of decompressed to compressed size.
     #[error("the data unpack to more than {limit} times their size; send them less compressed")]
     InflateRatio {
-        /// Most bytes out for each byte in.
+        /// Largest number of bytes out for each byte in.
         limit: u64,
     },
-    /// Compressed data that unpack to too much.
+    /// Compressed data that exceed the size limit after decompression.
     #[error("the data unpack to more than {limit} bytes; thin the scan out or raise the limit")]
     InflatedTooLarge {
-        /// Most bytes.
+        /// Largest number of bytes.
         limit: u64,
     },
-    /// Compressed data that do not unpack.
+    /// Compressed data that cannot be decompressed.
     #[error("the compressed data are damaged or end early; send them again")]
     BadCompression,
     /// The source of the bytes failed.
@@ -377,9 +377,9 @@ pub enum DecodeError {
 }
 
 impl From<io::Error> for DecodeError {
-    /// Takes out again what a reader below had to wrap to pass it through `std::io`.
+    /// Extracts the error that a reader below had to wrap to pass it through `std::io`.
     ///
-    /// Errors of these kinds are about the content of the file, never about the store that holds it.
+    /// Errors of these kinds are about the content of the file, never about the store that contains it.
     fn from(error: io::Error) -> Self {
         use ErrorKind as K;
         match error.downcast::<Self>() {
@@ -446,7 +446,7 @@ impl DecodeError {
     }
 }
 
-/// What a failure to read a part of fixed size means.
+/// The error for a failure to read a part of fixed size.
 pub(super) fn ends_early(error: std::io::Error, format: Format) -> DecodeError {
     if error.kind() == std::io::ErrorKind::UnexpectedEof { DecodeError::EndsEarly { format } } else { error.into() }
 }

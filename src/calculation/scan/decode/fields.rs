@@ -1,13 +1,13 @@
 //! The fields of one line of a table, without copying: by separator or by blanks, quoted or not.
 //!
-//! Also tables without a header whose first column names the points, as surveyors export them: `a4,32.715,25.084,9.112,`. A first line
-//! of this shape could also be a header of numbers (a matrix whose columns are positions) or belong to a preamble, and its name could
-//! be a keyword (`v 1 2 3` in an OBJ file). The lines below it decide.
+//! Also tables without a header whose first column names the points, as surveyors export them: `a4,32.715,25.084,9.112,`. A first
+//! line of this form could also be a header of numbers (a matrix whose columns are positions) or belong to a preamble, and its name
+//! could be a keyword (`v 1 2 3` in an OBJ file). The lines below it decide.
 
 use super::number::parse_number;
 use std::collections::HashSet;
 
-/// What stands between two fields.
+/// The separator of two fields.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Separator {
     /// One byte; two in a row enclose an empty field.
@@ -17,7 +17,7 @@ pub(super) enum Separator {
 }
 
 impl Separator {
-    /// The separator of a row of numbers. A comma between blanks that could stand before decimals does.
+    /// The separator of a row of numbers. A comma between blanks counts as separator only if it cannot stand before decimals.
     pub(super) fn of_row(row: &[u8]) -> Self {
         let mut quoted = false;
         let outside: Vec<u8> = row
@@ -39,7 +39,7 @@ impl Separator {
         }
     }
 
-    /// The separator of a row of numbers behind a name, which does not show whether commas stand before decimals.
+    /// The separator of a row of numbers after a name, which does not show whether commas stand before decimals.
     pub(super) fn of_named_row(row: &[u8]) -> Self {
         let mut words = Self::Blanks.split(row);
         words.next();
@@ -69,7 +69,7 @@ fn has_decimal_commas(row: &[u8]) -> bool {
     all && words >= 3
 }
 
-/// The fields that are left of a line.
+/// The remaining fields of a line.
 pub(super) struct Fields<'a> {
     separator: Separator,
     rest: Option<&'a [u8]>,
@@ -101,7 +101,7 @@ impl<'a> Iterator for Fields<'a> {
     }
 }
 
-/// What stands before and behind the first byte that is an `end`.
+/// The bytes before and after the first byte that is an `end`.
 #[inline]
 fn split_once(bytes: &[u8], end: impl Fn(&u8) -> bool) -> (&[u8], Option<&[u8]>) {
     match bytes.iter().position(end) {
@@ -110,10 +110,10 @@ fn split_once(bytes: &[u8], end: impl Fn(&u8) -> bool) -> (&[u8], Option<&[u8]>)
     }
 }
 
-/// Coordinates behind the name.
+/// Coordinates after the name.
 const AXES: usize = 3;
 
-/// How the rows of a table with named points are split.
+/// The layout of the rows of a table with named points.
 #[derive(Debug, PartialEq)]
 pub(super) struct NamedRows {
     pub(super) separator: Separator,
@@ -122,14 +122,14 @@ pub(super) struct NamedRows {
 }
 
 impl NamedRows {
-    /// The shape of the rows where the first is a name with three finite coordinates and the rows below it confirm it.
+    /// The layout of the rows if the first is a name with three finite coordinates and the rows below it confirm it.
     ///
     /// - At least one more row has a name that is not a number: below a header of numbers there is none.
-    /// - At least half of the rows have this shape and a name that no row above them has: a keyword or a profile number
-    ///   repeats, while a name repeats only where a point was measured twice. The other rows are read with the same
-    ///   columns, so that a damaged one is reported with its line.
+    /// - At least half of the rows have this layout and a name that no row above them has: a keyword or a profile number repeats,
+    ///   while a name repeats only if a point was measured twice. The other rows are read with the same columns, so that a damaged
+    ///   one is reported with its line.
     /// - No name is a number with a fraction: that would be a coordinate.
-    /// - Where more than three numbers follow, the first of them is not whole in every row: there it could be the second
+    /// - If more than three numbers follow, the first of them has a fraction in at least one row: otherwise it could be the second
     ///   half of a name (`point 17 1.5 2.5 3.5`) or of a number with a decimal comma (`a1,1,5,2,5,3,5`).
     pub(super) fn find(rows: &[&[u8]]) -> Option<Self> {
         let first = rows.first()?;
@@ -248,7 +248,7 @@ mod named_tests {
     }
 
     #[test]
-    fn what_could_be_something_else_is_not_taken_for_names() {
+    fn ambiguous_words_are_not_taken_for_names() {
         for text in [
             "",
             "a4,1,2,3\n",

@@ -1,17 +1,17 @@
-//! Finds the format of a file: the declaration of its sender counts first, its first bytes second, its name last.
+//! Finds the format of a file: the declaration of the client has the highest priority, then the first bytes, then the file name.
 
 use super::error::DecodeError;
 use super::format::Format;
 use super::lines::{ascii_of, has_mark, is_fill};
 
 impl Format {
-    /// The format that the first bytes (a few hundred are enough) give away; plain text passes for [`Format::Csv`].
+    /// The format that the first bytes (a few hundred are enough) show; other text is taken for [`Format::Csv`].
     #[must_use]
     pub fn sniff(head: &[u8]) -> Option<Self> {
         Self::from_magic(head).or_else(|| is_text(head).then_some(Self::Csv))
     }
 
-    /// The format of first bytes that no other format begins with.
+    /// The format of first bytes that no other format has.
     fn from_magic(head: &[u8]) -> Option<Self> {
         let utf16 = has_mark(head).then(|| ascii_of(head));
         let head = utf16.as_deref().unwrap_or(head);
@@ -30,21 +30,21 @@ impl Format {
         } else if text.starts_with(b"Info") && contains(text, b"CSV Version") {
             Some(Self::GocatorCsv)
         } else {
-            // Of the formats here only tables are written in UTF-16 besides.
+            // Among these formats only tables are also written in UTF-16.
             utf16.is_some().then_some(Self::Csv)
         }
     }
 
-    /// Whether a declaration of `self` admits bytes that are `found`: Gocator's tables are CSV, too.
+    /// Whether a declaration of `self` is compatible with the format `found` in the bytes: Gocator's tables are CSV as well.
     fn admits(self, found: Self) -> bool {
         self == found || (self == Self::Csv && found == Self::GocatorCsv)
     }
 }
 
-/// Bytes of a text file's head among which a line ends.
+/// Number of bytes at the start of a text file within which a line ends.
 pub(super) const LINE_BYTES: usize = 256;
 
-/// Whether the line ends of a file were removed, as `curl -d @file` does (and with them all NULs), before anything could be read.
+/// Whether the line ends of a file were removed, as `curl -d @file` does (together with all NULs), before the file could be read.
 pub(super) fn has_lost_line_ends(head: &[u8]) -> bool {
     let has_line_end = head.iter().any(|byte| matches!(byte, b'\r' | b'\n'));
     let is_text_header = |start: &[u8]| head.starts_with(start) && head.len() >= LINE_BYTES && !has_line_end;
@@ -60,7 +60,7 @@ pub(super) fn contains(bytes: &[u8], part: &[u8]) -> bool {
 
 /// Whether bytes could be text of an ASCII-compatible encoding.
 pub(super) fn is_text(head: &[u8]) -> bool {
-    // Behind the text some programs fill the file up.
+    // Some programs pad the file after the text.
     let end = head.iter().rposition(|byte| !is_fill(*byte)).map_or(0, |last| last + 1);
     let head = head.get(..end).unwrap_or_default();
     !head.is_empty() && head.iter().all(|&byte| byte >= 0x20 || matches!(byte, b'\t' | b'\n' | b'\r' | 0x0c))
@@ -69,21 +69,21 @@ pub(super) fn is_text(head: &[u8]) -> bool {
 /// The declarations about a file besides its bytes.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct FormatClaims<'a> {
-    /// Named by the caller on purpose.
+    /// Explicitly named by the caller.
     pub parameter: Option<Format>,
-    /// The Content-Type it was sent with.
+    /// The Content-Type of the request.
     pub media_type: Option<&'a str>,
     /// The name of the file, for its extension.
     pub file_name: Option<&'a str>,
 }
 
-/// Settles the format of a file from what is claimed and from its first bytes.
+/// Determines the format of a file from the declarations and from its first bytes.
 ///
 /// A media type that means "some bytes" or "some text" is ignored, and so is an unknown one.
 ///
 /// # Errors
-/// [`DecodeError::Empty`] without a byte, [`DecodeError::FormatConflict`] where a declaration contradicts the other or
-/// the bytes, [`DecodeError::UnknownFormat`] where nothing shows the format.
+/// [`DecodeError::Empty`] without a byte, [`DecodeError::FormatConflict`] if a declaration contradicts the other or the bytes,
+/// [`DecodeError::UnknownFormat`] if nothing shows the format.
 pub fn find_format(claims: &FormatClaims<'_>, head: &[u8]) -> Result<Format, DecodeError> {
     if head.is_empty() {
         return Err(DecodeError::Empty);
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bytes_decide_where_the_media_type_says_nothing() {
+    fn the_bytes_decide_if_the_media_type_is_unspecific() {
         for silent in ["application/octet-stream", "text/plain; charset=utf-8", "application/x-www-form-urlencoded"] {
             assert_eq!(find_format(&sent_as(silent), b"ply\nformat").ok(), Some(Format::Ply));
             assert_eq!(find_format(&sent_as(silent), b"1,2,3\n").ok(), Some(Format::Csv));
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn the_extension_is_believed_last() {
+    fn the_extension_has_the_lowest_priority() {
         let named = |file_name| FormatClaims { file_name: Some(file_name), ..FormatClaims::default() };
         assert_eq!(find_format(&named("a.ply"), b"\x93NUMPY\x01\x00").ok(), Some(Format::Npy));
         for table in ["a.b.XYZ", "a.ds", "a.pts", "a.asc", "a.txt", "a.tsv"] {
@@ -169,14 +169,14 @@ mod tests {
     }
 
     #[test]
-    fn a_text_that_is_filled_up_with_nul_is_a_text() {
+    fn a_text_padded_with_nul_is_a_text() {
         assert_eq!(Format::sniff(b"1,2,3\n\0\0\0"), Some(Format::Csv));
         assert_eq!(Format::sniff(b"1,2\0,3\n"), None);
         assert_eq!(Format::sniff(b"\0\0"), None);
     }
 
     #[test]
-    fn utf_16_is_told_by_its_mark() {
+    fn utf_16_is_recognised_by_its_mark() {
         let utf16 = |text: &str| {
             [&b"\xff\xfe"[..], &text.encode_utf16().flat_map(u16::to_le_bytes).collect::<Vec<_>>()].concat()
         };

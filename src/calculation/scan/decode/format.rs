@@ -27,7 +27,7 @@ impl Format {
     /// Every format, in the order in which messages list them.
     pub const ALL: [Self; 7] = [Self::Csv, Self::GocatorCsv, Self::Ply, Self::Pcd, Self::Npy, Self::Npz, Self::Json];
 
-    /// The name used in requests, records and messages.
+    /// The name used in requests, results and messages.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -41,7 +41,7 @@ impl Format {
         }
     }
 
-    /// The format of a name or a file extension, whatever its case.
+    /// The format of a name or a file extension, irrespective of case.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         let name = name.trim().to_ascii_lowercase();
@@ -51,7 +51,7 @@ impl Format {
         }
     }
 
-    /// The format of a media type, its parameters left aside; `None` where the type is general or not known.
+    /// The format of a media type without its parameters; `None` if the type is general or unknown.
     #[must_use]
     pub fn from_media_type(media_type: &str) -> Option<Self> {
         let essence = media_type.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
@@ -67,7 +67,7 @@ impl Format {
         }
     }
 
-    /// The media type under which a file of this format is sent.
+    /// The media type of files of this format.
     #[must_use]
     pub fn media_type(self) -> &'static str {
         match self {

@@ -1,5 +1,5 @@
-//! The one place where points enter a cloud, from every reader: it scales them, leaves out missing points, refuses coordinates that
-//! are out of range, and run-length encodes label and x.
+//! The central function by which all readers add points to a cloud: it scales them, leaves out missing points, refuses coordinates
+//! that are out of range, and run-length encodes label and x.
 
 use super::error::DecodeError;
 use super::limits::Limits;
@@ -7,30 +7,30 @@ use crate::scan::cloud::{Cloud, Labels, Stripe, Unit};
 use crate::scan::columns::{self, Columns};
 use std::collections::HashSet;
 
-/// How precise a file's coordinates are.
+/// The precision of a file's coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Precision {
     /// Every coordinate is an `f32`.
     Single,
-    /// Some are not.
+    /// Some are `f64`.
     Double,
 }
 
-/// A cloud in the making.
+/// A cloud under construction.
 pub(super) struct Gather<'a> {
     limits: &'a Limits,
     unit: Unit,
     scale: f64,
     seen: usize,
     missing: u64,
-    /// Labels and planes of missing points whose plane is known, in mm.
+    /// Labels and planes of missing points with a known plane, mm.
     blanks: Vec<(f64, f64)>,
     stripes: Vec<Stripe>,
     columns: Columns,
 }
 
 impl<'a> Gather<'a> {
-    /// An empty cloud. Single precision is kept where nothing has to be scaled.
+    /// An empty cloud. Single precision is retained if no scaling is needed.
     pub(super) fn new(unit: Unit, precision: Precision, limits: &'a Limits) -> Self {
         let columns = match (unit, precision) {
             (Unit::Millimetre, Precision::Single) => Columns::F32 { y: Vec::new(), z: Vec::new() },
@@ -48,7 +48,7 @@ impl<'a> Gather<'a> {
         }
     }
 
-    /// Reserves space for `points` more, which the caller has seen in the input; not exactly that much, as there may be many
+    /// Reserves space for `points` more, which the caller has found in the input; not exactly that number, since there may be many
     /// such calls.
     pub(super) fn reserve(&mut self, points: usize) {
         let points = points.min(self.limits.points_max);
@@ -64,23 +64,23 @@ impl<'a> Gather<'a> {
         }
     }
 
-    /// Points met so far, missing ones included.
+    /// Number of points so far, missing ones included.
     pub(super) fn seen(&self) -> usize {
         self.seen
     }
 
-    /// Largest coordinate that goes in as it is; `None` where the file's unit is not the millimetre.
+    /// Largest coordinate that is stored without conversion; `None` if the file's unit is not the millimetre.
     pub(super) fn plain_limit(&self) -> Option<f64> {
         (self.scale == 1.0).then_some(self.limits.coordinate_max_mm)
     }
 
-    /// Takes one point in the file's unit; one that is not finite counts as missing.
+    /// Adds one point in the file's unit; a point that is not finite counts as missing.
     pub(super) fn push(&mut self, label: f64, point: [f64; 3]) -> Result<(), DecodeError> {
         let index = self.seen;
         self.count(1)?;
         let [x, y, z] = point.map(|value| value * self.scale);
         let limit = self.limits.coordinate_max_mm;
-        // Written so that NaN fails it, too.
+        // The comparison is written so that NaN fails it.
         if !(x.abs() <= limit && y.abs() <= limit && z.abs() <= limit && label.is_finite()) {
             return self.turn_away(index, label, point);
         }
@@ -100,9 +100,9 @@ impl<'a> Gather<'a> {
         Ok(())
     }
 
-    /// Takes `count` points at once: `fill` writes those that are there, finite and within [`Self::plain_limit`], in
-    /// millimetres, to the start of the space reserved for all, and returns their number. Returns false, and takes nothing, where it finds one
-    /// to be refused, or they are too many.
+    /// Adds `count` points at once: `fill` writes the finite points within [`Self::plain_limit`], in millimetres, to the start of
+    /// the space reserved for all, and returns their number. Returns false, and adds nothing, if a point has to be refused or there
+    /// are too many.
     pub(super) fn fill<P: Packed>(
         &mut self,
         count: usize,
@@ -129,10 +129,10 @@ impl<'a> Gather<'a> {
         true
     }
 
-    /// The cloud.
+    /// The finished cloud.
     ///
     /// # Errors
-    /// [`DecodeError::NoPoints`] where there is none but missing ones.
+    /// [`DecodeError::NoPoints`] if all points are missing.
     pub(super) fn finish(self, labels: Labels) -> Result<Cloud, DecodeError> {
         if self.columns.is_empty() {
             return Err(DecodeError::NoPoints { missing_count: self.missing });
@@ -142,7 +142,7 @@ impl<'a> Gather<'a> {
         Ok(Cloud { stripes, columns, labels, unit, blanks, missing_count })
     }
 
-    /// Takes a profile without a point, at x in the file's unit.
+    /// Adds a profile without a point, at x in the file's unit.
     pub(super) fn push_blank(&mut self, label: f64, x: f64) {
         let blank = (label, x * self.scale);
         let known = label.is_finite() && blank.1.abs() <= self.limits.coordinate_max_mm;
@@ -151,7 +151,7 @@ impl<'a> Gather<'a> {
         }
     }
 
-    /// The planes of labels that no point has.
+    /// The planes of labels without points.
     fn blanks_without_points(&self) -> Vec<f64> {
         if self.blanks.is_empty() {
             return Vec::new();
@@ -195,15 +195,15 @@ impl<'a> Gather<'a> {
 /// The columns of y and z.
 pub(super) type Both<'a, R> = (&'a mut Vec<R>, &'a mut Vec<R>);
 
-/// A record of three floats and nothing else.
+/// A record of exactly three floats.
 pub(super) trait Packed: Copy {
     /// The float.
     type Real: Copy + Default + PartialEq + Into<f64>;
     /// x, y, z.
     fn point(&self) -> [Self::Real; 3];
-    /// Whether no value is NaN or of a magnitude above `limit`.
+    /// Whether no value is NaN or exceeds `limit` in magnitude.
     fn all_within(values: &[Self::Real], limit: f64) -> bool;
-    /// The columns, where they are of this float.
+    /// The columns, if they have this type.
     fn columns(columns: &mut Columns) -> Option<Both<'_, Self::Real>>;
 }
 
@@ -246,7 +246,7 @@ impl Packed for [u8; 24] {
     }
 }
 
-/// Points that share a label and an x, as they follow each other.
+/// Consecutive points that share a label and an x.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Run {
     pub(super) label: f64,

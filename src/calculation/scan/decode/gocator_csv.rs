@@ -7,7 +7,7 @@
 //! | Part, Surface | a grid: X from the row that begins with `Y\X`, Y in the first column, Z in the cells |
 //! | SurfacePointCloud | rows of X, Y, Z |
 //!
-//! Sensor to rail: the sensor's X (across the laser line) becomes y, its Z (height) z, its Y (travel) x; that is a
+//! From sensor to rail coordinates: the sensor's X (across the laser line) becomes y, its Z (height) z, its Y (travel) x; that is a
 //! left-handed swap, which the sensor-to-rail calibration takes up. Each frame, or row of a grid, is a row. Lengths are
 //! millimetres. The first section that has points counts.
 
@@ -61,7 +61,7 @@ pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<
     Err(if begun { DecodeError::SectionMissing } else { DecodeError::NoPoints { missing_count: 0 } })
 }
 
-/// Looks for the version: in the cell beside its name, or below it.
+/// Reads the version from the cell beside its name or below it.
 fn check_version(line: &[u8], at: &mut Option<usize>) -> Result<(), DecodeError> {
     let cell = |position| COMMA.split(line).nth(position).and_then(parse_number);
     let stated = match at.take() {
@@ -86,12 +86,12 @@ fn check_version(line: &[u8], at: &mut Option<usize>) -> Result<(), DecodeError>
 struct Section<'s, 'a> {
     lines: &'s mut Lines<'a>,
     start: u64,
-    /// Its `End` was read; without it the file ended.
+    /// Whether its `End` was read; otherwise the file ended first.
     closed: bool,
     announced: Announced,
 }
 
-/// The number of rows that a section states: in the cell below this name.
+/// The number of rows that a section states, in the cell below this name.
 #[derive(Debug)]
 struct Announced {
     name: &'static [u8],
@@ -119,7 +119,7 @@ impl<'s, 'a> Section<'s, 'a> {
         Self { lines, start, closed: false, announced }
     }
 
-    /// Refuses a section that the file ends in before all rows are there; `is_cut` is set where its last row is incomplete.
+    /// Refuses a section if the file ends before all of its rows; `is_cut` is set if its last row is incomplete.
     fn check_whole(&self, found: u64, is_cut: bool) -> Result<(), DecodeError> {
         let Some(expected) = self.announced.count.filter(|_| !self.closed) else { return Ok(()) };
         if found < expected || is_cut {
@@ -131,7 +131,7 @@ impl<'s, 'a> Section<'s, 'a> {
 
     /// The next line that is not blank.
     fn next_line(&mut self) -> Result<Option<(u64, &[u8])>, DecodeError> {
-        // Twice, as a line that was examined cannot be handed out by the same borrow.
+        // The loop examines a line twice, because the borrow checker does not allow returning the line that was examined.
         loop {
             let number = self.lines.number() + 1;
             let Some(is_blank) = self.lines.next_line()?.map(is_blank) else { return Ok(None) };
@@ -156,7 +156,7 @@ fn first_cell(line: &[u8]) -> &[u8] {
     COMMA.split(line).next().unwrap_or_default()
 }
 
-/// Appends the numbers of the cells that are left; NaN where there is none.
+/// Appends the numbers of the remaining cells; NaN for a cell without one.
 fn read_cells(
     cells: Fields<'_>,
     before: usize,

@@ -5,30 +5,30 @@ use std::fmt;
 /// Characters of the file that a message shows.
 const SHOWN_MAX: usize = 40;
 
-/// Text of a file as a message may show it: readable, and not longer than a message should be.
+/// Text of a file for a message: readable and shortened.
 pub(super) fn shorten(bytes: &[u8]) -> String {
     let start = bytes.get(..bytes.len().min(4 * SHOWN_MAX)).unwrap_or_default();
     let text = String::from_utf8_lossy(start);
     text.chars().filter(|c| !c.is_control()).take(SHOWN_MAX).collect()
 }
 
-/// What to do about a cell that is no number.
+/// The remedy for a cell that is not a number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NumberHint {
     /// It has a character that looks like a minus.
     Minus,
-    /// It has something between groups of digits.
+    /// It has a separator between groups of digits.
     Thousands,
-    /// A unit stands behind the number.
+    /// A unit follows the number.
     Unit,
     /// It is a word.
     Word,
-    /// It is nothing of these.
+    /// None of these.
     Other,
 }
 
 impl NumberHint {
-    /// The hint that fits a text.
+    /// The hint for a text.
     pub(super) fn of(text: &str) -> Self {
         let mut characters = text.trim_start_matches(['+', '-']).chars();
         let first = characters.next().unwrap_or(' ');
@@ -49,24 +49,24 @@ impl NumberHint {
 impl fmt::Display for NumberHint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Minus => "write a minus as the plain - of the keyboard (not as \u{2212} or a dash)",
+            Self::Minus => "write a minus as the - of the keyboard (not as \u{2212} or a dash)",
             Self::Thousands => {
                 "write numbers without thousands separators, or declare the sign before decimals: decimal=point or \
                  decimal=comma"
             }
             Self::Unit => "write the number alone and its unit in the header, e.g. x_mm",
-            Self::Word => "remove a line that is no point; leave the cell empty where there is no point",
-            Self::Other => "leave the cell empty where there is no point",
+            Self::Word => "remove a line that is not a point; leave the cell empty if the point is missing",
+            Self::Other => "leave the cell empty if the point is missing",
         })
     }
 }
 
-/// What places the cells of a matrix.
+/// The pitches that determine the positions of the cells of a matrix.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Pitches {
-    /// The first column rises evenly: it is y, and only the profiles have no place.
+    /// The first column increases evenly and is y, so only the positions of the profiles are missing.
     OfProfiles,
-    /// Neither rows nor columns have a place.
+    /// The positions of rows and columns are missing.
     Both,
 }
 
@@ -94,11 +94,11 @@ impl Pitches {
     }
 }
 
-/// What to do about text that is not JSON.
+/// The remedy for text that is not JSON.
 pub(super) fn json_hint(found: &str) -> &'static str {
     let word = found.trim_start_matches(['+', '-']).to_ascii_lowercase();
     match word.as_str() {
-        "nan" | "inf" | "infinity" => "write null where there is no point",
+        "nan" | "inf" | "infinity" => "write null for a missing point",
         "" => "send the whole document",
         _ => "send a JSON document",
     }

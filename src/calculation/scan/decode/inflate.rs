@@ -7,9 +7,9 @@ use std::io::{self, BufRead, BufReader, ErrorKind, Read};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Bytes out before the ratio is judged: a short file of equal lines may well shrink to a hundredth.
+/// Decompressed bytes before the ratio is checked: a short file of equal lines may well compress to a hundredth.
 const RATIO_FROM: u64 = 1 << 20;
-/// Window of zstd, as a power of two: 8 MiB, the most that levels below "ultra" use. A frame may ask for 2 GiB.
+/// Window of zstd, as a power of two: 8 MiB, the largest of the levels below "ultra". A frame may ask for 2 GiB.
 const WINDOW_LOG_MAX: u32 = 23;
 
 /// A compression of the transfer.
@@ -22,7 +22,7 @@ pub enum Encoding {
 }
 
 impl Encoding {
-    /// The encoding that the first bytes give away.
+    /// The encoding that the first bytes show.
     #[must_use]
     pub fn sniff(head: &[u8]) -> Option<Self> {
         if head.starts_with(b"\x1f\x8b\x08") {
@@ -45,13 +45,13 @@ impl Encoding {
     }
 }
 
-/// Bytes of a file as it was sent, counted while they come in. Formats that are packed themselves are judged by them: what is
-/// packed in several layers unpacks by the product of the ratios of all of them.
+/// Number of bytes of a file as it was sent, counted as they arrive. Formats with their own compression are checked against this
+/// number, because several layers of compression multiply their ratios.
 #[derive(Debug, Clone, Default)]
 pub struct Sent(Arc<AtomicU64>);
 
 impl Sent {
-    /// A file that is here as a whole.
+    /// A file that is completely in memory.
     #[must_use]
     pub fn of(bytes_count: u64) -> Self {
         Self(Arc::new(AtomicU64::new(bytes_count)))
@@ -68,11 +68,11 @@ impl Sent {
     }
 }
 
-/// Undoes a compression, and counts in `sent` what goes in. The stream fails with a [`DecodeError`] inside its `io::Error`, which
-/// [`decode`](super::decode) takes out again, as soon as it is too long, too long for what went in, or damaged.
+/// Decompresses a stream, and counts the input in `sent`. The stream fails with a [`DecodeError`] inside its `io::Error`, which
+/// [`decode`](super::decode) extracts again, as soon as it is too long, too long for its input, or damaged.
 ///
 /// # Errors
-/// [`DecodeError::Io`] where the decoder cannot be set up.
+/// [`DecodeError::Io`] if the decoder cannot be set up.
 pub fn inflate<'a, R: BufRead + 'a>(
     encoding: Encoding,
     reader: R,
@@ -106,7 +106,7 @@ impl<R: BufRead> Read for Inflater<'_, R> {
     }
 }
 
-/// Counts what is taken from a reader.
+/// Counts the bytes that are read from a reader.
 struct Counted<R> {
     inner: R,
     sent: Sent,
@@ -131,7 +131,7 @@ impl<R: BufRead> BufRead for Counted<R> {
     }
 }
 
-/// A decompressor whose output is counted against the limits. `packed` counts the bytes that went in so far.
+/// A decompressor whose output is checked against the limits. `packed` counts its input so far.
 pub(super) struct Capped<R, F> {
     inner: R,
     packed: F,
@@ -158,7 +158,7 @@ impl<R: Read, F: Fn() -> u64> Read for Capped<R, F> {
     }
 }
 
-/// Refuses what unpacks to too many times what was sent.
+/// Refuses a ratio of decompressed to sent bytes beyond the limit.
 pub(super) fn check_ratio(unpacked: u64, packed: u64, ratio_max: u64) -> Result<(), DecodeError> {
     if unpacked > RATIO_FROM && unpacked / ratio_max.max(1) > packed {
         return Err(DecodeError::InflateRatio { limit: ratio_max });
@@ -166,7 +166,7 @@ pub(super) fn check_ratio(unpacked: u64, packed: u64, ratio_max: u64) -> Result<
     Ok(())
 }
 
-/// Distinguishes damage, which decompressors report under these kinds, from a source that failed.
+/// Distinguishes damaged data, which decompressors report under these kinds, from a failed source.
 fn name_damage(error: io::Error) -> io::Error {
     match error.kind() {
         ErrorKind::InvalidInput | ErrorKind::InvalidData | ErrorKind::UnexpectedEof | ErrorKind::Other => {
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn both_encodings_come_back_whole() {
+    fn both_encodings_are_decompressed_completely() {
         let text = b"0 1 2\n".repeat(1000);
         for packed in [gzip(&text), zstd(&text)] {
             assert_eq!(read(&packed, &Limits::default()).expect("inflates"), text);
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reader_that_meets_a_bomb_gives_its_reason() {
+    fn a_reader_of_a_bomb_reports_its_reason() {
         let limits = Limits::default();
         let request = crate::scan::decode::request::Request::new(&limits);
         let packed = gzip(&b"0 1 2\n".repeat(1 << 20));

@@ -1,7 +1,7 @@
-//! JSON profiles, `{"profiles": [{"x_mm": 0.0, "points": [[y, z], …]}]}`, read as a stream. From bytes to a cloud.
+//! JSON profiles, `{"profiles": [{"x_mm": 0.0, "points": [[y, z], …]}]}`, read as a stream.
 //!
-//! A profile may have `"y_mm": […], "z_mm": […]` in place of `points`. `null` stands for a point, or a coordinate, that
-//! is missing. Other fields are refused, so nothing nests deeper than this shape does; one profile is in memory at a time.
+//! A profile may have `"y_mm": […], "z_mm": […]` in place of `points`. `null` marks a missing point or coordinate. Other fields are
+//! refused, so the nesting is limited to this structure; one profile is in memory at a time.
 
 use super::error::DecodeError;
 use super::gather::{Gather, Precision};
@@ -29,7 +29,7 @@ pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<
     }
 }
 
-/// Where the document stops making sense, and how.
+/// The position and the kind of an error in the document.
 fn refuse(error: serde_json::Error, recent: Recent<'_>) -> DecodeError {
     let (line, column) = (error.line(), error.column());
     match error.classify() {
@@ -39,21 +39,21 @@ fn refuse(error: serde_json::Error, recent: Recent<'_>) -> DecodeError {
     }
 }
 
-/// Bytes of which the last are remembered.
+/// Number of bytes that are remembered.
 const RECENT_BYTES: usize = 64;
 
-/// A reader that remembers its last bytes, for a message about them.
+/// A reader that stores its last bytes, for a message about them.
 struct Recent<'a> {
     inner: &'a mut dyn BufRead,
     last: [u8; RECENT_BYTES],
     count: usize,
     line: usize,
-    /// Bytes before the line that is read, and before the one above it.
+    /// Bytes before the current line, and before the previous one.
     line_starts: [usize; 2],
 }
 
 impl<'a> Recent<'a> {
-    /// Behind the byte order mark, where there is one.
+    /// Starts after the byte order mark, if there is one.
     fn new(inner: &'a mut dyn BufRead) -> std::io::Result<Self> {
         if inner.fill_buf()?.starts_with(b"\xef\xbb\xbf") {
             inner.consume(3);
@@ -61,7 +61,7 @@ impl<'a> Recent<'a> {
         Ok(Self { inner, last: [0; RECENT_BYTES], count: 0, line: 1, line_starts: [0; 2] })
     }
 
-    /// The word or text at a place, which may lie a few bytes back; empty where it lies farther back or at the end.
+    /// The word or text at a position, which may lie a few bytes back; empty if it lies farther back or at the end.
     fn word(self, line: usize, column: usize) -> String {
         let [current, above] = self.line_starts;
         let start = if line == self.line { current } else { above };
@@ -76,7 +76,7 @@ impl<'a> Recent<'a> {
         let is_text = from.first() == Some(&b'"');
         let start = before.iter().rposition(|byte| if is_text { *byte == b'"' } else { !is_part(byte) });
         let start = start.map_or(0, |start| start + 1);
-        // A text ends before its quote; a sign that is no part of a word is shown itself.
+        // A text ends before its quote; a single character that is not part of a word is shown itself.
         let length = match from.first() {
             Some(first) if is_part(first) => from.iter().position(|byte| !is_part(byte)).unwrap_or(from.len()),
             Some(b'"') if start < at => 0,
@@ -103,7 +103,7 @@ impl Read for Recent<'_> {
     }
 }
 
-/// Where points go while the document is visited. serde carries no refusal but text; ours waits here.
+/// The target of the points while the document is visited. serde errors carry only text, so ours is stored here.
 struct Sink<'a> {
     gather: Gather<'a>,
     row: f64,
@@ -181,7 +181,7 @@ struct Profile {
 }
 
 impl Profile {
-    /// y and z, given together or apart, of one length.
+    /// y and z, given together or separately, of equal length.
     fn columns(&self) -> Option<(&[f64], &[f64])> {
         let (y, z) = match (&self.points, &self.y_mm, &self.z_mm) {
             (Some(Points { y, z }), None, None) => (y, z),
@@ -203,7 +203,7 @@ struct Points {
     z: Vec<f64>,
 }
 
-// By hand and not by derive, which would take five times the memory while a profile is read.
+// Written by hand, because the derived implementation would take five times the memory while a profile is read.
 impl<'de> Deserialize<'de> for Numbers {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         deserializer.deserialize_seq(NumbersVisitor)
@@ -254,7 +254,7 @@ impl<'de> Visitor<'de> for PointsVisitor {
     }
 }
 
-/// `[y, z]`; NaN for null. Not an array of two, for which serde_json reports "syntax" where it finds three.
+/// `[y, z]`; NaN for null. It is not an array of two, because serde_json then reports three elements as a "syntax" error.
 struct Pair(f64, f64);
 
 impl<'de> Deserialize<'de> for Pair {
@@ -328,13 +328,13 @@ mod tests {
     }
 
     #[test]
-    fn a_byte_order_mark_is_passed_over() {
+    fn a_byte_order_mark_is_skipped() {
         let text = "\u{feff}{\"profiles\":[{\"x_mm\":1,\"points\":[[2,3]]}]}";
         assert_eq!(read_in(text, None).expect("reads").points().collect::<Vec<_>>(), [[1.0, 2.0, 3.0]]);
     }
 
     #[test]
-    fn a_wrong_document_is_shown_where_it_is_wrong() {
+    fn the_error_of_an_invalid_document_shows_the_position() {
         for (value, hint) in
             [("NaN", "write null"), ("-Infinity", "write null"), ("nan", "write null"), ("1.5.2", "JSON")]
         {

@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Bounds on files and on what comes out of them; a setting left out keeps its default.
+/// Limits on files and on the results of decoding; a setting that is left out keeps its default.
 ///
-/// There is none for the nesting of JSON: its reader accepts one shape, four levels deep, and refuses any other.
+/// There is no limit for the nesting of JSON: its reader accepts one structure, four levels deep, and refuses any other.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Limits {

@@ -1,11 +1,11 @@
-//! Lines of text from a reader, one at a time into one buffer, none longer than allowed. Text in UTF-16 with a byte order mark is
-//! converted to UTF-8 block by block: spreadsheets save "Unicode text" so.
+//! Lines of text from a reader, one at a time in one buffer, none longer than allowed. Text in UTF-16 with a byte order mark, which
+//! spreadsheets write as "Unicode text", is converted to UTF-8 block by block.
 
 use super::error::DecodeError;
 use super::limits::Limits;
 use std::io::{self, BufRead, Read};
 
-/// A reader taken line by line.
+/// A reader that returns lines.
 pub(super) struct Lines<'a> {
     reader: &'a mut dyn BufRead,
     buffer: Vec<u8>,
@@ -21,13 +21,13 @@ impl<'a> Lines<'a> {
         Self { reader, buffer: Vec::new(), number: 0, bytes_max: limits.line_bytes_max, end: b'\n' }
     }
 
-    /// The same for text that may have been written with CR alone, as old programs do: where the first line ends so.
+    /// The same for text in which lines may end with CR alone, as old programs write it: the first line decides.
     pub(super) fn of_text(reader: &'a mut dyn BufRead, limits: &Limits) -> Result<Self, DecodeError> {
         let end = end_of_lines(reader.fill_buf()?);
         Ok(Self { end, ..Self::new(reader, limits) })
     }
 
-    /// The same for a file with a header in text, whatever follows it: where the first line ends with CR alone.
+    /// The same for a file with a text header, whatever follows it: its lines end with CR alone if the first line does.
     pub(super) fn of_header(reader: &'a mut dyn BufRead, limits: &Limits) -> Result<Self, DecodeError> {
         let head = reader.fill_buf()?;
         let first_end = head.iter().position(|byte| matches!(byte, b'\r' | b'\n')).and_then(|at| head.get(at..at + 2));
@@ -35,11 +35,11 @@ impl<'a> Lines<'a> {
         Ok(Self { end: if is_cr { b'\r' } else { b'\n' }, ..Self::new(reader, limits) })
     }
 
-    /// Whether nothing follows but NUL, Ctrl-Z and blanks, with which some programs fill a file up; all of it is skipped then.
-    /// Looks only where NUL or Ctrl-Z is next.
+    /// Whether only NUL, Ctrl-Z and blanks follow, with which some programs pad a file; all of them are then skipped. The check is
+    /// made only if NUL or Ctrl-Z is next.
     ///
     /// # Errors
-    /// [`DecodeError::NotText`] where something else follows behind NUL.
+    /// [`DecodeError::NotText`] if other bytes follow a NUL.
     pub(super) fn is_padding(&mut self) -> Result<bool, DecodeError> {
         if !self.reader.fill_buf()?.first().is_some_and(|byte| is_fill(*byte)) {
             return Ok(false);
@@ -57,12 +57,13 @@ impl<'a> Lines<'a> {
         }
     }
 
-    /// The number of the last line given out, from 1.
+    /// The number of the last returned line, from 1.
     pub(super) fn number(&self) -> u64 {
         self.number
     }
 
-    /// The next line without its end (LF or CR LF, or CR where lines end so) and, in the first, without a byte order mark; `None` at the end.
+    /// The next line without its end (LF or CR LF, or CR if lines end so) and, for the first line, without a byte order mark;
+    /// `None` at the end.
     pub(super) fn next_line(&mut self) -> Result<Option<&[u8]>, DecodeError> {
         self.buffer.clear();
         let read = self.reader.take(self.bytes_max as u64 + 2).read_until(self.end, &mut self.buffer)?;
@@ -77,7 +78,7 @@ impl<'a> Lines<'a> {
         Ok(Some(line))
     }
 
-    /// The last line given out, again.
+    /// The last returned line again.
     pub(super) fn last_line(&self) -> &[u8] {
         let mut line = self.buffer.as_slice();
         line = line.strip_suffix(b"\n").unwrap_or(line);
@@ -88,23 +89,23 @@ impl<'a> Lines<'a> {
         line
     }
 
-    /// Whether the last line given out had an end.
+    /// Whether the last returned line had an end.
     pub(super) fn has_end(&self) -> bool {
         self.buffer.last() == Some(&self.end)
     }
 
-    /// The reader behind, at the start of the next line.
+    /// The underlying reader, at the start of the next line.
     pub(super) fn into_reader(self) -> &'a mut dyn BufRead {
         self.reader
     }
 }
 
-/// What stands for no text at the end of a file.
+/// Whether a byte is padding at the end of a file.
 pub(super) fn is_fill(byte: u8) -> bool {
     matches!(byte, 0 | 0x1a)
 }
 
-/// CR where it ends the first line of a text and no LF follows anywhere near, else LF.
+/// CR if it ends the first line of a text and no LF follows nearby, otherwise LF.
 fn end_of_lines(head: &[u8]) -> u8 {
     let behind_cr = head.iter().position(|byte| *byte == b'\r').and_then(|at| head.get(at + 1));
     if behind_cr.is_some_and(|byte| *byte != b'\r') && !head.contains(&b'\n') { b'\r' } else { b'\n' }
@@ -115,12 +116,12 @@ pub(super) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
 }
 
-/// Text of a word; empty where it is not UTF-8.
+/// Text of a word; empty if it is not UTF-8.
 pub(super) fn text(word: &[u8]) -> &str {
     str::from_utf8(word).unwrap_or_default()
 }
 
-/// Units that are taken at once.
+/// Number of UTF-16 units that are converted at once.
 const BLOCK_UNITS: usize = 1 << 13;
 
 /// Whether text begins with the mark of UTF-16 (and not of UTF-32).
@@ -128,7 +129,7 @@ pub(super) fn has_mark(head: &[u8]) -> bool {
     head.starts_with(b"\xfe\xff") || (head.starts_with(b"\xff\xfe") && !head.starts_with(b"\xff\xfe\0\0"))
 }
 
-/// The ASCII characters of text with a mark; what is another character becomes `?`.
+/// The ASCII characters of text with a byte order mark; other characters become `?`.
 pub(super) fn ascii_of(head: &[u8]) -> Vec<u8> {
     let is_big = head.starts_with(b"\xfe\xff");
     let units = head.as_chunks::<2>().0.iter().skip(1).map(|unit| unit_of(*unit, is_big));
@@ -139,18 +140,18 @@ fn unit_of(bytes: [u8; 2], is_big: bool) -> u16 {
     if is_big { u16::from_be_bytes(bytes) } else { u16::from_le_bytes(bytes) }
 }
 
-/// A reader of UTF-8 over one of UTF-16. The mark comes out as that of UTF-8; what is no character comes out as U+FFFD.
+/// Converts a reader of UTF-16 to UTF-8. The byte order mark becomes that of UTF-8; an invalid character becomes U+FFFD.
 pub(super) struct Utf8<'a> {
     inner: &'a mut dyn BufRead,
     is_big: bool,
-    /// The first half of a pair that the last block ended with.
+    /// The first half of a surrogate pair at the end of the last block.
     half: Option<u16>,
     text: Vec<u8>,
     used: usize,
 }
 
 impl<'a> Utf8<'a> {
-    /// From the mark on.
+    /// Starts at the byte order mark.
     pub(super) fn new(inner: &'a mut dyn BufRead) -> io::Result<Self> {
         let is_big = inner.fill_buf()?.starts_with(b"\xfe");
         Ok(Self { inner, is_big, half: None, text: Vec::new(), used: 0 })
@@ -164,7 +165,7 @@ impl<'a> Utf8<'a> {
         let (units, odd) = bytes.as_chunks::<2>();
         let mut units: Vec<u16> =
             self.half.take().into_iter().chain(units.iter().map(|unit| unit_of(*unit, self.is_big))).collect();
-        // Between two blocks a pair may be torn; at the end of the file it is.
+        // A surrogate pair may be split between two blocks; at the end of the file it is incomplete.
         let is_half = |unit: &u16| (0xd800..0xdc00).contains(unit);
         if bytes.len() == 2 * BLOCK_UNITS {
             self.half = units.pop_if(|unit| is_half(unit));
@@ -206,7 +207,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn line_ends_and_the_byte_order_mark_are_taken_off() {
+    fn line_ends_and_the_byte_order_mark_are_removed() {
         let mut bytes: &[u8] = b"\xef\xbb\xbfa\r\n\nb";
         let limits = Limits::default();
         let mut lines = Lines::new(&mut bytes, &limits);
@@ -244,13 +245,13 @@ mod tests {
     }
 
     #[test]
-    fn padding_is_passed_over_at_the_end_only() {
+    fn padding_is_skipped_at_the_end_only() {
         let limits = Limits::default();
         for (text, is_padding) in [("\0\0\n\0 ", true), (" \0", false), ("\u{1a}", true), ("", false)] {
             let mut bytes = text.as_bytes();
             assert_eq!(Lines::new(&mut bytes, &limits).is_padding().expect("reads"), is_padding, "{text:?}");
         }
-        let error = Lines::new(&mut &b"\0\0\n1"[..], &limits).is_padding().expect_err("text behind NUL");
+        let error = Lines::new(&mut &b"\0\0\n1"[..], &limits).is_padding().expect_err("text after NUL");
         assert_eq!(error.code(), "not_text");
     }
 
@@ -268,7 +269,7 @@ mod utf16_tests {
     use super::*;
 
     #[test]
-    fn text_comes_back_from_both_byte_orders_also_across_blocks() {
+    fn text_is_converted_from_both_byte_orders_and_across_blocks() {
         let text: String = "x,µ,\u{1f600}\n".repeat(BLOCK_UNITS / 3);
         for is_big in [false, true] {
             let units = std::iter::once(0xfeff).chain(text.encode_utf16());

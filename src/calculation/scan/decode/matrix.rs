@@ -1,11 +1,11 @@
-//! A matrix of heights: no coordinates but z in its cells, perhaps y or x in its first column. From values in rows and the pitches
+//! A matrix of heights: its cells contain only z, its first column may contain y or x. From values in rows and the pitches
 //! that a caller declares to a cloud.
 //!
 //! | declared | a profile is | x | y |
 //! |---|---|---|---|
 //! | both pitches | a row | number of the row · `x_pitch_mm` | number of the column · `y_pitch_mm` |
 //! | both, columns are profiles | a column | number of the column · `x_pitch_mm` | number of the row · `y_pitch_mm` |
-//! | `x_pitch_mm` | a column but the first | number of the column · `x_pitch_mm` | the first column |
+//! | `x_pitch_mm` | every column except the first | number of the column · `x_pitch_mm` | the first column |
 //! | `y_pitch_mm` | a row | the first column | number of the column · `y_pitch_mm` |
 //!
 //! Numbers count from 0. Pitches are in millimetres, cells in the unit of the file.
@@ -17,14 +17,14 @@ use super::hints::Pitches;
 use super::request::{Request, settle_unit};
 use crate::scan::cloud::{Cloud, Labels, Unit};
 
-/// Columns from which numbers without a header are a matrix: points have x, y, z and a few attributes.
+/// Number of columns from which numbers without a header are taken for a matrix: points have x, y, z and a few attributes.
 pub(super) const COLUMNS_MIN: usize = 9;
-/// Largest deviation of the steps of a column that rises evenly, in steps.
+/// Largest deviation of the steps of an evenly increasing column, in steps.
 const STEP_DEVIATION_MAX: f64 = 0.02;
 /// The label of profiles that are columns.
 const COLUMN_LABEL: &str = "column";
 
-/// What has to be declared for a matrix that begins with these rows.
+/// The pitches to declare for a matrix that begins with these rows.
 pub(super) fn pitches_wanted(first_column: &[f64]) -> Pitches {
     if rises_evenly(first_column) { Pitches::OfProfiles } else { Pitches::Both }
 }
@@ -52,8 +52,8 @@ impl Matrix {
     /// The points of the cells.
     ///
     /// # Errors
-    /// [`DecodeError::PitchNeeded`] where nothing is declared, [`DecodeError::PositionMissing`] where the first column should contain
-    /// positions and does not, and whatever a point may be refused for.
+    /// [`DecodeError::PitchNeeded`] if nothing is declared, [`DecodeError::PositionMissing`] if the first column should contain
+    /// positions and does not, and the errors of single points.
     pub(super) fn into_cloud(self, request: &Request<'_>) -> Result<Cloud, DecodeError> {
         let unit = settle_unit(request.unit, self.unit)?;
         let in_unit = |pitch: f64| pitch / unit.in_mm();
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn every_declaration_places_the_cells() {
+    fn every_declaration_determines_the_positions_of_the_cells() {
         let grid = Grid { x_pitch_mm: Some(10.0), y_pitch_mm: Some(2.0), columns_are_profiles: false };
         let rows = [[0.0, 0.0, -1.0], [0.0, 2.0, 5.0], [0.0, 4.0, 6.0], [10.0, 0.0, 0.0], [10.0, 2.0, 7.0]];
         assert_eq!(read(grid, None).expect("rows"), rows);
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn without_pitches_the_answer_names_those_that_are_needed() {
+    fn without_pitches_the_error_names_the_required_ones() {
         let error = read(Grid::default(), None).expect_err("undeclared");
         assert!(matches!(error, DecodeError::PitchNeeded { columns: 3, wanted: Pitches::Both, .. }), "{error}");
         assert_eq!(pitches_wanted(&[-38.0, -37.5, -37.0, -36.5]), Pitches::OfProfiles);

@@ -1,7 +1,7 @@
-//! From the bytes of a file to a cloud: one function per format behind [`decode`], total on any bytes.
+//! From the bytes of a file to a cloud: [`decode`] calls one function per format, each of which accepts any bytes.
 //!
-//! No reader panics, aborts, or reserves memory on the word of a length that the input has not backed with bytes; what a file
-//! may cost stands in [`Limits`].
+//! No reader panics, aborts, or reserves memory for a length that the input has not yet backed with bytes; [`Limits`] bounds the
+//! cost of a file.
 //!
 //! ```text
 //! head ---find_format--> Format
@@ -10,9 +10,9 @@
 //!                                         \------------- gather -------------/ --> Cloud
 //! ```
 //!
-//! Points that are not finite are missing: they are counted and left out. Coordinates become millimetres while they are read: in the
-//! unit that the request or the file declares, in millimetres already where neither does; two declarations that differ
-//! are refused.
+//! Points that are not finite are missing: they are counted and left out. Coordinates are converted to millimetres while they are
+//! read, from the unit that the request or the file declares, or from millimetres by default; two different declarations are
+//! refused.
 
 mod csv;
 mod error;
@@ -50,10 +50,10 @@ pub use request::{Grid, Request};
 use super::cloud::Cloud;
 use std::io::BufRead;
 
-/// Reads a file of a known format, up to the last point that matters.
+/// Reads a file of a known format, up to its last relevant point.
 ///
 /// # Errors
-/// [`DecodeError`] states what is wrong with the file and what to do about it.
+/// [`DecodeError`] states the fault of the file and the remedy.
 pub fn decode(format: Format, reader: &mut dyn BufRead, request: &Request<'_>) -> Result<Cloud, DecodeError> {
     if reader.fill_buf()?.is_empty() {
         return Err(DecodeError::Empty);

@@ -1,10 +1,10 @@
-//! What the names of columns, properties and fields mean: a coordinate (perhaps with its unit) or the profile.
+//! The meaning of the names of columns, properties and fields: a coordinate (optionally with its unit) or the profile.
 
 use super::error::DecodeError;
 use super::request::{Request, settle_unit};
 use crate::scan::cloud::Unit;
 
-/// Names, without case, under which a column counts the profiles.
+/// Names, irrespective of case, of a column that counts the profiles.
 const PROFILE_NAMES: [&str; 25] = [
     "profile",
     "profile_index",
@@ -77,7 +77,7 @@ const POSITION_WORDS: [&str; 40] = [
     "point",
 ];
 
-/// Where the columns that matter stand, by position.
+/// Indices of the relevant columns.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ColumnMap {
     /// x, y and z.
@@ -89,22 +89,22 @@ pub(super) struct ColumnMap {
 }
 
 impl ColumnMap {
-    /// One past the last column that matters.
+    /// Index after the last relevant column.
     pub(super) fn end(&self) -> usize {
         let label = self.label.as_ref().map_or(0, |(position, _)| *position);
         self.point.iter().fold(label, |end, &position| end.max(position)) + 1
     }
 }
 
-/// Finds the coordinates and the profile's label among names.
+/// Finds the coordinates and the profile's label among the names.
 ///
 /// # Errors
-/// [`DecodeError::UnknownColumn`] without x, y or z or the profile column asked for, [`DecodeError::DoubleColumn`] with
-/// two of a kind, [`DecodeError::UnitConflict`] where names state different units.
+/// [`DecodeError::UnknownColumn`] without x, y or z or the requested profile column, [`DecodeError::DoubleColumn`] with two of a
+/// kind, [`DecodeError::UnitConflict`] if names state different units.
 pub(super) fn map_columns(names: &[String], request: &Request<'_>) -> Result<ColumnMap, DecodeError> {
     let mut point = [None; 3];
     let mut unit = None;
-    // An x beside an x_position is the one that is meant.
+    // An x has priority over an x_position.
     let plain = [Axis::X, Axis::Y, Axis::Z]
         .iter()
         .all(|axis| names.iter().filter_map(|name| read_plain_axis(name)).any(|(found, _)| found == *axis));
@@ -135,7 +135,7 @@ pub(super) fn is_axis(name: &str) -> bool {
     read_axis(name).is_some()
 }
 
-/// The unit of a cell that contains one and nothing else: `mm`, `[mm]`, `(inch)`.
+/// The unit of a cell that contains nothing else: `mm`, `[mm]`, `(inch)`.
 pub(super) fn unit_of_cell(cell: &[u8]) -> Option<Unit> {
     Unit::from_name(text_of(cell).trim().trim_matches(['[', ']', '(', ')', '<', '>', '{', '}']))
 }
@@ -147,7 +147,7 @@ pub(super) fn unit_of_comment(comment: &[u8]) -> Option<Unit> {
     Unit::from_name(rest.trim_start().strip_prefix([':', '='])?)
 }
 
-/// Text of a name or comment: UTF-8, else the Latin-1 that spreadsheets write, so that a micrometre stays one.
+/// Text of a name or comment: UTF-8, otherwise the Latin-1 of spreadsheets, so that a micrometre is recognised.
 pub(super) fn text_of(bytes: &[u8]) -> String {
     str::from_utf8(bytes).map_or_else(|_| bytes.iter().copied().map(char::from).collect(), str::to_owned)
 }
@@ -172,7 +172,7 @@ fn find_label(names: &[String], request: &Request<'_>) -> Result<Option<(usize, 
     Ok(position.and_then(|position| Some((position, names.get(position)?.trim().to_owned()))))
 }
 
-/// The error that lists the columns there are: not more than fit a message, none longer than a name should be.
+/// The error that lists the columns of the file, limited in their number and in the length of each.
 pub(super) fn unknown_column(wanted: &str, names: &[String]) -> DecodeError {
     let short = |name: &str| name.chars().filter(|c| !c.is_control()).take(40).collect::<String>();
     let found = names.iter().take(32).map(|name| short(name.trim())).collect();
@@ -215,12 +215,12 @@ impl Axis {
     }
 }
 
-/// Reads what [`read_plain_axis`] reads, and `X-Position`, `Pos_X`, `XPos`, `pos x (mm)`.
+/// Accepts the names of [`read_plain_axis`], and `X-Position`, `Pos_X`, `XPos`, `pos x (mm)`.
 fn read_axis(name: &str) -> Option<(Axis, Option<Unit>)> {
     read_plain_axis(name).or_else(|| read_long_axis(name))
 }
 
-/// Reads an axis beside a word for a position: in any order, joined or apart, perhaps with a unit.
+/// Accepts an axis next to a word for a position: in any order, joined or separate, optionally with a unit.
 fn read_long_axis(name: &str) -> Option<(Axis, Option<Unit>)> {
     let name = name.to_lowercase();
     let (mut axis, mut unit) = (None, None);
@@ -235,7 +235,7 @@ fn read_long_axis(name: &str) -> Option<(Axis, Option<Unit>)> {
     Some((axis?, unit))
 }
 
-/// Reads `x`, `X_mm`, `x[mm]`, `X (mm)`, `x mm`, `x/mm`, `x.mm`: an axis, and the unit behind it.
+/// Accepts `x`, `X_mm`, `x[mm]`, `X (mm)`, `x mm`, `x/mm`, `x.mm`: an axis, and the unit after it.
 fn read_plain_axis(name: &str) -> Option<(Axis, Option<Unit>)> {
     let name = name.trim();
     let mut letters = name.chars();
@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn the_profile_column_is_recognised_or_taken_as_asked() {
+    fn the_profile_column_is_recognised_or_taken_as_requested() {
         let names = ["t", "Profile Index", "z", "y", "x"];
         assert_eq!(map(&names, None).expect("axes").label, Some((1, "Profile Index".to_owned())));
         assert_eq!(map(&names, Some("T")).expect("axes").label, Some((0, "t".to_owned())));
@@ -303,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plain_name_wins_over_a_longer_one_and_other_words_are_no_positions() {
+    fn a_short_name_has_priority_and_other_words_are_not_positions() {
         assert_eq!(map(&["x_pos", "x", "y", "z"], None).expect("axes").point, [1, 2, 3]);
         for name in ["nx", "x normal", "xy_pos", "pos", "x_x_pos", "x mm mm"] {
             assert!(!is_axis(name), "{name}");

@@ -1,8 +1,8 @@
-//! NPY, one numpy array: (N, 3) points, (P, M, 3) profiles, records with fields x, y, z, or a matrix (P, M) of heights with declared
-//! pitches; in either order of the axes.
+//! NPY, one numpy array: (N, 3) points, (P, M, 3) profiles, records with fields x, y, z, or a matrix (P, M) of heights with
+//! declared pitches; in either order of the axes.
 //!
 //! The header is a Python literal with three keys in a fixed spelling, and is parsed here: the crate for this format recurses into
-//! nested brackets and multiplies sizes unchecked, either of which a hostile header turns into an abort.
+//! nested brackets and multiplies sizes unchecked, and a hostile header can use either to cause an abort.
 
 use super::error::{DecodeError, ends_early};
 use super::format::Format;
@@ -41,7 +41,7 @@ fn decode_numbers(
     let limit = request.limits.points_max;
     let within = |count: u64| usize::try_from(count).ok().filter(|count| *count <= limit);
     let count = count.and_then(within).ok_or(DecodeError::TooManyPoints { limit })?;
-    // A row that is longer than all points would be one of no rows.
+    // A row longer than all points means an array without rows.
     let row_length = row_length.map(|length| within(length).unwrap_or(limit));
     let labels = if row_length.is_some() { Labels::Row } else { Labels::None };
     let unit = settle_unit(request.unit, None)?;
@@ -66,7 +66,7 @@ fn decode_numbers(
     gather.finish(labels)
 }
 
-/// Reads an array of records whose fields are named as the columns of a table would be.
+/// Reads an array of records whose fields are named like the columns of a table.
 fn decode_records(
     reader: &mut dyn BufRead,
     header: &ArrayHeader,
@@ -112,7 +112,7 @@ fn decode_matrix(reader: &mut dyn BufRead, header: &ArrayHeader, request: &Reque
     Matrix { format: FORMAT, columns, cells, unit: None }.into_cloud(request)
 }
 
-/// A whole array of numbers.
+/// A complete array of numbers.
 pub(super) struct Array {
     pub(super) scalar: Scalar,
     pub(super) shape: Vec<usize>,
@@ -121,7 +121,7 @@ pub(super) struct Array {
 }
 
 impl Array {
-    /// Reads what the header announces, at most `count_max` numbers.
+    /// Reads the array that the header announces, at most `count_max` numbers.
     pub(super) fn read(reader: &mut dyn Read, header: &ArrayHeader, count_max: usize) -> Result<Self, DecodeError> {
         let scalar = header.scalar()?;
         let (count, size) = (header.count(count_max)? as u64, scalar.kind.size() as u64);
@@ -147,35 +147,35 @@ impl Array {
     }
 }
 
-/// How precise arrays of these kinds are together.
+/// The common precision of arrays of these kinds.
 pub(super) fn precision_of(arrays: &[&Array]) -> Precision {
     let is_single = arrays.iter().all(|array| array.scalar.kind == Kind::F32);
     if is_single { Precision::Single } else { Precision::Double }
 }
 
 pub(super) const MAGIC: &[u8; 6] = b"\x93NUMPY";
-/// Bytes of a header; numpy itself asks for confirmation beyond this.
+/// Largest number of bytes of a header; numpy itself asks for confirmation beyond this.
 const HEADER_MAX: usize = 10_000;
-/// Axes of an array; points have two or three.
+/// Largest number of axes of an array; points have two or three.
 const AXES_MAX: usize = 32;
-/// Bytes of one field; more than any that stands beside coordinates has.
+/// Largest number of bytes of one field, more than any usual attribute of a point has.
 const FIELD_BYTES_MAX: usize = 1 << 16;
 
 /// A field of a structured array.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Field {
     pub(super) name: String,
-    /// `None` where it is no single number.
+    /// `None` if it is not a single number.
     pub(super) scalar: Option<Scalar>,
     pub(super) start: usize,
 }
 
-/// What an array consists of.
+/// The elements of an array.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Element {
     /// Numbers.
     Plain(Scalar),
-    /// Records of fields, of so many bytes each.
+    /// Records of fields, with their size in bytes.
     Record(Vec<Field>, usize),
 }
 
@@ -183,7 +183,7 @@ pub(super) enum Element {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct ArrayHeader {
     pub(super) element: Element,
-    /// Whether the first axis varies fastest, and not the last.
+    /// Whether the first axis varies fastest instead of the last.
     pub(super) is_fortran: bool,
     pub(super) shape: Vec<u64>,
 }
@@ -192,7 +192,7 @@ impl ArrayHeader {
     /// The kind of its numbers.
     ///
     /// # Errors
-    /// [`DecodeError::Unsupported`] where it has fields.
+    /// [`DecodeError::Unsupported`] if it has fields.
     pub(super) fn scalar(&self) -> Result<Scalar, DecodeError> {
         match self.element {
             Element::Plain(scalar) => Ok(scalar),
@@ -203,7 +203,7 @@ impl ArrayHeader {
         }
     }
 
-    /// Elements of the array, where they are not more than `limit`.
+    /// Number of elements of the array, if it is not larger than `limit`.
     pub(super) fn count(&self, limit: usize) -> Result<usize, DecodeError> {
         let count = self.shape.iter().try_fold(1u64, |count, axis| count.checked_mul(*axis));
         let count = count.and_then(|count| usize::try_from(count).ok()).filter(|count| *count <= limit);
@@ -268,13 +268,13 @@ fn scalar_of(value: &str) -> Option<Scalar> {
     Some(Scalar { kind, endian })
 }
 
-/// A quoted text at the start, and what follows it.
+/// A quoted text at the start, and the text after it.
 fn quoted(text: &str) -> Option<(&str, &str)> {
     let quote = text.chars().next().filter(|c| matches!(c, '\'' | '"'))?;
     text.get(1..)?.split_once(quote)
 }
 
-/// Reads `('x', '<f8'), ('tag', '|S4'), ('rgb', '<u1', (3,))]` behind its opening bracket.
+/// Parses `('x', '<f8'), ('tag', '|S4'), ('rgb', '<u1', (3,))]` after its opening bracket.
 fn record_of(text: &str) -> Result<Element, DecodeError> {
     let bad = DecodeError::HeaderLine { format: FORMAT, line: 1, field: "descr (fields of names and types)" };
     read_fields(text).map(|(fields, size)| Element::Record(fields, size)).ok_or(bad)
@@ -307,7 +307,7 @@ fn read_fields(text: &str) -> Option<(Vec<Field>, usize)> {
     (rest.starts_with(']') && !fields.is_empty() && end > 0).then_some((fields, end))
 }
 
-/// Bytes of a type as numpy spells it: a letter and a size, in characters of four bytes where the letter is U.
+/// Size in bytes of a type in numpy's spelling: a letter and a size, in characters of four bytes if the letter is U.
 fn size_of(spelled: &str) -> Option<usize> {
     let kind = spelled.trim_start_matches(['<', '>', '|', '=']);
     let (letter, size) = kind.split_at_checked(1)?;

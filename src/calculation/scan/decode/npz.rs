@@ -1,8 +1,8 @@
-//! NPZ, numpy arrays in a zip archive: x, y and z of equal shape or x along the rows and y along the columns of z, or one array as in
-//! NPY. From bytes to a cloud.
+//! NPZ, numpy arrays in a zip archive: x, y and z of equal shape or x along the rows and y along the columns of z, or one array as
+//! in NPY.
 //!
-//! The sizes in the directory of the archive are not trusted; bytes are counted while they are decompressed. Every entry that is read is read
-//! to its end, where its checksum is compared.
+//! The sizes in the directory of the archive are not trusted; bytes are counted while they are decompressed. Every entry that is
+//! used is read to its end, where its checksum is compared.
 
 use super::error::DecodeError;
 use super::format::Format;
@@ -21,7 +21,7 @@ const FORMAT: Format = Format::Npz;
 /// Names that a message lists.
 const NAMES_SHOWN_MAX: usize = 16;
 
-/// An archive, and how many bytes were sent for it.
+/// An archive, and the number of bytes that were sent for it.
 struct Archive {
     zip: ZipArchive<Cursor<Vec<u8>>>,
     sent_bytes: u64,
@@ -67,7 +67,7 @@ fn open(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<Archive, Deco
     Ok(Archive { zip, sent_bytes })
 }
 
-/// An error of the archive reader as a decode error: the archive is in memory, so it is never a failure of the store.
+/// An error of the archive reader as a decode error: the archive is in memory, so the store is never the cause.
 fn refuse(error: &ZipError) -> DecodeError {
     let unsupported = |what| DecodeError::Unsupported { format: FORMAT, what };
     match error {
@@ -84,8 +84,8 @@ fn refuse(error: &ZipError) -> DecodeError {
 const ENCRYPTED: &str = "encrypted entries are not read; write the archive without a password";
 const NOT_DEFLATED: &str = "entries packed by LZMA, bzip2, Zstandard or the like are not read; pack them by deflate (numpy.savez_compressed) or not at all";
 
-/// Refuses entries that are packed in another way than is read, that reach beyond the archive, or that share bytes: every file is
-/// written once, and one behind the other.
+/// Refuses entries that are packed with an unsupported method, that extend beyond the archive, or that share bytes: in a valid
+/// archive every file is written once, one after the other.
 fn check_places(archive: &mut Archive) -> Result<(), DecodeError> {
     let end_of_entries = archive.zip.central_directory_start();
     let mut places = Vec::new();
@@ -111,14 +111,14 @@ fn check_places(archive: &mut Archive) -> Result<(), DecodeError> {
     }
 }
 
-/// What `read` makes of an entry, once the entry has proved whole.
+/// The result of `read` for an entry, after the checksum of the entry has been verified.
 fn read_entry<T>(
     archive: &mut Archive,
     name: &str,
     limits: &Limits,
     read: impl FnOnce(&mut dyn BufRead) -> Result<T, DecodeError>,
 ) -> Result<T, DecodeError> {
-    // The ratio is judged against the whole archive: x that repeats along a profile shrinks to almost nothing.
+    // The ratio is checked for the complete archive: x that repeats along a profile compresses to almost nothing.
     let packed = archive.sent_bytes;
     let entry = archive.zip.by_name(name).map_err(|error| refuse(&error))?;
     let mut reader = BufReader::with_capacity(1 << 16, Capped::new(entry, limits, move || packed));
@@ -126,7 +126,7 @@ fn read_entry<T>(
     let rest = io::copy(&mut reader, &mut io::sink()).map_err(|error| name_damage(error.into()));
     match (outcome, rest) {
         (Ok(value), Ok(_)) => Ok(value),
-        // Damage explains whatever else is wrong.
+        // Damage explains any other error.
         (_, Err(error @ DecodeError::DamagedArchive { .. })) | (Err(error), _) | (Ok(_), Err(error)) => Err(error),
     }
 }
@@ -147,18 +147,18 @@ fn read_axis(archive: &mut Archive, name: &str, limits: &Limits) -> Result<Array
     })
 }
 
-/// Where along rows and columns an axis has its numbers.
+/// The rows and columns along which the numbers of an axis vary.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Along {
-    /// One each point.
+    /// One number a point.
     Both,
-    /// One each row.
+    /// One number a row.
     Rows,
-    /// One each column.
+    /// One number a column.
     Columns,
 }
 
-/// Reads x, y and z: (N) points or (P, M) profiles; of the latter x may be one each profile, and y one each column.
+/// Reads x, y and z: (N) points or (P, M) profiles; of the latter x may be given once for each profile, and y once for each column.
 fn read_axes(archive: &mut Archive, request: &Request<'_>) -> Result<Cloud, DecodeError> {
     request.grid.check_unused(FORMAT)?;
     let x = read_axis(archive, "x.npy", request.limits)?;
@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn three_arrays_or_one_are_read_and_others_beside_three_do_not_matter() {
+    fn three_arrays_or_one_are_read_and_further_arrays_are_ignored() {
         let axis = |values: [f32; 4]| array("(2, 2)", &floats(&values));
         let nan = f32::NAN;
         let three = [
@@ -292,7 +292,7 @@ mod tests {
         assert_eq!(read(&three).expect_err("three of two").code(), "array_shape");
     }
 
-    /// An archive of one stored array, and where its bytes begin.
+    /// An archive of one stored array, and the offset of its bytes.
     fn stored() -> (Vec<u8>, usize) {
         let content = array("(2, 3)", &floats(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]));
         let mut zip = zip::ZipWriter::new(Cursor::new(Vec::new()));
@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn an_entry_whose_bytes_do_not_give_its_checksum_is_damaged() {
+    fn an_entry_with_a_wrong_checksum_is_damaged() {
         let limits = Limits::default();
         let (mut bytes, start) = stored();
         assert!(decode(&mut bytes.as_slice(), &Request::new(&limits)).is_ok());
@@ -315,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn entries_that_overlap_or_are_cut_short_are_damage() {
+    fn entries_that_overlap_or_are_truncated_are_damaged() {
         let limits = Limits::default();
         let code = |bytes: &[u8]| decode(&mut &*bytes, &Request::new(&limits)).map(|_| ()).expect_err("damaged").code();
         let (bytes, _) = stored();
@@ -334,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn every_other_way_to_pack_or_encrypt_is_unsupported_and_says_what_is_read() {
+    fn every_other_compression_or_encryption_is_unsupported_and_named() {
         let (bytes, _) = stored();
         let limits = Limits::default();
         let directory = bytes.windows(4).position(|window| window == b"PK\x01\x02").expect("a directory");

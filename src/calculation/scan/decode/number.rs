@@ -1,25 +1,25 @@
-//! Numbers in text: the value of a cell, and which of `.` and `,` stands before the decimals.
+//! Numbers in text: the value of a cell, and which of `.` and `,` is the decimal sign.
 //!
-//! `1,000` is one in Berlin and a thousand in Boston, `1.000` the other way round. Where the sign is not declared, the cells of
-//! the file decide together:
+//! `1,000` is one in Berlin and a thousand in Boston, `1.000` the reverse. If the decimal sign is not declared, the cells of
+//! the file together determine it:
 //!
-//! | cell | what it shows |
+//! | cell | decimal sign |
 //! |---|---|
-//! | `0.5`, `1234.567`, `1,234.5`, `1,234,567` | the point stands before decimals |
-//! | `0,5`, `1234,567`, `1.234,5`, `1.234.567` | the comma does |
-//! | `1.234` | nothing: a decimal point, unless another cell shows that the comma stands before decimals |
-//! | `1,234` | nothing: a decimal comma only where another cell shows that it is one, and none shows that the point is |
+//! | `0.5`, `1234.567`, `1,234.5`, `1,234,567` | point |
+//! | `0,5`, `1234,567`, `1.234,5`, `1.234.567` | comma |
+//! | `1.234` | undetermined: point, unless another cell shows a decimal comma |
+//! | `1,234` | undetermined: comma only if another cell shows a decimal comma, and none a decimal point |
 //!
-//! A file with a cell that can still be read in two ways is refused with both values.
+//! A file with a cell that is still ambiguous is refused with both values.
 
 use super::error::DecodeError;
 use super::hints::{NumberHint, shorten};
 use serde::{Deserialize, Serialize};
 
-/// Bytes of a number; the longest that programs write have about 25.
+/// Largest number of bytes of a number; the longest in practice have about 25.
 const NUMBER_BYTES_MAX: usize = 48;
 
-/// The sign before the decimals of a text file's numbers. The other one separates thousands.
+/// The decimal sign of a text file's numbers. The other one separates thousands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Decimal {
@@ -33,7 +33,7 @@ impl Decimal {
     /// Every sign, in the order in which messages list them.
     pub const ALL: [Self; 2] = [Self::Point, Self::Comma];
 
-    /// The name used in requests and records.
+    /// The name used in requests and results.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -42,7 +42,7 @@ impl Decimal {
         }
     }
 
-    /// The sign of a name, whatever its case.
+    /// The sign of a name, irrespective of case.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|sign| sign.name().eq_ignore_ascii_case(name.trim()))
@@ -71,12 +71,12 @@ struct Doubtful {
     text: String,
 }
 
-/// What the cells of a file have shown of one sign.
+/// The evidence of a file's cells about one sign.
 #[derive(Debug, Default)]
 struct Shown {
-    /// That it stands before decimals.
+    /// Whether it occurs before decimals.
     is_decimal: bool,
-    /// The first cell in which it may as well separate thousands.
+    /// The first cell in which it may also separate thousands.
     doubtful: Option<Doubtful>,
 }
 
@@ -99,10 +99,10 @@ impl Numbers {
         Self { declared, point: Shown::default(), comma: Shown::default() }
     }
 
-    /// The value of a cell; NaN where it is marked as missing. `column` counts from 0.
+    /// The value of a cell; NaN if it is marked as missing. `column` counts from 0.
     ///
     /// # Errors
-    /// [`DecodeError::BadNumber`] with the place and the text.
+    /// [`DecodeError::BadNumber`] with the position and the text.
     #[inline]
     pub(super) fn read(&mut self, cell: &[u8], line: u64, column: usize) -> Result<f64, DecodeError> {
         let Some(value) = parse_plain(cell) else { return self.read_with_care(cell, line, column) };
@@ -120,10 +120,10 @@ impl Numbers {
         }
     }
 
-    /// To be called behind the last number.
+    /// To be called after the last number.
     ///
     /// # Errors
-    /// [`DecodeError::AmbiguousNumber`] where a cell still has two possible values.
+    /// [`DecodeError::AmbiguousNumber`] if a cell still has two possible values.
     pub(super) fn finish(self) -> Result<(), DecodeError> {
         let Self { point, comma, .. } = self;
         let of_point = point.doubtful.filter(|_| comma.is_decimal);
@@ -153,7 +153,7 @@ impl Numbers {
         })
     }
 
-    /// The value of a cell that has one possible value.
+    /// The value of a cell that is unambiguous.
     fn read_certain(&mut self, cell: &[u8]) -> Option<f64> {
         for (sign, shown) in [(Decimal::Point, &mut self.point), (Decimal::Comma, &mut self.comma)] {
             if let Some(value) = parse_as(cell, sign) {
@@ -165,7 +165,7 @@ impl Numbers {
     }
 }
 
-/// Whether a cell reads as a number or as a word for "no value", whatever the decimals; it distinguishes rows from other lines.
+/// Whether a cell is a number or a word for "no value", with either decimal sign; it distinguishes rows from other lines.
 pub(super) fn parse_number(cell: &[u8]) -> Option<f64> {
     let missing = || is_missing(cell).then_some(f64::NAN);
     let with_care = || Decimal::ALL.into_iter().rev().find_map(|sign| parse_as(cell, sign));
@@ -188,8 +188,8 @@ fn looks_grouped(cell: &[u8]) -> bool {
     middle.len() <= 2 && middle.iter().chain([a, b, c]).all(u8::is_ascii_digit)
 }
 
-/// The value of a cell with `sign` before its decimals and the other one, if at all, between groups of three digits. `D` may stand
-/// before the exponent, as Fortran writes it.
+/// The value of a cell with `sign` before its decimals and the other one, if any, between groups of three digits. `D` may precede
+/// the exponent, as in Fortran.
 fn parse_as(cell: &[u8], sign: Decimal) -> Option<f64> {
     let other = sign.other().byte();
     if cell.contains(&other) && !is_grouped(cell, sign) {
@@ -208,7 +208,7 @@ fn parse_as(cell: &[u8], sign: Decimal) -> Option<f64> {
     copy.get(..length).and_then(parse_plain)
 }
 
-/// Whether the digits before the decimals stand in groups of three.
+/// Whether the digits before the decimals are in groups of three.
 fn is_grouped(cell: &[u8], sign: Decimal) -> bool {
     let digits = cell.strip_prefix(b"-").or_else(|| cell.strip_prefix(b"+")).unwrap_or(cell);
     let is_end = |byte: &u8| *byte == sign.byte() || byte.is_ascii_alphabetic();
@@ -228,7 +228,7 @@ fn is_grouped(cell: &[u8], sign: Decimal) -> bool {
 mod tests {
     use super::*;
 
-    /// The values of the cells of a file, and what it is refused for.
+    /// The values of the cells of a file, and the error for which it is refused.
     fn read(cells: &[&str], declared: Option<Decimal>) -> Result<Vec<f64>, DecodeError> {
         let mut numbers = Numbers::new(declared);
         let values: Result<Vec<f64>, _> = cells.iter().map(|cell| numbers.read(cell.as_bytes(), 1, 0)).collect();
@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn points_commas_and_words_for_nothing_are_understood() {
+    fn points_commas_and_words_for_missing_values_are_understood() {
         for (cell, value) in [
             ("1.5", 1.5),
             ("-1,5", -1.5),
@@ -268,9 +268,9 @@ mod tests {
     #[test]
     fn a_thousands_separator_is_never_read_as_a_decimal_sign() {
         for cells in [
-            // Nothing shows what the comma is.
+            // No cell shows the meaning of the comma.
             &["195,000", "0", "-40,299"][..],
-            // The comma stands before decimals, so the point does not; and the other way round.
+            // One sign is decimal, so the other is not, in both directions.
             &["1.950", "353,22"],
             &["353,22", "1.950"],
             &["1,950", "353.22"],
@@ -285,13 +285,13 @@ mod tests {
     }
 
     #[test]
-    fn one_certain_cell_settles_the_others() {
+    fn one_unambiguous_cell_determines_the_others() {
         assert_eq!(read(&["1,950", "0,532"], None).expect("commas"), [1.95, 0.532]);
         assert_eq!(read(&["1.950", "17.219"], None).expect("points"), [1.95, 17.219]);
     }
 
     #[test]
-    fn what_is_declared_settles_all() {
+    fn a_declared_sign_determines_all_cells() {
         let cells = ["1.950", "353,22", "7"];
         assert_eq!(read(&cells, Some(Decimal::Comma)).expect("commas"), [1950.0, 353.22, 7.0]);
         assert_eq!(read(&["195,000", "0"], Some(Decimal::Point)).expect("points"), [195_000.0, 0.0]);

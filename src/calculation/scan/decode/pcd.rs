@@ -1,8 +1,9 @@
 //! PCD of the point cloud library, text, binary and compressed. Rows of an organised cloud become labels.
 //!
-//! The reader is our own: the crate for this format reserves as much memory as two numbers of the compressed body ask for, which
-//! no caller can catch. The bodies are compressed with LZF: a control byte below 32 announces that many literals and one; any other a
-//! copy from the bytes already written: three bits of length (7: the next byte adds to it) and thirteen bits of distance.
+//! The reader is our own: the crate for this format reserves as much memory as two numbers of the compressed body request, and a
+//! caller cannot catch the failure. The bodies are compressed with LZF. A control byte below 32 announces that many literals plus
+//! one. Any other announces a copy from the bytes already written: three bits of length (7: the next byte adds to it) and thirteen
+//! bits of distance.
 
 use super::error::{DecodeError, ends_early};
 use super::format::Format;
@@ -50,7 +51,7 @@ pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<
     })
 }
 
-/// Where the coordinates lie: in every point, or in the block of each field where the points are compressed.
+/// Positions of the coordinates: in every point, or in the block of each field if the points are compressed.
 fn lay_out(header: &Header, map: &ColumnMap) -> Result<Layout, DecodeError> {
     let place = |position: usize| {
         let field = header.fields.get(position).filter(|field| field.count > 0);
@@ -76,7 +77,7 @@ fn read_lines(
     numbers: &mut Numbers,
     gather: &mut Gather<'_>,
 ) -> Result<(), DecodeError> {
-    // A field of several numbers takes as many words.
+    // A field of several numbers has as many words.
     let word_of = |position: usize| header.fields.iter().take(position).map(|field| field.count).sum::<usize>();
     let [x, y, z] = map.point.map(word_of);
     let label_at = map.label.as_ref().map(|(position, _)| word_of(*position));
@@ -100,7 +101,7 @@ fn read_lines(
     Ok(())
 }
 
-/// The decompressed body of a compressed file; reserves only what the bytes that were received can become.
+/// The decompressed body of a compressed file; reserves no more than the received bytes can produce.
 fn decompress_body(reader: &mut dyn BufRead, header: &Header, request: &Request<'_>) -> Result<Vec<u8>, DecodeError> {
     let packed_size = read_size(reader)?;
     let stated = read_size(reader)?;
@@ -126,7 +127,7 @@ fn read_size(reader: &mut dyn BufRead) -> Result<u64, DecodeError> {
     Ok(u64::from(u32::from_le_bytes(bytes)))
 }
 
-/// Numbers of one field; more than any descriptor in use has.
+/// Largest count of numbers in one field; more than any usual descriptor has.
 const COUNT_MAX: usize = 4096;
 
 /// How the points are stored.
@@ -146,7 +147,7 @@ pub(super) struct Field {
     pub(super) name: String,
     /// The kind of its numbers.
     pub(super) kind: Kind,
-    /// How many numbers it has.
+    /// Count of its numbers.
     pub(super) count: usize,
 }
 
@@ -157,16 +158,16 @@ impl Field {
     }
 }
 
-/// A whole header.
+/// A complete header.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Header {
     pub(super) fields: Vec<Field>,
     /// Points of a row.
     pub(super) width: usize,
-    /// Rows; 1 where the points are not organised.
+    /// Number of rows; 1 if the points are not organised.
     pub(super) height: usize,
     pub(super) body: Body,
-    /// What a comment such as `unit: mm` states.
+    /// The unit from a comment such as `unit: mm`.
     pub(super) unit: Option<Unit>,
 }
 
@@ -195,7 +196,7 @@ struct Statements {
     unit: Option<Unit>,
 }
 
-/// Reads up to and with the line `DATA`.
+/// Reads up to and including the line `DATA`.
 pub(super) fn read_header(lines: &mut Lines<'_>, limits: &Limits) -> Result<Header, DecodeError> {
     let mut said = Statements::default();
     for _ in 0..limits.header_lines_max {
@@ -244,14 +245,14 @@ fn numbers(words: &[&[u8]]) -> Option<Vec<usize>> {
 }
 
 impl Statements {
-    /// Holds the lines against each other.
+    /// Compares the lines with each other.
     fn check(self, body: Body, limits: &Limits) -> Result<Header, DecodeError> {
         let missing = |field| DecodeError::HeaderMissing { format: FORMAT, field };
         // Before version 0.7 a header states neither.
         let unorganised = self.points.filter(|_| self.width.is_none() && self.height.is_none());
         let width = self.width.or(unorganised).ok_or(missing("WIDTH"))?;
         let height = self.height.or(unorganised.map(|_| 1)).ok_or(missing("HEIGHT"))?;
-        // The product may be beyond u64 where the header lies.
+        // The product may exceed u64 if the header is wrong.
         let expected = width.saturating_mul(height);
         if let Some(stated) = self.points.filter(|stated| *stated != expected) {
             return Err(DecodeError::SizeMismatch { format: FORMAT, field: "POINTS", stated, expected });
@@ -274,7 +275,7 @@ impl Statements {
         for (position, name) in self.names.iter().enumerate() {
             let size = self.sizes.get(position).ok_or(missing("SIZE of every field"))?;
             let letter = self.types.get(position).ok_or(missing("TYPE of every field"))?;
-            // COUNT may be left out, and is 1 then.
+            // COUNT is optional and defaults to 1.
             let count = if self.counts.is_empty() { Some(1) } else { self.counts.get(position).copied() };
             let count = count.filter(|count| *count <= COUNT_MAX).ok_or(missing("COUNT of every field"))?;
             let kind = kind_of(*letter, *size).ok_or(missing("a known TYPE and SIZE of every field"))?;
@@ -300,10 +301,10 @@ fn kind_of(letter: u8, size: usize) -> Option<Kind> {
     })
 }
 
-/// Most bytes that one byte of input can become: three make a copy of 264.
+/// Largest number of bytes per byte of input: three can produce a copy of 264.
 const RATIO_MAX: usize = 88;
 
-/// Decompresses `packed` into exactly `size` bytes; `None` where it contains more, fewer, or invalid data.
+/// Decompresses `packed` into exactly `size` bytes; `None` if it contains more, fewer, or invalid data.
 fn decompress_lzf(packed: &[u8], size: usize) -> Option<Vec<u8>> {
     if size > packed.len().saturating_mul(RATIO_MAX) {
         return None;
@@ -450,7 +451,7 @@ mod lzf_tests {
     }
 
     #[test]
-    fn nonsense_is_refused() {
+    fn invalid_compressed_data_are_refused() {
         assert_eq!(decompress_lzf(&[5, 1, 2], 6), None, "literals beyond the end");
         assert_eq!(decompress_lzf(&[0, 1, 32, 9], 4), None, "copy from before the start");
         assert_eq!(decompress_lzf(&[0, 1], 2), None, "too few");

@@ -1,7 +1,7 @@
 //! PLY, text and binary of either byte order: the vertices; other elements before them are skipped.
 //!
-//! The reader is our own: the crate that is safe on hostile input parses element by element and property by property,
-//! which takes far longer than the few sweeps over memory that a scan of millions of points may cost.
+//! The reader is our own: the crate that is safe on hostile input parses element by element and property by property, which takes
+//! far longer than the few passes over memory that are acceptable for a scan of millions of points.
 
 use super::error::{DecodeError, ends_early};
 use super::format::Format;
@@ -61,9 +61,9 @@ pub(super) fn decode(reader: &mut dyn BufRead, request: &Request<'_>) -> Result<
     })
 }
 
-/// Where the coordinates lie in a vertex.
+/// Positions of the coordinates in a vertex.
 fn lay_out(vertex: &Element, map: &ColumnMap, endian: Endian) -> Result<Layout, DecodeError> {
-    // Where there are lists, places within a record give only the types of the numbers.
+    // With lists, the positions within a record determine only the types of the numbers.
     let step = vertex.stride().unwrap_or_default();
     let place = |position: usize| {
         let start = vertex.properties.iter().take(position).fold(0, |sum, (_, kind)| sum + size_of(*kind));
@@ -85,7 +85,7 @@ fn size_of(kind: PropertyType) -> usize {
     }
 }
 
-/// Passes over the lines of elements that stand before the vertices.
+/// Skips the lines of elements before the vertices.
 fn skip_lines(lines: &mut Lines<'_>, elements: &[Element]) -> Result<(), DecodeError> {
     for element in elements {
         for _ in 0..element.count {
@@ -131,7 +131,7 @@ fn read_lines(
     Ok(())
 }
 
-/// The word at which each property of a line begins; none are needed where there are no lists. `None` where a list has no length.
+/// The word at which each property of a line begins; empty without lists. `None` if a list has no length.
 fn place_properties(line: &[u8], vertex: &Element, places: &mut Vec<usize>) -> Option<()> {
     places.clear();
     if vertex.stride().is_some() {
@@ -179,7 +179,7 @@ fn read_records_with_lists(
     Ok(())
 }
 
-/// Reads a number, or passes over a list, whose value is none.
+/// Reads a number, or skips a list, which has no value.
 fn read_property(reader: &mut dyn BufRead, kind: PropertyType, endian: Endian) -> Result<f64, DecodeError> {
     match kind {
         PropertyType::Scalar(kind) => read_scalar(reader, Scalar { kind, endian }),
@@ -201,7 +201,7 @@ fn read_scalar(reader: &mut dyn BufRead, scalar: Scalar) -> Result<f64, DecodeEr
     scalar.read(&bytes, 0).ok_or(DecodeError::EndsEarly { format: FORMAT })
 }
 
-/// Passes over the records of an element that stands before the vertices.
+/// Skips the records of an element before the vertices.
 fn skip_records(reader: &mut dyn BufRead, element: &Element, endian: Endian) -> Result<(), DecodeError> {
     if let Some(stride) = element.stride() {
         return skip(reader, element.count.saturating_mul(stride as u64));
@@ -228,15 +228,15 @@ fn skip(reader: &mut dyn BufRead, bytes: u64) -> Result<(), DecodeError> {
     Ok(())
 }
 
-/// Elements of a file; those in use have two or three.
+/// Largest number of elements of a file; usual files have two or three.
 const ELEMENTS_MAX: usize = 32;
 
-/// How the body is written.
+/// The encoding of the body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Body {
     /// One record a line.
     Ascii,
-    /// Records without anything between.
+    /// Consecutive binary records.
     Binary(Endian),
 }
 
@@ -245,7 +245,7 @@ pub(super) enum Body {
 pub(super) enum PropertyType {
     /// One number.
     Scalar(Kind),
-    /// A count, and as many numbers.
+    /// A count, followed by that many numbers.
     List {
         /// The kind of the count.
         count: Kind,
@@ -254,7 +254,7 @@ pub(super) enum PropertyType {
     },
 }
 
-/// A kind of record and how many there are.
+/// A kind of record and the number of its records.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Element {
     pub(super) name: String,
@@ -263,7 +263,7 @@ pub(super) struct Element {
 }
 
 impl Element {
-    /// Bytes of a record; `None` where a list makes them vary.
+    /// Size of a record in bytes; `None` if it varies because of a list.
     pub(super) fn stride(&self) -> Option<usize> {
         self.properties.iter().try_fold(0, |sum: usize, (_, kind)| match kind {
             PropertyType::Scalar(kind) => Some(sum + kind.size()),
@@ -272,16 +272,16 @@ impl Element {
     }
 }
 
-/// A whole header.
+/// A complete header.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Header {
     pub(super) body: Body,
     pub(super) elements: Vec<Element>,
-    /// What a comment such as `Unit: mm` states.
+    /// The unit from a comment such as `Unit: mm`.
     pub(super) unit: Option<Unit>,
 }
 
-/// Reads up to and with the line `end_header`.
+/// Reads up to and including the line `end_header`.
 pub(super) fn read_header(lines: &mut Lines<'_>, limits: &Limits) -> Result<Header, DecodeError> {
     if lines.next_line()?.is_none_or(|line| line.trim_ascii() != b"ply") {
         return Err(DecodeError::NotThisFormat { format: FORMAT });
@@ -371,7 +371,7 @@ mod tests {
         decode(&mut &*bytes, &Request::new(&limits))
     }
 
-    /// Two vertices with y, a colour, x (double), z and a label, behind an element with a list.
+    /// Two vertices with y, a colour, x (double), z and a label, after an element with a list.
     fn file(encoding: &str, body: &[u8]) -> Vec<u8> {
         let header = format!(
             "ply\r\nformat {encoding} 1.0\ncomment made by hand\nelement face 2\nproperty list uchar ushort corners\n\
@@ -394,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn every_encoding_gives_the_same_points_from_among_other_elements() {
+    fn every_encoding_gives_the_same_points_with_other_elements_present() {
         let little = file("binary_little_endian", &binary(<[u8]>::to_vec));
         let big = file("binary_big_endian", &binary(|bytes| bytes.iter().rev().copied().collect()));
         let ascii = file("ascii", b"2 7 8 1\n0 1\n1.5 200 0.1 -3 4\n2.5 200 0.1 9 5\n1\n");
@@ -447,7 +447,7 @@ mod tests {
     }
 
     #[test]
-    fn lists_within_vertices_are_passed_over_in_every_encoding() {
+    fn lists_within_vertices_are_skipped_in_every_encoding() {
         let header = |encoding: &str| {
             format!(
                 "ply\nformat {encoding} 1.0\nelement vertex 2\nproperty list uchar short faces\nproperty float x\n\

@@ -1,19 +1,19 @@
-//! Binary points, record after record, into a cloud: the part that PLY, PCD and NPY share once their headers are read.
+//! Binary points, record by record, into a cloud: the part that PLY, PCD and NPY share after their headers.
 //!
-//! Records of exactly three little-endian floats take a fast path; others are taken point by point. A scan of millions of points has
-//! to pass in a few sweeps over memory, so the fast path takes blocks apart without a branch and checks each as a whole: one x, all
-//! finite, all within the limit. Only a block that fails the check is taken point by point.
+//! Records of exactly three little-endian floats take a fast path; others are processed point by point. A scan of millions of
+//! points has to be read in a few passes over memory, so the fast path processes blocks without a branch and checks each as a unit:
+//! one x, all finite, all within the limit. Only a block that fails the check is processed point by point.
 //!
-//! The remaining time is mostly that of the kernel, which allocates fresh pages, so the columns are filled in place, and no others are
-//! needed. (Filling them from two threads at once was tried; the kernel made both wait.)
+//! The remaining time is mostly that of the kernel, which allocates fresh pages, so the columns are filled in place without further
+//! buffers. (Filling them from two threads at once was tried; the kernel made both wait.)
 //!
-//! [`Scalar`] is a number as binary formats store it; reading one never fails but by the end of the bytes.
+//! [`Scalar`] is a number as binary formats store it; reading one fails only at the end of the bytes.
 
 use super::error::DecodeError;
 use super::gather::{Gather, Packed, Precision, Run};
 use std::io::BufRead;
 
-/// Where one number of every record lies: that of record i at `start` + i·`step`.
+/// Position of one number of every record: that of record i is at `start` + i·`step`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Place {
     pub(super) scalar: Scalar,
@@ -26,14 +26,14 @@ pub(super) struct Place {
 pub(super) struct Layout {
     /// x, y and z.
     pub(super) point: [Place; 3],
-    /// The profile's label, where the file has one.
+    /// The profile's label, if the file has one.
     pub(super) label: Option<Place>,
-    /// Points of a row, where the file is organised in rows; their number is the label then.
+    /// Points of a row, if the file is organised in rows; the number of the row is then the label.
     pub(super) row_length: Option<usize>,
 }
 
 impl Layout {
-    /// Single where every coordinate is.
+    /// Single if every coordinate is single.
     pub(super) fn precision(&self) -> Precision {
         if self.point.iter().all(|place| place.scalar.kind == Kind::F32) {
             Precision::Single
@@ -42,12 +42,12 @@ impl Layout {
         }
     }
 
-    /// The label of the point at `index` where no column gives one.
+    /// The label of the point at `index` if no column contains one.
     pub(super) fn row_of(&self, index: usize) -> f64 {
         row_of(index, self.row_length)
     }
 
-    /// The kind of the three numbers where a record of `stride` bytes is nothing but them, little-endian, in order.
+    /// The kind of the three numbers if a record of `stride` bytes contains exactly these, little-endian, in order.
     fn packed_kind(&self, stride: usize) -> Option<Kind> {
         let [x, y, z] = self.point;
         let (scalar, size) = (x.scalar, x.scalar.kind.size());
@@ -61,7 +61,7 @@ impl Layout {
 /// Reads `count` records of `stride` bytes.
 ///
 /// # Errors
-/// [`DecodeError::Truncated`] where the input ends before, and whatever a point may be refused for.
+/// [`DecodeError::Truncated`] if the input ends before, and the errors of single points.
 pub(super) fn read_records(
     reader: &mut dyn BufRead,
     layout: &Layout,
@@ -92,7 +92,7 @@ pub(super) fn read_records(
     Ok(())
 }
 
-/// Takes `count` points from `bytes`, which contain all of them, in any arrangement.
+/// Adds `count` points from `bytes`, which contain all of them, in any layout.
 pub(super) fn take_points(
     bytes: &[u8],
     layout: &Layout,
@@ -116,7 +116,7 @@ pub(super) fn take_points(
     Ok(())
 }
 
-/// Fills `split` with one record that lies across buffers; shorter only at the end of the input.
+/// Fills `split` with one record that extends across buffers; it is shorter only at the end of the input.
 fn read_split(reader: &mut dyn BufRead, split: &mut Vec<u8>, stride: usize) -> Result<(), DecodeError> {
     split.clear();
     while split.len() < stride {
@@ -132,7 +132,7 @@ fn read_split(reader: &mut dyn BufRead, split: &mut Vec<u8>, stride: usize) -> R
     Ok(())
 }
 
-/// Takes whole records, by the fast path where there is one.
+/// Adds complete records, by the fast path if possible.
 fn take_block(bytes: &[u8], layout: &Layout, stride: usize, gather: &mut Gather<'_>) -> Result<(), DecodeError> {
     let (row_length, count) = (layout.row_length, bytes.len() / stride.max(1));
     match (layout.packed_kind(stride), gather.plain_limit()) {
@@ -145,14 +145,15 @@ fn take_block(bytes: &[u8], layout: &Layout, stride: usize, gather: &mut Gather<
     }
 }
 
-/// Records of a block: what is read and what is written stay in the first-level cache.
+/// Records of a block: its input and output stay in the first-level cache.
 const BLOCK: usize = 512;
-/// Records for which space is reserved at once; it is cleared before it is filled, and is still in the second-level cache then.
+/// Records for which space is reserved at once; the space is cleared before it is filled, and is then still in the second-level
+/// cache.
 const ROOM: usize = 16 * 1024;
-/// Points of one x from which they are worth a pass of their own.
+/// Least number of points of one x that are worth a separate pass.
 const RUN_MIN: usize = 16;
 
-/// Takes records whose coordinates are millimetres. Those before them have been taken.
+/// Adds records whose coordinates are millimetres. The records before them have been added.
 pub(super) fn take_packed<P: Packed>(
     records: &[P],
     row_length: Option<usize>,
@@ -166,7 +167,7 @@ pub(super) fn take_packed<P: Packed>(
         if gather.fill::<P>(records.len(), fill) {
             continue;
         }
-        // One at a time they find the point that is to be refused, or the one too many.
+        // Processing one record at a time finds the point to refuse, or the first one beyond the limit.
         for record in records {
             let label = row_of(gather.seen(), row_length);
             gather.push(label, record.point().map(Into::into))?;
@@ -175,13 +176,13 @@ pub(super) fn take_packed<P: Packed>(
     Ok(())
 }
 
-/// Columns being filled.
+/// Columns that are being filled.
 struct Target<'a, R> {
     row_length: Option<usize>,
     limit: f64,
     kept: usize,
     runs: Vec<Run>,
-    /// The x that the records are at, for how many, and how many stayed at the one before.
+    /// The current x, the number of its records so far, and the number of records at the previous x.
     x: Option<R>,
     stay: usize,
     last_stay: usize,
@@ -194,13 +195,13 @@ impl<'a, R: Copy + PartialEq + Into<f64>> Target<'a, R> {
         Self { row_length, limit, kept: 0, runs: Vec::new(), x: None, stay: 0, last_stay: 0, y, z }
     }
 
-    /// Takes records apart, those that are not finite left out and the rest moved up: the points kept, and their runs.
-    /// `None` where a point lies beyond the limit. `at` is the position of the first record in the file.
+    /// Adds records without those that are not finite: returns the points kept, and their runs. `None` if a point lies beyond the
+    /// limit. `at` is the index of the first record in the file.
     fn fill<P: Packed<Real = R>>(mut self, mut records: &[P], mut at: usize) -> Option<(usize, Vec<Run>)> {
         while !records.is_empty() {
             let left = match self.row_length {
                 Some(length) => length.max(1) - at % length.max(1),
-                // Profiles of a file are mostly of one length; where that is so, no block fails the check.
+                // Profiles of a file usually have the same length; then no block fails the check.
                 None => self.last_stay.checked_sub(self.stay).filter(|left| *left > 0).unwrap_or(BLOCK),
             };
             let (block, _) = records.split_at(left.min(BLOCK).min(records.len()));
@@ -211,7 +212,7 @@ impl<'a, R: Copy + PartialEq + Into<f64>> Target<'a, R> {
         Some((self.kept, self.runs))
     }
 
-    /// Takes the start of a block, all of it where it shares one x; how much.
+    /// Processes the start of a block, or all of it if it shares one x; returns the number of records.
     fn take_some<P: Packed<Real = R>>(&mut self, block: &[P], label: f64) -> Option<usize> {
         let x_of = |record: &P| record.point()[0];
         let is_number = |x: &R| !(*x).into().is_nan();
@@ -229,7 +230,7 @@ impl<'a, R: Copy + PartialEq + Into<f64>> Target<'a, R> {
             return Some(block.len());
         }
         let end = block.iter().map(x_of).position(|other| other != x && is_number(&other)).unwrap_or(block.len());
-        // Where x changes all the time, a whole block would fail the check for each point.
+        // If x changes all the time, a complete block would fail the check for each point.
         let end = if end < RUN_MIN { block.len() } else { end };
         let run = block.get(..end).unwrap_or_default();
         self.stay += end;
@@ -241,7 +242,7 @@ impl<'a, R: Copy + PartialEq + Into<f64>> Target<'a, R> {
         Some(end)
     }
 
-    /// Takes a block of one x without a missing point; false, and nothing taken, where it is not.
+    /// Adds a block of one x without a missing point; otherwise returns false and adds nothing.
     fn take_clean<P: Packed<Real = R>>(&mut self, block: &[P], x: R) -> bool {
         let range = self.kept..self.kept + block.len();
         let (Some(ys), Some(zs)) = (self.y.get_mut(range.clone()), self.z.get_mut(range)) else { return false };
@@ -254,15 +255,15 @@ impl<'a, R: Copy + PartialEq + Into<f64>> Target<'a, R> {
         uniform && P::all_within(ys, self.limit) && P::all_within(zs, self.limit)
     }
 
-    /// Takes a run of one x with missing points in it: how many are none. `None`, and nothing taken, where another x
-    /// or a coordinate beyond the limit is among them.
+    /// Adds a run of one x with missing points and returns their number. `None`, adding nothing, if another x or a coordinate
+    /// beyond the limit occurs.
     fn take_with_gaps<P: Packed<Real = R>>(&mut self, run: &[P], x: R) -> Option<usize> {
         let mut kept = 0;
         let mut odd = false;
         for record in run {
             let point = record.point();
             let [_, y, z] = point;
-            // Overwritten by the next point where this one is missing.
+            // Overwritten by the next point if this one is missing.
             *self.y.get_mut(self.kept + kept)? = y;
             *self.z.get_mut(self.kept + kept)? = z;
             let fine = (point[0] == x) & P::all_within(&[y, z], self.limit);
@@ -272,7 +273,7 @@ impl<'a, R: Copy + PartialEq + Into<f64>> Target<'a, R> {
         (!odd).then_some(kept)
     }
 
-    /// Takes what is finite, one after the other; `None` where a finite coordinate lies beyond the limit.
+    /// Adds the finite points one by one; `None` if a finite coordinate lies beyond the limit.
     fn take_points<P: Packed<Real = R>>(&mut self, block: &[P], label: f64) -> Option<()> {
         for record in block {
             let point = record.point();
@@ -301,7 +302,7 @@ fn is_finite<R: Into<f64>>(point: [R; 3]) -> bool {
     point.into_iter().fold(true, |all, value| all & value.into().is_finite())
 }
 
-/// The number of the row that the point at `index` lies in.
+/// The number of the row that contains the point at `index`.
 pub(super) fn row_of(index: usize, row_length: Option<usize>) -> f64 {
     row_length.map_or(0.0, |length| (index / length.max(1)) as f64)
 }
@@ -362,7 +363,7 @@ pub(super) struct Scalar {
 }
 
 impl Scalar {
-    /// The number at `offset`; `None` where the bytes end before it does.
+    /// The number at `offset`; `None` if the bytes end first.
     pub(super) fn read(self, bytes: &[u8], offset: usize) -> Option<f64> {
         let rest = bytes.get(offset..)?;
         Some(match self.kind {
@@ -413,7 +414,7 @@ mod tests {
         bytes.try_into().expect("twelve bytes")
     }
 
-    /// Many blocks, rows that end within blocks, x that changes within rows, missing points.
+    /// Many blocks, with rows that end within blocks, x that changes within rows, and missing points.
     fn records() -> Vec<[u8; 12]> {
         let missing = |i: usize, value| if i % 101 == 5 || i / 700 == 9 { f32::NAN } else { value };
         let x = |i: usize| missing(i / 3 * 2, (i / 1500) as f32 + if i % 5000 == 7 { 0.25 } else { 0.0 });
@@ -429,11 +430,11 @@ mod tests {
     }
 
     #[test]
-    fn the_fast_way_gives_what_one_point_after_the_other_gives() {
+    fn the_fast_path_equals_reading_point_by_point() {
         let (records, limits) = (records(), Limits::default());
         for row_length in [None, Some(640), Some(1280), Some(1_000_000)] {
             let mut gather = Gather::new(Unit::Millimetre, Precision::Single, &limits);
-            // Twice, as from a reader whose buffer ends somewhere.
+            // In two parts, as from a reader whose buffer ends in between.
             let (start, rest) = records.split_at(30 * BLOCK + 12);
             take_packed(start, row_length, 1e6, &mut gather).expect("in range");
             take_packed(rest, row_length, 1e6, &mut gather).expect("in range");
@@ -468,7 +469,7 @@ mod scalar_tests {
     }
 
     #[test]
-    fn half_precision_is_read_with_its_small_and_its_special_values() {
+    fn half_precision_is_read_with_subnormal_and_special_values() {
         let read = |bits: u16| Scalar { kind: Kind::F16, endian: Endian::Little }.read(&bits.to_le_bytes(), 0);
         for (bits, value) in [
             (0x3c00, 1.0),

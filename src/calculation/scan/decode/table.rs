@@ -1,4 +1,4 @@
-//! How the rows of a text table are built: its separator, its header, its columns, from the first lines.
+//! The structure of the rows of a text table, from the first lines: separator, header, columns.
 
 use super::error::DecodeError;
 use super::fields::{NamedRows, Separator};
@@ -12,13 +12,13 @@ use super::number::parse_number;
 use super::request::{Request, settle_unit};
 use crate::scan::cloud::Unit;
 
-/// Lines that are examined from the first that could belong to the table.
+/// Number of lines that are examined, from the first that could belong to the table.
 const SAMPLE_LINES: usize = 64;
-/// Bytes of these lines, and of those before them, from which no more are examined.
+/// Bytes of the sampled lines, and of those before them, after which sampling ends.
 const SAMPLE_BYTES_MAX: usize = 4 << 20;
-/// Rows from which numbers that count up are names of points.
+/// Least number of rows from which ascending numbers are taken for names of points.
 const COUNTED_ROWS_MIN: usize = 8;
-/// Columns that a file of one line has where it was more than one.
+/// Least number of columns of a file that lost its line ends.
 const GLUED_COLUMNS_MIN: usize = 5;
 
 pub(super) fn is_comment(line: &[u8]) -> bool {
@@ -26,13 +26,13 @@ pub(super) fn is_comment(line: &[u8]) -> bool {
     line.starts_with(b"#") || line.starts_with(b"//")
 }
 
-/// The number of a line that contains a whole number and nothing else.
+/// The number in a line that contains only one integer.
 pub(super) fn lone_count(line: &[u8]) -> Option<u64> {
     let digits = line.trim_ascii();
     digits.iter().all(u8::is_ascii_digit).then(|| str::from_utf8(digits).ok()?.parse().ok()).flatten()
 }
 
-/// The text of a comment behind its sign.
+/// The text of a comment after its sign.
 fn comment_text(line: &[u8]) -> &[u8] {
     let start = line.iter().position(|byte| !matches!(byte, b'#' | b'/' | b' ')).unwrap_or(line.len());
     line.get(start..).unwrap_or_default().trim_ascii()
@@ -44,18 +44,18 @@ pub(super) struct Line {
     pub(super) bytes: Vec<u8>,
 }
 
-/// The first lines of a file, comments set apart.
+/// The first lines of a file, with comments separated.
 pub(super) struct Sample {
     pub(super) lines: Vec<Line>,
     /// The text of the last comment before them.
     comment: Option<Vec<u8>>,
-    /// What a comment states.
+    /// The unit that a comment states.
     pub(super) unit: Option<Unit>,
-    /// Whether a number of points stood before the rows.
+    /// Whether a number of points preceded the rows.
     counted: bool,
 }
 
-/// How the rows of a file are built.
+/// The structure of the rows of a file.
 pub(super) struct Table {
     pub(super) separator: Separator,
     pub(super) columns: usize,
@@ -70,12 +70,12 @@ pub(super) struct Table {
 struct Header {
     at: usize,
     names: Vec<String>,
-    /// That of the rows below it.
+    /// The separator of the rows below it.
     separator: Separator,
 }
 
 impl Sample {
-    /// Reads lines up to the first that could be a header or a row of points, and some behind it.
+    /// Reads lines up to the first that could be a header or a row of points, and some after it.
     pub(super) fn read(source: &mut Lines<'_>, limits: &Limits) -> Result<Self, DecodeError> {
         let mut sample = Self { lines: Vec::new(), comment: None, unit: None, counted: false };
         let (mut bytes_count, mut begins_at) = (0, None);
@@ -113,7 +113,7 @@ impl Sample {
         Ok(sample)
     }
 
-    /// Takes the first line away where it is the number of points: a whole number alone, before a row of three or more.
+    /// Removes the first line if it is the number of points: an integer alone, before a row of three or more.
     pub(super) fn take_announcement(&mut self) -> Option<u64> {
         let [first, second, ..] = self.lines.as_slice() else { return None };
         let count = lone_count(&first.bytes)?;
@@ -126,7 +126,7 @@ impl Sample {
         Some(count)
     }
 
-    /// Finds the header, or does without where the columns speak for themselves.
+    /// Finds the header, or determines the columns without one if they are unambiguous.
     pub(super) fn understand(&self, request: &Request<'_>) -> Result<Table, DecodeError> {
         let Some(first) = self.lines.first() else { return Err(DecodeError::NoPoints { missing_count: 0 }) };
         if let Some(header) = self.find_header().filter(|header| !self.has_rows_before(header)) {
@@ -158,7 +158,7 @@ impl Sample {
         }
     }
 
-    /// Position, separator and columns of the first row of a matrix: the first of the widest rows. `None` for rows of points.
+    /// Index, separator and columns of the first row of a matrix: the first of the widest rows. `None` for rows of points.
     pub(super) fn find_matrix(&self) -> Option<(usize, Separator, usize)> {
         if self.find_header().is_some() {
             return None;
@@ -170,16 +170,16 @@ impl Sample {
         Some((first, separator, most))
     }
 
-    /// The separator of the first row from a line on.
+    /// The separator of the first row after a line.
     fn separator_from(&self, at: usize) -> Option<Separator> {
         let rows = self.lines.get(at..).unwrap_or_default();
         rows.iter().find(|line| begins_a_row(&line.bytes)).map(|line| Separator::of_row(&line.bytes))
     }
 
-    /// The first line that names x, y and z, split as the rows below it are, or as it is itself.
+    /// The first line that names x, y and z, split by the separator of the rows below it, or by its own.
     fn find_header(&self) -> Option<Header> {
         let at_line = |(at, line): (usize, &Line)| {
-            // Most lines are rows; a header begins with a word.
+            // Most lines are rows, while a header begins with a word.
             if begins_a_number(&line.bytes) {
                 return None;
             }
@@ -193,7 +193,7 @@ impl Sample {
         self.lines.iter().enumerate().find_map(at_line)
     }
 
-    /// Whether rows of as many columns stand before a header: then they are no preamble.
+    /// Whether rows with the same number of columns precede a header: then they are not a preamble.
     fn has_rows_before(&self, header: &Header) -> bool {
         let before = self.lines.get(..header.at).unwrap_or_default();
         before.iter().any(|line| {
@@ -201,7 +201,7 @@ impl Sample {
         })
     }
 
-    /// A table with names of its columns, and perhaps a row of units below them.
+    /// A table with names of its columns, and optionally a row of units below them.
     fn with_header(
         &self,
         separator: Separator,
@@ -222,7 +222,7 @@ impl Sample {
         Ok(table)
     }
 
-    /// A table that begins with a row: with the names of the comment above it, or by position.
+    /// A table that begins with a row: its columns are named in the comment above it, or determined by position.
     fn understand_rows(&self, separator: Separator, request: &Request<'_>) -> Result<Table, DecodeError> {
         let rows = || self.lines.iter().map(|line| line.bytes.as_slice());
         let columns = rows().next().map_or(0, |row| count_columns(row, separator));
@@ -231,7 +231,7 @@ impl Sample {
         }
         let labelled = columns == 4 && first_counts_runs(rows(), separator);
         let is_named = !labelled && (4..matrix::COLUMNS_MIN).contains(&columns) && first_counts_rows(rows(), separator);
-        // Files that begin with the number of points have x y z first in every convention known.
+        // Files that begin with the number of points have x y z first in every known convention.
         if request.profile_column.is_some() || !(columns == 3 || labelled || is_named || self.counted) {
             if columns >= matrix::COLUMNS_MIN && request.profile_column.is_none() {
                 return Err(self.refuse_matrix(0, separator, columns));
@@ -245,7 +245,7 @@ impl Sample {
         Ok(Table { separator, columns, map, header: None, first_row: 0 })
     }
 
-    /// A table that begins with a named point. The comment above it may leave out the name's column.
+    /// A table that begins with a named point. The comment above it may omit the name's column.
     fn understand_named_rows(&self, rows: &NamedRows, request: &Request<'_>) -> Result<Table, DecodeError> {
         let &NamedRows { separator, columns } = rows;
         let names = self.names_in_comment(separator, columns).or_else(|| {
@@ -270,7 +270,7 @@ impl Sample {
         DecodeError::PitchNeeded { format: Format::Csv, columns, wanted: matrix::pitches_wanted(&first_column) }
     }
 
-    /// The names of the columns in the last comment before the rows, where it names so many and x, y, z are among them.
+    /// The names of the columns in the last comment before the rows, if it has that many names, including x, y and z.
     fn names_in_comment(&self, separator: Separator, columns: usize) -> Option<Vec<String>> {
         let comment = self.comment.as_ref()?;
         let separators = [separator, Separator::Byte(b','), Separator::Byte(b';'), Separator::Blanks];
@@ -279,18 +279,18 @@ impl Sample {
     }
 }
 
-/// What separates the names of a header.
+/// The separators of the names of a header.
 const HEADER_SEPARATORS: [Separator; 4] =
     [Separator::Byte(b';'), Separator::Byte(b'\t'), Separator::Byte(b','), Separator::Blanks];
 
-/// Whether a whole file of one line has more than one point in it.
+/// Whether a file of one line contains more than one point.
 fn is_glued(line: &[u8]) -> bool {
     let separators = [Separator::of_row(line), Separator::Byte(b','), Separator::Byte(b';'), Separator::Blanks];
     let has_columns = |separator: &Separator| count_columns(line, *separator) >= GLUED_COLUMNS_MIN;
     separators.iter().any(has_columns) && line.iter().filter(|byte| byte.is_ascii_digit()).count() >= GLUED_COLUMNS_MIN
 }
 
-/// A first line that does not end is one whose end was removed, where it is text at all.
+/// The error for a first line that is too long: its line ends were removed, if it is text.
 fn name_too_long(error: DecodeError, source: &Lines<'_>) -> DecodeError {
     let is_text = source.last_line().iter().all(|byte| *byte >= 0x20 || *byte == b'\t');
     match error {
@@ -324,7 +324,7 @@ fn may_begin(line: &[u8]) -> bool {
         || separator_of_named(line).is_some()
 }
 
-/// Whether a line could be a point behind its name.
+/// The separator of a line that could be a point after its name.
 fn separator_of_named(line: &[u8]) -> Option<Separator> {
     let separator = Separator::of_named_row(line);
     let is_number = |cell| parse_number(cell).is_some();
@@ -338,7 +338,7 @@ fn units_of_row(line: &[u8], table: &Table) -> Option<[Unit; 3]> {
     Some([x?, y?, z?])
 }
 
-/// The names of a header line, without the empty ones at its end. A unit in brackets belongs to the word before it.
+/// The names of a header line, without the empty ones at its end. A unit in brackets belongs to the preceding word.
 fn split_names(line: &[u8], separator: Separator) -> Vec<String> {
     // A cell in quotes doubles those within it: "x [""]".
     let inches = [(&b"[\"\"]"[..], &b"[in]"[..]), (b"(\"\")", b"(in)")];
@@ -373,7 +373,7 @@ fn has_axes(names: &[String]) -> bool {
     names.iter().filter(|name| names::is_axis(name)).count() >= 3
 }
 
-/// Whether a line is two numbers or more, and not all of them missing.
+/// Whether a line has two numbers or more, not all of them missing.
 fn is_row(line: &[u8], separator: Separator) -> bool {
     let (mut count, mut any) = (0, false);
     for cell in separator.split(line) {
@@ -389,8 +389,8 @@ fn count_columns(row: &[u8], separator: Separator) -> usize {
     end.map_or(0, |(column, _)| column + 1)
 }
 
-/// Whether the first of four columns counts profiles: whole numbers that never fall, the second column one value for
-/// each, and some value more than once. x y z with an intensity behind them fails it, for y varies along a profile.
+/// Whether the first of four columns counts profiles: integers that never decrease, with one value of the second column for each,
+/// and some value more than once. x y z with an intensity does not match, because y varies along a profile.
 fn first_counts_runs<'a>(rows: impl Iterator<Item = &'a [u8]>, separator: Separator) -> bool {
     let mut last: Option<(f64, f64)> = None;
     let mut repeated = false;
@@ -411,8 +411,8 @@ fn first_counts_runs<'a>(rows: impl Iterator<Item = &'a [u8]>, separator: Separa
     repeated
 }
 
-/// Whether the first column counts the rows one by one, as survey tables number their points, without decimals while each of the three
-/// columns behind it has some. A coordinate that rises by one from point to point would be written as the others are.
+/// Whether the first column counts the rows one by one, as survey tables number their points, without decimals while each of the
+/// three columns after it has some. A coordinate that increases by one from point to point would have decimals like the others.
 fn first_counts_rows<'a>(rows: impl Iterator<Item = &'a [u8]>, separator: Separator) -> bool {
     let has_decimals = |cell: &[u8]| cell.iter().any(|byte| matches!(byte, b'.' | b','));
     let (mut last, mut count, mut with_decimals) = (None, 0, [false; 3]);

@@ -1,26 +1,26 @@
 //! Finds values that occur more often than noise allows, in a sample of stretches of successive points.
 //!
-//! Two signs, each with a chance of being wrong below [`CHANCE_MAX`] per scan:
-//! - The same (x, y, z) twice within a stretch: a sensor does not see one place twice in a row. Compared with how often
-//!   the other points of the scan do it, as clouds on a coarse lattice do.
-//! - A z with more of the points around it than noise of the scan's own standard deviation puts into one step of
-//!   the lattice of values, on whatever surface. Where the noise does not exceed the lattice (or there is none, as in
-//!   simulated scans), a level surface has one z as well; a value is then missing data only where single points jump there
-//!   and back, or where it lies beyond the depth that any sensor of that width has.
+//! Two criteria, each with a probability of error below [`CHANCE_MAX`] per scan:
+//! - The same (x, y, z) twice within a stretch, because a sensor does not measure one position twice in succession. The rate is
+//!   compared with that of the other points of the scan, since points repeat in clouds on a coarse lattice.
+//! - A z with more of the points around it than noise of the scan's own standard deviation puts into one step of the lattice of
+//!   values, on any surface. If the noise does not exceed the lattice (or there is none, as in simulated scans), a horizontal
+//!   surface has one z as well; a value is then missing data only if single points jump to it and back, or if it lies beyond the
+//!   depth of any sensor of that width.
 //!
-//! Values of x or y alone are no sign: rasters repeat them.
+//! Values of x or y alone are not a criterion, because rasters repeat them.
 
 use crate::scan::cloud::Cloud;
 use libm::erf;
 use std::collections::HashMap;
 use std::f64::consts::LN_2;
 
-/// What is removed.
+/// The pattern of the points to remove.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Pattern {
     /// A declared value in x, y or z, in the unit of the file.
     Any(f64),
-    /// A whole point, mm.
+    /// All coordinates of a point, mm.
     Point {
         /// y.
         y: f64,
@@ -31,22 +31,23 @@ pub(super) enum Pattern {
     Z(f64),
 }
 
-/// Probability that a missing value is reported for a scan without any, for each sign.
+/// Probability for each criterion that a missing value is reported for a scan without any.
 const CHANCE_MAX: f64 = 1e-9;
 /// Successive points of a stretch: enough for differences along the profile, few enough to stay within one.
 const STRETCH: usize = 16;
-/// Stretches of a sample. With 16 384 points a value of 1/500 is met 33 times, which no noise of a scan that is finer than
-/// its lattice explains at [`CHANCE_MAX`].
+/// Largest number of stretches in a sample. With 16 384 points a value of 1/500 occurs 33 times, which at [`CHANCE_MAX`] cannot be
+/// noise of a scan that is finer than its lattice.
 const STRETCHES_MAX: usize = 1024;
-/// Share of the points from which a value is examined.
+/// Least share of the points of a value that is examined.
 const SHARE_MIN: f64 = 1.0 / 500.0;
-/// The most frequent values, which must not pass for noise: a file has one code or two, a level surface some values.
+/// Number of most frequent values that are excluded from the estimate of the noise: a file has one code or two, a horizontal
+/// surface some values.
 const LEFT_OUT_MAX: usize = 8;
-/// Whole points that a file uses as codes, at most.
+/// Largest number of complete points that a file uses as codes.
 const CODES_MAX: usize = 4;
-/// How much quieter than the part a surface beside it may be.
+/// The factor by which the noise of an adjacent surface may be smaller than that of the part.
 const QUIETER: f64 = 4.0;
-/// Depth of what a sensor sees, in widths, that no laser scanner reaches: triangulation sees about as deep as wide.
+/// Largest depth of a sensor's range, in widths; no laser scanner reaches it, since triangulation is about as deep as wide.
 const DEPTHS_MAX: f64 = 10.0;
 
 /// The values of the cloud that are missing data.
@@ -59,8 +60,8 @@ pub(super) fn find(cloud: &Cloud) -> Vec<Pattern> {
     patterns
 }
 
-/// The most that noise can put into one exact value of z, as a share of a level surface's points; 1 where noise is absent
-/// or cannot be distinguished from the shape.
+/// The largest share of a horizontal surface's points that noise can put into one exact value of z; 1 if noise is absent or cannot
+/// be distinguished from the shape.
 pub(super) fn most_of_one_value(cloud: &Cloud) -> f64 {
     let sample = Sample::draw(cloud);
     Noise::of(&sample, &candidates(&counts(&sample))).most_of_one_value()
@@ -72,8 +73,8 @@ struct Sample {
 }
 
 impl Sample {
-    /// All points of a small cloud, else stretches at even places, each moved at random within its share so that no
-    /// period of the file is met in step.
+    /// All points of a small cloud, otherwise stretches at even positions, each shifted at random within its share, so that the
+    /// sample does not coincide with a period of the file.
     fn draw(cloud: &Cloud) -> Self {
         let count = cloud.columns.len();
         let starts: Vec<usize> = if count <= STRETCH * STRETCHES_MAX {
@@ -113,7 +114,7 @@ fn stretch(cloud: &Cloud, start: usize) -> Vec<[f64; 3]> {
     points
 }
 
-/// A fixed number of 64 bits that looks random (the finaliser of SplitMix64).
+/// A fixed pseudo-random number of 64 bits (the finaliser of SplitMix64).
 fn scramble(value: u64) -> u64 {
     let value = value.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     let value = (value ^ (value >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -121,17 +122,17 @@ fn scramble(value: u64) -> u64 {
     value ^ (value >> 31)
 }
 
-/// Makes −0 and 0 one key.
+/// Maps −0 and 0 to one key.
 fn key(value: f64) -> u64 {
     (value + 0.0).to_bits()
 }
 
-/// −ln of the chance that a claim about one of `values` is wrong, at least.
+/// −ln of an upper bound of the probability that a statement about one of `values` is wrong.
 fn evidence_needed(values: usize) -> f64 {
     (values.max(1) as f64 / CHANCE_MAX).ln()
 }
 
-/// (y, z) of the points that come back within a stretch more often than any other.
+/// (y, z) of the points that recur within a stretch more often than any other.
 fn repeated_points(sample: &Sample) -> Vec<[f64; 2]> {
     let mut repeats: HashMap<[u64; 2], ([f64; 2], u64)> = HashMap::new();
     for stretch in &sample.stretches {
@@ -144,7 +145,7 @@ fn repeated_points(sample: &Sample) -> Vec<[f64; 2]> {
     }
     let mut repeats: Vec<([f64; 2], u64)> = repeats.into_values().collect();
     repeats.sort_unstable_by(|(p, a), (q, b)| b.cmp(a).then(p.partial_cmp(q).unwrap_or(std::cmp::Ordering::Equal)));
-    // The codes end where the next point repeats so much less that it cannot be the same rate.
+    // The codes end where the next point recurs at a clearly lower rate.
     let needed = evidence_needed(sample.len());
     let ends = |count: usize| {
         let last = count.checked_sub(1).and_then(|last| repeats.get(last)).map_or(0, |(_, n)| *n);
@@ -154,7 +155,7 @@ fn repeated_points(sample: &Sample) -> Vec<[f64; 2]> {
     let count = (1..=CODES_MAX).rev().find(|count| ends(*count)).unwrap_or(0);
     repeats.truncate(count);
     if !repeats.is_empty() {
-        // Where points lie closer than the step of their lattice, so do their neighbours; a code stands alone.
+        // If points lie closer than the step of their lattice, their neighbours do as well, while a code is isolated.
         let steps = sample.stretches.iter().flat_map(|stretch| stretch.windows(2)).filter_map(|pair| {
             let (&[_, y, z], &[_, next_y, next_z]) = (pair.first()?, pair.last()?);
             Some((next_y - y).hypot(next_z - z)).filter(|step| *step > 0.0)
@@ -171,12 +172,12 @@ fn repeated_points(sample: &Sample) -> Vec<[f64; 2]> {
     repeats.into_iter().map(|(point, _)| point).collect()
 }
 
-/// −ln of a bound (Chernoff) on the chance of `count` or more where `rate` are expected.
+/// −ln of a bound (Chernoff) of the probability of `count` or more if `rate` are expected.
 fn poisson_evidence(count: f64, rate: f64) -> f64 {
     if count > rate { rate - count + count * (count / rate).ln() } else { 0.0 }
 }
 
-/// −ln of a bound (Chernoff) on the chance that `count` or more of `of` points take a value of chance `share`.
+/// −ln of a bound (Chernoff) of the probability that `count` or more of `of` points have a value of probability `share`.
 fn binomial_evidence(count: f64, of: f64, share: f64) -> f64 {
     let ratio = count / of;
     if !(ratio > share && share > 0.0) {
@@ -186,7 +187,7 @@ fn binomial_evidence(count: f64, of: f64, share: f64) -> f64 {
     of * (ratio * (ratio / share).ln() + others)
 }
 
-/// A z that occurs often, and how often.
+/// A frequent z and its count.
 #[derive(Debug, Clone, Copy)]
 struct Candidate {
     z: f64,
@@ -221,8 +222,8 @@ fn repeated_heights(sample: &Sample) -> Vec<Pattern> {
     let is_missing = |candidate: &Candidate| {
         let count = candidate.count as f64;
         let (next, around) = beside(&values, candidate, 3.0 * noise.sigma);
-        // The neighbouring steps of a surface whose noise exceeds three quarters of a step have more points than it has, however
-        // quiet the surface: erf(q / (2√2 σ)) < 1/2.
+        // On a surface whose noise exceeds three quarters of a step, the neighbouring steps together have more points than the step
+        // itself, even for the lowest noise: erf(q / (2√2 σ)) < 1/2.
         count > next as f64
             && (binomial_evidence(count, count + around.max(next) as f64, noise.most_of_one_value()) > needed
                 || noise.is_ordered && single_jumps(sample, candidate.z, noise.jump) as f64 * LN_2 > needed
@@ -232,7 +233,7 @@ fn repeated_heights(sample: &Sample) -> Vec<Pattern> {
     missing.map(|candidate| with_common_y(sample, candidate)).collect()
 }
 
-/// The points at the next lower and the next higher z together, and those within `width` of the candidate.
+/// The number of points at the next lower and the next higher z together, and of those within `width` of the candidate.
 fn beside(values: &[Candidate], candidate: &Candidate, width: f64) -> (usize, usize) {
     let place = values.partition_point(|value| value.z < candidate.z);
     let before = values.get(..place).unwrap_or_default();
@@ -244,9 +245,10 @@ fn beside(values: &[Candidate], candidate: &Candidate, width: f64) -> (usize, us
     (count(before.last()) + count(after.first()), around)
 }
 
-/// How often a single point has this z while those before and after it lie farther away than `jump`.
+/// The number of single points with this z whose predecessors and successors lie farther away than `jump`.
 ///
-/// Where one z is as likely as not on a level surface, n features of one point's width hit it by chance 2⁻ⁿ.
+/// If a horizontal surface has either of two z with equal probability, n features of one point's width hit one of them by chance
+/// with 2⁻ⁿ.
 fn single_jumps(sample: &Sample, z: f64, jump: f64) -> usize {
     let far = |other: f64| jump.is_finite() && (other - z).abs() > jump;
     let jumps = |stretch: &Vec<[f64; 3]>| {
@@ -259,7 +261,7 @@ fn single_jumps(sample: &Sample, z: f64, jump: f64) -> usize {
     sample.stretches.iter().map(jumps).sum()
 }
 
-/// The pattern of a missing z: the whole point where most of them have one y.
+/// The pattern of a missing z: all coordinates if most of the points have one y.
 fn with_common_y(sample: &Sample, candidate: &Candidate) -> Pattern {
     let mut ys: HashMap<u64, (f64, usize)> = HashMap::new();
     for [_, y, _] in sample.points().filter(|[_, _, z]| *z == candidate.z) {
@@ -269,21 +271,21 @@ fn with_common_y(sample: &Sample, candidate: &Candidate) -> Pattern {
     common.map_or(Pattern::Z(candidate.z), |(y, _)| Pattern::Point { y, z: candidate.z })
 }
 
-/// Noise of z and the lattice of its values, the most frequent candidates left out.
+/// Noise of z and the lattice of its values, without the most frequent candidates.
 #[derive(Debug, Clone, Copy)]
 struct Noise {
-    /// Standard deviation of a point against its neighbours along the profile, mm; 0 where the points follow a curve
-    /// without noise, or the file does not list them along a curve.
+    /// Standard deviation of a point relative to its neighbours along the profile, mm; 0 if the points follow a curve without
+    /// noise, or if the file does not list them along a curve.
     sigma: f64,
-    /// Whether successive points lie close together against the spread of all.
+    /// Whether successive points lie close together relative to the spread of all.
     is_ordered: bool,
     /// Step of the lattice of values, mm.
     step: f64,
-    /// Difference of z that no neighbours on a surface have, mm.
+    /// Difference of z that does not occur between neighbours on a surface, mm.
     jump: f64,
-    /// All but a hundredth at either end.
+    /// The range of z without a hundredth at either end.
     range: [f64; 2],
-    /// Larger extent of y and z, likewise.
+    /// The larger extent of y and z, without the same share.
     width: f64,
 }
 
@@ -300,7 +302,7 @@ impl Noise {
         let mut steps: Vec<f64> =
             zs.windows(2).filter_map(|pair| Some(pair.last()? - pair.first()?)).filter(|step| *step > 0.0).collect();
         steps.sort_unstable_by(f64::total_cmp);
-        // Not the smallest: single values off the lattice must not hide it.
+        // Not the smallest difference, so that single values off the lattice have no effect.
         let step = steps.get(steps.len() / 100).copied().unwrap_or(f64::INFINITY);
         let middle = zs.get(zs.len() / 2).copied().unwrap_or(0.0);
         let spread = 1.4826 * median_magnitude(zs.iter().map(|z| z - middle));
@@ -308,13 +310,13 @@ impl Noise {
         let (local, alternates) = local_scatter(sample, is_left_out);
         let is_ordered = local < 0.25 * spread;
         let sigma = if is_ordered && alternates { local } else { 0.0 };
-        // Farther than the points of the scan spread, and than noise (4 σ, once in 16 000 points) and lattice can throw.
+        // Beyond the spread of the points of the scan plus noise (4 σ, once in 16 000 points) and lattice.
         let jump = spread + 4.0 * (local + step);
         Self { sigma, is_ordered, step, jump, range, width: extent(range).max(extent(across)) }
     }
 
-    /// Share of a level surface's points in its most frequent value, at most: the step in the middle of a normal
-    /// distribution, of a surface that is [`QUIETER`].
+    /// Largest share of a horizontal surface's points in its most frequent value: the step in the middle of a normal distribution,
+    /// for a surface that is [`QUIETER`].
     fn most_of_one_value(&self) -> f64 {
         if self.sigma > 0.0 { erf(self.step * QUIETER / (self.sigma * 8f64.sqrt())) } else { 1.0 }
     }
@@ -338,17 +340,17 @@ fn median_magnitude(values: impl Iterator<Item = f64>) -> f64 {
     if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
 
-/// Standard deviation of z along the profile from third differences along the profile, which a smooth section hardly has. White noise
-/// of σ gives them a standard deviation of √20 σ and makes successive ones differ in sign (correlation −3/4); those of a
-/// curve without noise keep their sign; the second result is whether they mostly differ. Of points in no order the first is
-/// the spread of the whole scan.
+/// Standard deviation of z along the profile from third differences, to which a smooth section hardly contributes. White noise of σ
+/// gives them a standard deviation of √20 σ and lets successive ones differ in sign (correlation −3/4); those of a curve without
+/// noise keep their sign. The second result is whether they mostly differ. For points in no order the first is the spread of the
+/// complete scan.
 fn local_scatter(sample: &Sample, is_left_out: impl Fn(f64) -> bool) -> (f64, bool) {
     let (mut thirds, mut kept, mut changed) = (Vec::new(), 0_usize, 0_usize);
     for stretch in &sample.stretches {
         let mut before = 0.0;
         for four in stretch.windows(4) {
             let &[[_, _, a], [_, _, b], [_, _, c], [_, _, d]] = four else { continue };
-            // Not the same as leaving the points out: over a gap the slope would pass for noise.
+            // The differences are skipped, rather than taken over a gap, where the slope would count as noise.
             if [a, b, c, d].into_iter().any(&is_left_out) {
                 before = 0.0;
                 continue;
@@ -360,7 +362,7 @@ fn local_scatter(sample: &Sample, is_left_out: impl Fn(f64) -> bool) -> (f64, bo
             thirds.push(third.abs());
         }
     }
-    // The lower quartile of the magnitudes, 0.3186 σ: spikes, edges and gaps of drop-outs widen most of the differences.
+    // The lower quartile of the magnitudes, 0.3186 σ, because spikes, edges and gaps of drop-outs increase most of the differences.
     let quartile = thirds.len() / 4;
     let low = if thirds.is_empty() { 0.0 } else { *thirds.select_nth_unstable_by(quartile, f64::total_cmp).1 };
     (low / 0.3186 / 20f64.sqrt(), changed > kept)

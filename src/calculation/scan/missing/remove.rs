@@ -1,8 +1,8 @@
-//! Removes the points that match a pattern, and profiles that equal an earlier one bit for bit: delivered twice, or old content under a
-//! new x.
+//! Removes the points that match a pattern, and profiles that equal an earlier one bit for bit: delivered twice, or old content
+//! under a new x.
 //!
-//! Noise never gives the same profile again, a simulated scan without noise does. So a profile counts as a repeat only where
-//! the scan shows that two profiles agree by chance in few of their points.
+//! Noise never repeats a profile, but a simulated scan without noise does. So a profile counts as a repeat only if the scan shows
+//! that two profiles agree by chance in few of their points.
 
 use super::find::{Pattern, most_of_one_value};
 use crate::scan::cloud::{Cloud, Labels, Stripe};
@@ -28,13 +28,13 @@ impl Extent {
         *self = Self { least: self.least.min(x), most: self.most.max(x), count: self.count + 1 };
     }
 
-    /// The x that all of them have.
+    /// The x that all of them share.
     fn common(&self) -> Option<f64> {
         (self.count > 0 && self.least == self.most).then_some(self.least)
     }
 }
 
-/// The cloud without the points that match one of the patterns, and the count of each pattern that removed any.
+/// The cloud without the points that match one of the patterns, and the number of points of each pattern that removed any.
 pub(super) fn remove(cloud: Cloud, patterns: &[Pattern]) -> (Cloud, Vec<MissingValue>) {
     let tests: Vec<Test> = patterns.iter().map(|pattern| Test::new(*pattern, &cloud)).collect();
     let mut extents = vec![Extent::NONE; tests.len()];
@@ -60,15 +60,15 @@ pub(super) fn remove(cloud: Cloud, patterns: &[Pattern]) -> (Cloud, Vec<MissingV
     if values.is_empty() {
         return (cloud, values);
     }
-    // A plane in which every removed point of a pattern lies is part of the pattern, not a place.
+    // A plane in which every removed point of a pattern lies is part of the pattern, not a position.
     let codes: Vec<f64> = tests.iter().zip(&extents).flat_map(|(test, extent)| test.codes(extent)).collect();
     let mut cloud = without(cloud, &keep, &codes);
     cloud.missing_count += values.iter().map(|value| value.count).sum::<u64>();
     (cloud, values)
 }
 
-/// The cloud without the points whose flag is false. Emptied profiles become blanks at their mean x; stripes at one of the
-/// `codes` have no place.
+/// The cloud without the points whose flag is false. Emptied profiles become blanks at their mean x; stripes at one of the `codes`
+/// have no position.
 fn without(mut cloud: Cloud, keep: &[bool], codes: &[f64]) -> Cloud {
     retain(&mut cloud.columns, keep);
     let mut kept: Vec<Stripe> = Vec::with_capacity(cloud.stripes.len());
@@ -87,7 +87,7 @@ fn without(mut cloud: Cloud, keep: &[bool], codes: &[f64]) -> Cloud {
             _ => kept.push(Stripe { end, ..*stripe }),
         }
     }
-    // As while decoding: without labels the file does not state which points make a profile.
+    // As in decoding: without labels the file does not state which points form a profile.
     if cloud.labels != Labels::None && !emptied.is_empty() {
         let profiles = kept.chunk_by(|a, b| a.label == b.label).filter_map(|stripes| stripes.first());
         let full: HashSet<u64> = profiles.map(|stripe| stripe.label.to_bits()).collect();
@@ -110,7 +110,7 @@ fn without(mut cloud: Cloud, keep: &[bool], codes: &[f64]) -> Cloud {
 /// A pattern as the bits of this cloud's columns.
 struct Test {
     pattern: Pattern,
-    /// The values of a declared number: as it is, and rounded to single precision.
+    /// The values of a declared number: as given, and rounded to single precision.
     either: [f64; 2],
 }
 
@@ -127,7 +127,7 @@ impl Test {
         self.either.contains(&value)
     }
 
-    /// Values of x that are no places.
+    /// Values of x that are not positions.
     fn codes(&self, extent: &Extent) -> Vec<f64> {
         match self.pattern {
             Pattern::Any(_) => self.either.to_vec(),
@@ -136,7 +136,7 @@ impl Test {
         }
     }
 
-    /// Clears the flags of the stripe's points that match and were not cleared before, and calls `taken` with the x of each.
+    /// Clears the flags of the stripe's points that match and are still set, and calls `taken` with the x of each.
     fn mark(
         &self,
         columns: &Columns,
@@ -166,14 +166,14 @@ impl Test {
     }
 }
 
-/// A value that stands for missing points, mm.
+/// A value that marks missing points, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum MissingKind {
     /// A declared value in x, y or z.
     Declared(f64),
-    /// The same whole point. `x` where it was the same everywhere, too.
+    /// The same y and z, and the same `x` if it was equal everywhere.
     Point {
-        /// x of all the points that were removed; `None` where they differ.
+        /// x of all the points that were removed; `None` if they differ.
         x: Option<f64>,
         /// y.
         y: f64,
@@ -184,7 +184,7 @@ pub enum MissingKind {
     Z(f64),
 }
 
-/// A value that was taken as missing data, and how many points it removed.
+/// A value that was taken as missing data, and the number of points that it removed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MissingValue {
     /// The value, mm.
@@ -198,7 +198,7 @@ pub struct MissingValue {
 impl fmt::Display for MissingValue {
     /// The value in the unit of the file, e.g. `z = -9999`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // Single precision has seven digits; the scaling to mm and back must not add more.
+        // Single precision has seven digits; the conversion to mm and back must not add more.
         let text = |value: f64| {
             let rounded: f64 = format!("{:.6e}", value / self.unit.in_mm()).parse().unwrap_or(value);
             rounded.to_string()
@@ -212,7 +212,7 @@ impl fmt::Display for MissingValue {
     }
 }
 
-/// Removes the points of `keep` that are false, from both columns.
+/// Removes the points whose flag in `keep` is false from both columns.
 pub(super) fn retain(columns: &mut Columns, keep: &[bool]) {
     fn compact<T: Copy>(values: &mut Vec<T>, keep: &[bool]) {
         let mut flags = keep.iter();
@@ -232,14 +232,14 @@ pub(super) fn retain(columns: &mut Columns, keep: &[bool]) {
 
 /// Probability that repeats are reported for a scan without any.
 const CHANCE_MAX: f64 = 1e-9;
-/// Successive points that a profile's hash takes from each of two places.
+/// Number of successive points for a profile's hash from each of two positions.
 const HASHED: usize = 4;
-/// Different profiles of one hash that are kept for comparison: bounds the time where all begin alike.
+/// Largest number of different profiles with one hash that are kept for comparison: bounds the time if all begin equally.
 const ALIKE_MAX: usize = 8;
-/// Fewer points are never beyond chance; also keeps clouds whose points have an x each out of the search.
+/// Fewer points may agree by chance; this also excludes clouds whose points have individual x.
 const POINTS_MIN: usize = 8;
 
-/// The cloud without repeated profiles, how many they were, and of how many.
+/// The cloud without repeated profiles, the number of these, and the number of all.
 pub(super) fn remove_repeats(cloud: Cloud) -> (Cloud, u64, u64) {
     let (profiles, count) = profiles(&cloud);
     let repeats = find_repeats(&cloud, &profiles);
@@ -266,8 +266,8 @@ pub(super) fn remove_repeats(cloud: Cloud) -> (Cloud, u64, u64) {
     (cloud, repeats.len() as u64, count)
 }
 
-/// The profiles of [`POINTS_MIN`] points and more, as far as the file separates them, and the number of all: successive
-/// stripes of one label, or single stripes where there are none. A stripe whose halves are equal is two.
+/// The profiles of at least [`POINTS_MIN`] points, as far as the file separates them, and the number of all: successive stripes of
+/// one label, or single stripes without labels. A stripe with equal halves counts as two.
 fn profiles(cloud: &Cloud) -> (Vec<Range<usize>>, u64) {
     let mut profiles = Vec::new();
     let (mut start, mut count) = (0, 0);
@@ -314,8 +314,8 @@ fn find_repeats(cloud: &Cloud, profiles: &[Range<usize>]) -> Vec<Range<usize>> {
     repeats
 }
 
-/// The share of points that agree in y and z with the point of the same position in the profile before, over successive
-/// profiles that are not equal; `None` where all are equal.
+/// The share of points that agree in y and z with the point of the same index in the previous profile, over successive profiles
+/// that are not equal; `None` if all are equal.
 fn agreeing_by_chance(columns: &Columns, profiles: &[Range<usize>]) -> Option<f64> {
     let (mut agreeing, mut count, mut pairs) = (0_u64, 0_u64, 0_u64);
     for pair in profiles.windows(2) {
@@ -328,12 +328,12 @@ fn agreeing_by_chance(columns: &Columns, profiles: &[Range<usize>]) -> Option<f6
         agreeing += both.filter(|(a, b)| columns.get(*a) == columns.get(*b)).count() as u64;
         count += before.len().min(after.len()) as u64;
     }
-    // One of two more points agrees: a rate is not 0 because few points were seen (Laplace).
+    // Two points are added, of which one agrees, so that few points do not give a rate of 0 (Laplace).
     (pairs > 0).then(|| (agreeing + 1) as f64 / (count + 2) as f64)
 }
 
-/// A hash of a profile's first points and of those in its middle: places that the search for equal halves reads anyway, as
-/// every other place costs an access to memory of its own.
+/// A hash of a profile's first points and of those in its middle: positions that the search for equal halves reads anyway, while
+/// any other position would cost a further memory access.
 fn hash(columns: &Columns, range: &Range<usize>) -> u64 {
     let mut hasher = DefaultHasher::new();
     let middle = range.start + range.len() / 2;

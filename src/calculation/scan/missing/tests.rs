@@ -1,6 +1,6 @@
-//! Field files and simulated scans with missing values in every place are cleaned; scans without any stay as they are.
+//! Field files and simulated scans with missing values in every position are cleaned; scans without any remain unchanged.
 
-#![expect(clippy::print_stdout, reason = "a test says what it skipped")]
+#![expect(clippy::print_stdout, reason = "a test reports the files that it skips")]
 
 use super::*;
 use crate::scan::decode::{Format, FormatClaims, Limits, Request, Unit, decode, find_format};
@@ -23,7 +23,7 @@ macro_rules! field {
     };
 }
 
-/// A simulated scan as a file would hold it: coordinates rounded to `step` (0 keeps them).
+/// A simulated scan as stored in a file: coordinates rounded to `step` (0 keeps them).
 fn cloud_of(scan: &Scan, labels: Labels, step: f64) -> Cloud {
     let (mut y, mut z) = (Vec::new(), Vec::new());
     for index in 0..scan.columns().len() {
@@ -54,7 +54,7 @@ enum Place {
     Edges,
 }
 
-/// Overwrites a share of the points; returns the cloud and how many.
+/// Overwrites a share of the points; returns the cloud and their number.
 fn damaged(mut cloud: Cloud, share: f64, place: Place, code: MissingKind, seed: u64) -> (Cloud, u64) {
     let mut chance = ChaCha8Rng::seed_from_u64(seed);
     let Columns::F64 { y, z } = &mut cloud.columns else { panic!("double precision") };
@@ -85,8 +85,8 @@ fn texts(removed: &Removed) -> Vec<String> {
 }
 
 #[test]
-fn field_files_lose_the_values_that_stand_for_no_return() {
-    // Counted by their text with another tool.
+fn values_for_no_return_are_removed_from_field_files() {
+    // Counted in the text of the file with another tool.
     for (cloud, expected) in [
         (field!("zero3_edge_5.csv"), "(x, y, z) = (0, 0, 0): 134"),
         (field!("zero3_edge_20.csv"), "(x, y, z) = (0, 0, 0): 536"),
@@ -117,9 +117,9 @@ fn profiles_that_were_delivered_twice_count_once() {
     }
 }
 
-/// A file that is delivered twice as a whole, two profiles merged under one x, and a sensor that stops half-way.
+/// A file that is delivered twice, two profiles merged under one x, and a sensor that stops half-way.
 #[test]
-fn repeats_are_found_wherever_they_stand() {
+fn repeats_are_found_at_every_position() {
     let (scan, _) = make(&part(1)).expect("points");
     let cloud = cloud_of(&scan, frames(), 0.001);
     let twice = |order: &[usize], labels: Labels| {
@@ -161,7 +161,7 @@ fn a_scan_without_noise_has_equal_profiles_and_keeps_them() {
     }
 }
 
-/// Simulated scans of every kind: nothing in them is missing.
+/// Simulated scans of every kind without missing values.
 fn scenes() -> Vec<(String, Part)> {
     let floor =
         Surroundings { floor: 0.3, floor_depth_mm: 250.0, support: 0.2, supports: 0.5, ..Surroundings::default() };
@@ -213,7 +213,7 @@ fn nothing_is_missing_in_simulated_scans() {
     println!("{count} scans");
 }
 
-/// The order of the points of the file has no meaning here: no neighbours, no noise.
+/// The order of the points in the file has no meaning here, so there are no neighbours and no noise.
 #[test]
 fn nothing_is_missing_in_shuffled_scans() {
     for (name, part) in scenes() {
@@ -242,7 +242,7 @@ fn shuffled(cloud: &Cloud) -> Cloud {
 }
 
 #[test]
-fn missing_values_are_found_wherever_they_stand() {
+fn missing_values_are_found_at_every_position() {
     let floor = Surroundings { floor: 0.3, floor_depth_mm: 250.0, ..Surroundings::default() };
     let (mut count, mut wrong) = (0, Vec::new());
     for (noise, step) in [(0.02, 0.001), (0.05, 0.001), (0.05, 0.01), (0.02, 0.0)] {
@@ -256,7 +256,8 @@ fn missing_values_are_found_wherever_they_stand() {
                         MissingKind::Point { x: None, y: 0.0, z: 0.0 },
                         MissingKind::Point { x: None, y: 12.5, z: 190.0 },
                     ]) {
-                        // Amid the part's own points a coarse lattice hides 1/200 of them: left to the robust fit.
+                        // Within the range of the part's own points a coarse lattice hides 1/200 of them, which the robust fit
+                        // rejects.
                         let amid = matches!(code, MissingKind::Point { z: 190.0, .. });
                         if amid && step == 0.01 && share == 0.005 {
                             continue;
@@ -264,7 +265,7 @@ fn missing_values_are_found_wherever_they_stand() {
                         let (cloud, hits) = damaged(cloud.clone(), share, place, code, 9);
                         let (_, removed) = clean(cloud, None);
                         count += 1;
-                        // Points that happen to have that z go with them: at most the step's share of the noise.
+                        // Points that have that z by chance are removed as well: at most the step's share of the noise.
                         let extra = removed.missing_count() as f64 - hits as f64;
                         if removed.missing.len() != 1 || !(0.0..=100.0).contains(&extra) {
                             wrong.push(format!(
@@ -319,7 +320,7 @@ fn nothing_is_missing_in_measured_files() {
 }
 
 #[test]
-fn files_of_measured_and_simulated_situations_without_missing_values_stay_as_they_are() {
+fn measured_and_simulated_files_without_missing_values_remain_unchanged() {
     for cloud in [field!("frame_plain.csv"), field!("wild_x.csv")] {
         let (cleaned, removed) = clean(cloud.clone(), None);
         assert_eq!((cleaned, removed.missing.len(), removed.repeated_profiles), (cloud, 0, 0));
@@ -334,7 +335,7 @@ fn declared_values_are_removed_in_the_unit_and_the_precision_of_the_file() {
         let mm = |value: f64| value * unit.in_mm();
         let (cleaned, removed) = clean(cloud.clone(), Some(&[65.535, -9.0, 7.0, f64::NAN]));
         assert_eq!(texts(&removed), ["x, y or z = 65.535: 2", "x, y or z = -9: 2"]);
-        // Profile 1 keeps its place without points; that of profile 2 is not known.
+        // Profile 1 keeps its plane without points; the plane of profile 2 is unknown.
         assert_eq!((cleaned.blanks, cleaned.missing_count), (vec![mm(2.0)], 4));
         assert_eq!(cleaned.columns, Columns::F64 { y: vec![mm(0.25)], z: vec![mm(0.75)] });
         assert_eq!(cleaned.stripes, [Stripe { label: 0.0, x: mm(1.0), end: 1 }]);
@@ -376,7 +377,7 @@ fn profiles_that_lose_all_their_points_become_blanks_unless_their_plane_is_a_cod
 }
 
 #[test]
-fn two_values_are_found_beside_each_other() {
+fn two_different_values_are_found() {
     let (scan, _) = make(&part(5)).expect("points");
     let cloud = cloud_of(&scan, frames(), 0.001);
     let (cloud, first) = damaged(cloud, 0.05, Place::Random, MissingKind::Z(-99999.0), 1);
@@ -386,9 +387,9 @@ fn two_values_are_found_beside_each_other() {
     assert!(removed.missing.iter().any(|value| value.kind == MissingKind::Z(0.0) && value.count == second));
 }
 
-/// Clouds of any content come back whole or smaller, never broken.
+/// The cleaned cloud of any content is valid and not larger.
 #[test]
-fn degenerate_clouds_are_taken() {
+fn degenerate_clouds_are_accepted() {
     let cloud = |y: Vec<f64>, z: Vec<f64>| Cloud {
         stripes: vec![Stripe { label: 0.0, x: 0.0, end: y.len() }],
         columns: Columns::F64 { y, z },

@@ -1,12 +1,13 @@
-//! Why a cloud does not become profiles: each variant a reason with its numbers, each text what happened and what to do.
+//! Why a cloud cannot be divided into profiles: each variant is a reason with its numbers, and its message states what happened and
+//! what to do.
 
 use crate::geometry::FrameError;
 use crate::scan::ScanError;
 
-/// Why a cloud does not become profiles.
+/// Why a cloud cannot be divided into profiles.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SliceError {
-    /// The declared frame is none.
+    /// The declared frame is invalid.
     #[error(transparent)]
     Frame(#[from] FrameError),
     /// A point lies too far from the origin of the frame.
@@ -14,7 +15,7 @@ pub enum SliceError {
         "in the declared frame point {index} has a coordinate of {value} mm, beyond ±{limit} mm (coordinate_max_mm); check the frame and the unit"
     )]
     CoordinateOutOfRange {
-        /// Its position among the points, from 0.
+        /// Index among the points, from 0.
         index: usize,
         /// The coordinate, mm.
         value: f64,
@@ -27,50 +28,50 @@ pub enum SliceError {
         /// Points of the cloud.
         points: usize,
     },
-    /// A profile column was asked for that the cloud has not.
+    /// The requested profile column does not exist in the cloud.
     #[error(
         "profiles cannot be separated by {wanted}: the profile column is {found}; name it when decoding, or use another rule"
     )]
     NoColumn {
         /// The requested value.
         wanted: String,
-        /// What the cloud has.
+        /// The column of the cloud.
         found: String,
     },
-    /// Rows were asked for and the cloud has none.
+    /// Rows were requested and the cloud has none.
     #[error("the points are not organised in rows; use column, x_value or x_pitch_mm")]
     NoRows,
-    /// A thickness that is none.
+    /// The thickness is not a positive number.
     #[error("x_pitch_mm must be a number above 0, e.g. x_pitch_mm=0.5")]
     PitchInvalid,
-    /// A thickness that makes too many slabs.
+    /// The thickness gives too many slabs.
     #[error("x_pitch_mm={pitch} makes {slabs} slabs, at most {limit} are allowed; use at least {least}")]
     PitchTooSmall {
         /// The thickness, mm.
         pitch: f64,
-        /// The slabs it makes.
+        /// The number of slabs.
         slabs: f64,
-        /// Most profiles.
+        /// Largest number of profiles.
         limit: usize,
-        /// A thickness that does, mm.
+        /// The least allowed thickness, mm.
         least: f64,
     },
     /// More profiles than allowed.
     #[error("the scan has more than {limit} profiles; use x_pitch_mm with a larger pitch, or raise the limit")]
     TooManyProfiles {
-        /// Most profiles.
+        /// Largest number of profiles.
         limit: usize,
     },
-    /// A profile of more points than allowed.
+    /// A profile has more points than allowed.
     #[error(
         "the profile at x = {x} mm has {found} points, at most {limit} are allowed; use another rule or raise the limit"
     )]
     ProfileTooLong {
         /// Its plane, mm.
         x: f64,
-        /// Its points.
+        /// The number of its points.
         found: usize,
-        /// Most points.
+        /// Largest number of points.
         limit: usize,
     },
     /// The cloud is not valid.

@@ -7,7 +7,7 @@ use crate::scan::columns::Columns;
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// The region of a cloud that is kept, bounds included, in the rail frame; a bound left out keeps all.
+/// The region of a cloud that is retained, bounds included, in the rail frame; an omitted bound does not restrict.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Region {
@@ -19,7 +19,7 @@ pub struct Region {
     pub z_mm: Option<[f64; 2]>,
 }
 
-/// A bound that is no range: not finite, or the lower above the upper.
+/// An invalid bound: not finite, or the lower above the upper.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("{axis} must be [lower, upper], both finite, the lower not above the upper")]
 pub struct RegionError {
@@ -28,10 +28,10 @@ pub struct RegionError {
 }
 
 impl Region {
-    /// Whether every bound is a range; a region with another contains no point.
+    /// Checks every bound; a region with an invalid one contains no point.
     ///
     /// # Errors
-    /// [`RegionError`] names the first that is not.
+    /// [`RegionError`] names the first invalid bound.
     pub fn check(&self) -> Result<(), RegionError> {
         for (axis, bound) in [("x_mm", self.x_mm), ("y_mm", self.y_mm), ("z_mm", self.z_mm)] {
             if bound.is_some_and(|[lower, upper]| !(lower.is_finite() && upper.is_finite() && lower <= upper)) {
@@ -42,7 +42,7 @@ impl Region {
     }
 }
 
-/// The points of a cloud one by one, each with its stripe.
+/// The points of a cloud, each with its stripe.
 fn each_point(cloud: &Cloud) -> impl Iterator<Item = (&Stripe, [f64; 2])> {
     let mut start = 0;
     cloud.stripes.iter().flat_map(move |stripe| {
@@ -51,8 +51,8 @@ fn each_point(cloud: &Cloud) -> impl Iterator<Item = (&Stripe, [f64; 2])> {
     })
 }
 
-/// A cloud of the given points, of the labels and missing points of `like`. Planes without points are left out: a turn may
-/// not leave them at one x.
+/// A cloud of the given points, with the labels and missing points of `like`. Planes without points are left out, since a rotation
+/// may not leave them at one x.
 fn collect(like: &Cloud, points: impl Iterator<Item = (f64, [f64; 3])>) -> Cloud {
     let (mut stripes, mut ys, mut zs): (Vec<Stripe>, Vec<f64>, Vec<f64>) = Default::default();
     for (label, [x, y, z]) in points {
@@ -68,7 +68,7 @@ fn collect(like: &Cloud, points: impl Iterator<Item = (f64, [f64; 3])>) -> Cloud
     Cloud { stripes, columns, labels, unit, blanks: Vec::new(), missing_count }
 }
 
-/// The cloud as seen from the rail frame that `frame` declares, no coordinate beyond `coordinate_max_mm`.
+/// The cloud in the rail frame that `frame` declares, with no coordinate beyond `coordinate_max_mm`.
 pub(super) fn move_into(cloud: &Cloud, frame: &Frame, coordinate_max_mm: f64) -> Result<Cloud, SliceError> {
     let rotation = frame.rotation()?;
     let origin = Vector3::from(frame.origin_mm);
@@ -81,14 +81,14 @@ pub(super) fn move_into(cloud: &Cloud, frame: &Frame, coordinate_max_mm: f64) ->
     }
     let points = each_point(cloud).map(|(stripe, point)| (stripe.label, moved(stripe.x, point).into()));
     let mut placed = collect(cloud, points);
-    // Where the file's x lies along the rail, planes stay planes of one x, those without points, too.
+    // If the file's x is parallel to the rail, planes remain planes of one x, including those without points.
     if rotation.m12 == 0.0 && rotation.m13 == 0.0 {
         placed.blanks = cloud.blanks.iter().map(|x| rotation.m11 * (x - origin.x)).collect();
     }
     Ok(placed)
 }
 
-/// What of the cloud lies in a region.
+/// The points of the cloud in a region.
 pub(super) fn cut_to(cloud: &Cloud, region: &Region) -> Result<Cloud, SliceError> {
     let holds =
         |bound: Option<[f64; 2]>, value: f64| bound.is_none_or(|[lower, upper]| (lower..=upper).contains(&value));

@@ -1,10 +1,10 @@
-//! Which rule separates the profiles of a cloud, the key that it gives each stripe, and the grouping of the stripes by that key into
-//! profiles in order of x. Columns that are in order already are passed on as they are: copying those of a large scan would cost more
-//! than everything else.
+//! The rule that separates the profiles of a cloud, the key that it gives each stripe, and the grouping of the stripes by that key
+//! into profiles in order of x. Columns that are already in order are passed on unchanged, because copying those of a large scan
+//! would cost more than all other steps.
 //!
-//! In a cloud in no order every point is a stripe. Reading the stripes in the order of the file and writing each to the end of
-//! its profile touches as many places as there are profiles; visiting them in the order of the profiles touches as many as
-//! there are points, and most of those are not in the cache.
+//! In an unordered cloud every point is a stripe. Reading the stripes in the order of the file and writing each to the end of its
+//! profile accesses as many memory positions as there are profiles; reading them in the order of the profiles accesses as many as
+//! there are points, most of which are not in the cache.
 
 use super::error::SliceError;
 use crate::scan::cloud::{Cloud, Labels, Stripe};
@@ -14,32 +14,32 @@ use crate::scan::rule::ProfileRule;
 use crate::scan::{Grouping, Scan, Station};
 use std::ops::Range;
 
-/// Spread of x along a row, in steps between rows, up to which a row is a profile.
+/// Largest spread of x along a row, in steps between rows, for a row to be a profile.
 const ROW_SPREAD_MAX: f64 = 0.1;
-/// Mean points of one x from which x counts as discrete.
+/// Least mean number of points of one x for x to be discrete.
 const POINTS_PER_VALUE_MIN: usize = 8;
-/// Mean points of a slab of chosen thickness: enough for a section, few enough to keep the slab thin.
+/// Mean number of points of a slab of automatically chosen thickness: enough for a section, few enough to keep the slab thin.
 const POINTS_PER_SLAB: f64 = 100.0;
-/// Points below which slabs would be too few or too thick: moving a tracker's eight points to common planes would spoil
-/// them, and each is exact as a profile of its own.
+/// With fewer points slabs would be too few or too thick: moving a tracker's eight points to common planes would falsify them,
+/// while each is exact as a profile of its own.
 const SLAB_POINTS_MIN: usize = 1000;
 
-/// What stripes of one profile have in common.
+/// The property that stripes of one profile share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Key {
     /// The label.
     Label,
     /// The x.
     X,
-    /// The slab of this thickness, mm; slab k reaches from (k − ½) to (k + ½) times it, so that values which jitter
-    /// about its multiples stay together.
+    /// The slab of this thickness, mm; slab k extends from (k − ½) to (k + ½) times it, so that values that jitter about its
+    /// multiples stay together.
     Slab(f64),
 }
 
 impl Key {
     /// The key of a stripe.
     pub(super) fn of(self, stripe: &Stripe) -> f64 {
-        // Adding zero makes −0 and 0 one.
+        // Adding zero turns −0 into 0.
         match self {
             Self::Label => stripe.label + 0.0,
             Self::X => stripe.x + 0.0,
@@ -78,7 +78,7 @@ pub(super) fn choose_key(
     }
 }
 
-/// Where the grouping of a cloud comes from when no rule was asked for.
+/// The origin of the grouping of a cloud if no rule was requested.
 pub(super) fn grouping(cloud: &Cloud) -> Grouping {
     match &cloud.labels {
         Labels::Column(_) if labels_are_profiles(cloud) => Grouping::Given,
@@ -137,13 +137,13 @@ fn by_pitch(cloud: &Cloud, pitch: f64, limits: &Limits) -> Result<(Key, String),
     Ok((Key::Slab(pitch), ProfileRule::XPitch(Some(pitch)).to_string()))
 }
 
-/// Slabs of about [`POINTS_PER_SLAB`] points, not more than are allowed.
+/// Slabs of about [`POINTS_PER_SLAB`] points, at most the allowed number of slabs.
 fn by_chosen_pitch(cloud: &Cloud, limits: &Limits) -> (Key, String) {
     let (least, most) = extent(cloud);
     let length = most - least;
     let wanted = round_down(length * POINTS_PER_SLAB / cloud.columns.len() as f64);
     let allowed = round_up(length / limits.profiles_max as f64);
-    // One plane has no thickness; any will do.
+    // A single plane has no thickness; any pitch will do.
     let pitch = if length > 0.0 { wanted.max(allowed) } else { 1.0 };
     (Key::Slab(pitch), format!("{} (chosen)", ProfileRule::XPitch(Some(pitch))))
 }
@@ -159,26 +159,26 @@ fn round_up(value: f64) -> f64 {
 }
 
 fn round(value: f64, fits: impl Fn(f64, f64) -> bool, better: impl Fn(f64, f64) -> f64) -> f64 {
-    // Below any length that a scan can have; keeps the powers within what f64 divides exactly.
+    // Below any length of a scan; keeps the powers within the range that f64 divides exactly.
     let value = value.max(1e-9);
     let decade = value.log10().floor() as i32;
     let power = |exponent: i32, step: f64| {
-        // Dividing by a power that is exact gives the nearest number to the decimal: 0.1 and not 0.1 + 1e-17.
+        // Dividing by an exact power gives the number nearest to the decimal: 0.1 and not 0.1 + 1e-17.
         if exponent < 0 { step / 10f64.powi(-exponent) } else { step * 10f64.powi(exponent) }
     };
     let steps = (decade - 1..=decade + 1).flat_map(|exponent| [1.0, 2.0, 2.5, 5.0].map(|step| power(exponent, step)));
     steps.filter(|step| fits(*step, value)).reduce(better).unwrap_or(value)
 }
 
-/// Whether the labels of a column separate profiles: half of a label's points lie closer to the label's x than half of the
-/// labels lie to each other, and a label is not several planes of many points.
+/// Whether the labels of a column separate profiles: half of a label's points are closer to the label's x than half of the labels
+/// are to each other, and a label does not have several planes of many points.
 ///
 /// Medians, because single points of a profile may have any x. A laser plane that is not perpendicular to the rail spreads the x of
-/// a profile, but gives every point its own.
+/// a profile, but gives every point an individual one.
 fn labels_are_profiles(cloud: &Cloud) -> bool {
     let labels_count = cloud.stripes.chunk_by(|a, b| a.label == b.label).count();
     if labels_count == cloud.stripes.len() && labels_count > 1 {
-        // One x under every label, as in most files.
+        // Usually each label has one x.
         let is_sorted = cloud.stripes.is_sorted_by(|a, b| a.label < b.label);
         if is_sorted {
             return true;
@@ -213,10 +213,10 @@ fn points_of(pieces: &[Piece]) -> f64 {
     pieces.iter().map(|piece| piece.points).sum()
 }
 
-/// The stripes, of very many an even choice: medians need no more.
+/// The stripes, or an even selection of very many, which is enough for medians.
 fn some_pieces(stripes: &[Stripe]) -> Vec<Piece> {
     const PIECES_MAX: usize = 1 << 18;
-    // An odd step, so that it does not keep in step with profiles of an even number of points.
+    // An odd step, so that it does not coincide with profiles of an even number of points.
     let step = (stripes.len() / PIECES_MAX + 1) | 1;
     let piece = |index: usize| {
         let stripe = stripes.get(index)?;
@@ -226,7 +226,7 @@ fn some_pieces(stripes: &[Stripe]) -> Vec<Piece> {
     (0..stripes.len()).step_by(step).filter_map(piece).collect()
 }
 
-/// The value that half of the weight lies below; 0 of nothing.
+/// The weighted median; 0 without weight.
 fn median(mut weighted: Vec<(f64, f64)>) -> f64 {
     weighted.sort_unstable_by(|(a, _), (b, _)| a.total_cmp(b));
     let half = 0.5 * weighted.iter().map(|(_, weight)| weight).sum::<f64>();
@@ -238,7 +238,7 @@ fn median(mut weighted: Vec<(f64, f64)>) -> f64 {
     middle.map_or(0.0, |(value, _)| *value)
 }
 
-/// Whether x varies little along every row against the usual step between rows.
+/// Whether x varies little along every row relative to the usual step between rows.
 fn rows_are_profiles(stripes: &[Stripe]) -> bool {
     let rows: Vec<(f64, f64)> = stripes
         .chunk_by(|a, b| a.label == b.label)
@@ -363,8 +363,8 @@ impl<'a> Groups<'a> {
         sizes.map(range).collect()
     }
 
-    /// A value for every point, profile after profile in `order`; points of a profile keep the order of the file. `write`
-    /// gets a stripe, its points in the cloud, and the place for their values.
+    /// A value for every point, profile by profile in `order`; points of a profile keep the order of the file. `write` gets a
+    /// stripe, its points in the cloud, and the destination of their values.
     fn gather<T: Copy + Default>(&self, order: &[usize], write: impl Fn(&Stripe, Range<usize>, &mut [T])) -> Vec<T> {
         let mut ends = vec![0; self.sizes.len()];
         for (range, group) in self.ranges(order).into_iter().zip(order) {
@@ -394,7 +394,7 @@ impl<'a> Groups<'a> {
     }
 }
 
-/// The median over the points: one point far away, such as a missing value, moves a mean by any length.
+/// The median over the points, because one far point, such as a missing value, moves a mean by any length.
 fn median_within(x: &[f64], range: Range<usize>) -> f64 {
     let mut values = x.get(range).unwrap_or_default().to_vec();
     let half = values.len() / 2;
@@ -404,7 +404,7 @@ fn median_within(x: &[f64], range: Range<usize>) -> f64 {
     *values.select_nth_unstable_by(half, f64::total_cmp).1
 }
 
-/// The indices of `x` in the order of its values; equal ones keep their order.
+/// The indices of `x` in ascending order of its values; equal ones keep their order.
 fn ascending(x: &[f64]) -> Vec<usize> {
     let mut order: Vec<(usize, f64)> = (0..).zip(x.iter().copied()).collect();
     order.sort_by(|(_, a), (_, b)| a.total_cmp(b));

@@ -1,4 +1,4 @@
-//! The rules, one after the other, and what they refuse.
+//! The rules and their refusals.
 
 use super::*;
 use crate::scan::decode::Unit;
@@ -43,7 +43,7 @@ fn profiles(scan: &Scan) -> Vec<(f64, Vec<f64>)> {
 }
 
 #[test]
-fn the_rule_is_chosen_from_what_the_cloud_is() {
+fn the_rule_is_chosen_from_the_properties_of_the_cloud() {
     for (cloud, rule) in [
         (regular(column(), 5, 1.0, 3.0), "column=frame"),
         (regular(Labels::Row, 5, 1.0, 0.05), "row"),
@@ -57,9 +57,9 @@ fn the_rule_is_chosen_from_what_the_cloud_is() {
     }
 }
 
-/// Labels of tiles of five lines, a constant, the number of a laser beam, and a turn angle.
+/// Labels of tiles of five lines, a constant, the number of a laser beam, and an angle of rotation.
 #[test]
-fn a_column_that_does_not_separate_profiles_is_passed_over_and_named() {
+fn a_column_that_does_not_separate_profiles_is_ignored_and_named() {
     let points = |label: &dyn Fn(u32) -> u32, x: &dyn Fn(u32) -> f64| -> Vec<_> {
         (0..1600).map(|i| (f64::from(label(i)), x(i), f64::from(i % 40))).collect()
     };
@@ -77,9 +77,9 @@ fn a_column_that_does_not_separate_profiles_is_passed_over_and_named() {
     }
 }
 
-/// Profiles whose points have an x each, wild points, profiles out of order, and a stage that stands still.
+/// Profiles whose points have individual x, outliers, profiles out of order, and a stage that stands still.
 #[test]
-fn a_column_that_separates_profiles_is_used_whatever_x_does_within() {
+fn a_column_that_separates_profiles_is_used_for_any_x_within_them() {
     let points = |x: &dyn Fn(u32, u32) -> f64| -> Vec<_> {
         (0..1600).map(|i| (f64::from(i / 40), x(i / 40, i % 40), f64::from(i % 40))).collect()
     };
@@ -96,7 +96,7 @@ fn a_column_that_separates_profiles_is_used_whatever_x_does_within() {
 }
 
 #[test]
-fn a_rule_that_is_asked_for_is_used_and_named() {
+fn a_requested_rule_is_used_and_named() {
     for (rule, name) in [
         ("column", "column=frame"),
         ("column:FRAME", "column=frame"),
@@ -110,12 +110,12 @@ fn a_rule_that_is_asked_for_is_used_and_named() {
 }
 
 #[test]
-fn profiles_are_put_in_order_of_x_and_their_points_keep_the_order_of_the_file() {
+fn profiles_are_sorted_by_x_and_their_points_keep_the_order_of_the_file() {
     let points = [(2.0, 9.0, 0.0), (1.0, 3.0, 1.0), (2.0, 9.0, 2.0), (1.0, 4.0, 3.0), (3.0, 1.0, 4.0), (1.0, 5.0, 5.0)];
     let expected = [(1.0, vec![4.0]), (4.0, vec![1.0, 3.0, 5.0]), (9.0, vec![0.0, 2.0])];
     let scan = sliced(cloud(column(), &points), None).expect("slices");
     assert_eq!(profiles(&scan), expected);
-    // In order already, the same points give the same scan.
+    // Already in order, the same points give the same scan.
     let sorted = [points[4], points[1], points[3], points[5], points[0], points[2]];
     let rising: Vec<_> =
         (0..).zip([0, 1, 1, 1, 2, 2]).map(|(i, label)| (f64::from(label), sorted[i].1, sorted[i].2)).collect();
@@ -134,7 +134,7 @@ fn equal_x_under_two_labels_are_two_profiles_and_x_is_the_exact_common_value() {
 }
 
 #[test]
-fn discrete_x_are_found_whatever_their_order() {
+fn discrete_x_are_found_in_any_order() {
     let points: Vec<_> = (0..40).map(|i| (0.0, f64::from(i * 7 % 4) - 0.0, f64::from(i))).collect();
     let scan = sliced(cloud(Labels::None, &points), None).expect("slices");
     assert_eq!((scan.rule(), scan.stations().len()), ("x_value", 4));
@@ -158,7 +158,7 @@ fn rules_that_do_not_fit_the_cloud_are_refused() {
 }
 
 #[test]
-fn limits_hold_in_order_and_out_of_order() {
+fn limits_apply_to_ordered_and_unordered_clouds() {
     let few = Limits { profiles_max: 4, ..Limits::default() };
     let short = Limits { points_per_profile_max: 9, ..Limits::default() };
     for step in [1.0, -1.0] {
@@ -166,7 +166,7 @@ fn limits_hold_in_order_and_out_of_order() {
         let refused = |limits| slice(cloud(), &SliceRequest::default(), limits).expect_err("beyond").code();
         assert_eq!((refused(&few), refused(&short)), ("too_many_profiles", "profile_too_long"));
     }
-    // A chosen pitch keeps to the limit by itself.
+    // An automatically chosen pitch respects the limit.
     let scan = slice(regular(Labels::None, 100, 0.5, 0.5), &SliceRequest::default(), &few).expect("slices");
     assert_eq!(scan.rule(), "x_pitch_mm=20 (chosen)");
 }
@@ -188,7 +188,7 @@ fn a_region_keeps_its_bounds_and_an_empty_one_is_refused() {
 }
 
 #[test]
-fn a_frame_moves_the_points_before_they_are_cut() {
+fn a_frame_is_applied_before_the_region() {
     // The rail along the cloud's −y, its Z along the cloud's x.
     let frame = Frame { origin_mm: [1.0, 2.0, 3.0], x_axis: [0.0, -1.0, 0.0], z_axis: [1.0, 0.0, 0.0] };
     let request = SliceRequest { rule: Some(ProfileRule::XValue), frame: Some(frame), region: None };
@@ -199,9 +199,9 @@ fn a_frame_moves_the_points_before_they_are_cut() {
     assert_eq!((scan.columns().get(0), scan.columns().get(1)), (Some([33.0, 10.0]), Some([23.0, 9.0])));
 }
 
-/// The rail along the cloud's −x leaves planes planes; along its y they have no x of their own.
+/// A rail along the cloud's −x keeps the planes; along its y they have no common x.
 #[test]
-fn planes_without_points_stay_where_the_frame_leaves_them_at_one_x() {
+fn planes_without_points_remain_if_the_frame_leaves_them_at_one_x() {
     let blanks = |x_axis: [f64; 3]| {
         let frame = Frame { origin_mm: [1.0, 0.0, 0.0], x_axis, z_axis: [0.0, 0.0, 1.0] };
         let request = SliceRequest { rule: Some(ProfileRule::XValue), frame: Some(frame), region: None };
@@ -213,7 +213,7 @@ fn planes_without_points_stay_where_the_frame_leaves_them_at_one_x() {
 }
 
 #[test]
-fn a_frame_must_not_carry_the_points_beyond_the_limit_of_coordinates() {
+fn a_frame_must_not_move_points_beyond_the_limit_of_coordinates() {
     let frame = |origin| Frame { origin_mm: [origin, 0.0, 0.0], x_axis: [1e200, 0.0, 0.0], z_axis: [0.0, 0.0, 1.0] };
     let request = |origin| SliceRequest { frame: Some(frame(origin)), ..SliceRequest::default() };
     let limits = Limits { coordinate_max_mm: 1000.0, ..Limits::default() };
@@ -227,7 +227,7 @@ fn a_frame_must_not_carry_the_points_beyond_the_limit_of_coordinates() {
 }
 
 #[test]
-fn slabs_that_are_asked_for_are_no_profiles_of_the_sensor() {
+fn requested_slabs_are_not_profiles_of_the_sensor() {
     let grouping = |cloud, rule| sliced(cloud, rule).expect("slices").grouping();
     let unordered = || regular(Labels::None, 100, 0.5, 0.5);
     assert_eq!(grouping(unordered(), None), Grouping::Chosen);

@@ -1,5 +1,6 @@
-//! Scans a synthetic part: profile after profile along the rail with the truth of each, one profile by itself for a sensor that passes
-//! along the part, or several parts one behind the other. Beside the part the sensor sees the floor below it and a support.
+//! Simulates a scan of a synthetic part: profile by profile along the rail with the truth of each, a single profile for a simulated
+//! sensor that moves along the part, or several parts in a row. Next to the part the sensor sees the ground plane below it and a
+//! support.
 
 use super::features::{Feature, Prepared};
 use super::noise::Stream;
@@ -12,10 +13,10 @@ use crate::scan::{Scan, ScanError, Station};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Scans the part.
+/// Simulates a scan of the part.
 ///
 /// # Errors
-/// [`ScanError`] where no point is left, or the part's numbers are not finite.
+/// [`ScanError`] if no points remain, or the part's numbers are not finite.
 pub fn make(part: &Part) -> Result<(Scan, Truth), ScanError> {
     let mut acquisition = Acquisition::start(part);
     let mut delivered = Delivered::new(part);
@@ -38,7 +39,7 @@ pub fn make(part: &Part) -> Result<(Scan, Truth), ScanError> {
     delivered.end()
 }
 
-/// A scan that is being simulated.
+/// A simulated scan in progress.
 struct Acquisition<'a> {
     part: &'a Part,
     edges: Prepared,
@@ -47,23 +48,23 @@ struct Acquisition<'a> {
     stage: Stage,
 }
 
-/// One profile as the sensor took it.
+/// One profile as the sensor recorded it.
 struct Taken {
     x: f64,
     points: Vec<[f64; 3]>,
-    /// How many of its points lie on the part.
+    /// Number of its points on the part.
     on_part_count: usize,
-    /// Their true places; none where the profile repeats another one, which contains nothing new about the part.
+    /// Their true positions; empty if the profile repeats another one, which adds no information about the part.
     on_part: Vec<[f64; 3]>,
 }
 
 impl Taken {
-    /// The same once more.
+    /// A copy of the profile.
     fn again(&self) -> Self {
         Self { points: self.points.clone(), on_part: Vec::new(), ..*self }
     }
 
-    /// The same points under another x, where they do not lie on the part.
+    /// The same points under another x, marked as not on the part.
     fn stale(&self, x: f64) -> Self {
         let moved = x - self.x;
         let points = self.points.iter().map(|[x, y, z]| [x + moved, *y, *z]).collect();
@@ -108,7 +109,7 @@ impl<'a> Acquisition<'a> {
     }
 }
 
-/// The profiles that arrived.
+/// The profiles that were delivered.
 struct Delivered<'a> {
     part: &'a Part,
     has_own_x: bool,
@@ -118,7 +119,7 @@ struct Delivered<'a> {
     z: Vec<f64>,
     blanks: Vec<f64>,
     truth: Truth,
-    /// The last profile that arrived.
+    /// The last delivered profile.
     last: Option<Taken>,
 }
 
@@ -164,40 +165,40 @@ impl<'a> Delivered<'a> {
     }
 }
 
-/// Something in a profile.
+/// An observed point of a profile.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Seen {
-    /// On the part or what sits on it: the position in the profile.
+    /// A point on the part or on a feature: its index in the profile.
     OnPart(usize),
-    /// Beside it.
+    /// A point next to the part.
     Beside([f64; 2]),
 }
 
-/// Where a point lies, in (y, z).
+/// Position of a point, in (y, z).
 pub(super) struct Place {
-    /// Truly.
+    /// True position.
     point: [f64; 2],
-    /// As the sensor sees it, without noise.
+    /// Position as the sensor sees it, without noise.
     seen: [f64; 2],
     is_on_part: bool,
 }
 
 impl Place {
-    /// As the sensor reports it, with this noise.
+    /// Position as the sensor reports it, with this noise.
     pub(super) fn measured(&self, part: &Part, [off_y, off_z]: [f64; 2]) -> [f64; 2] {
         let [y, z] = self.seen;
         part.sensor.reported([y + off_y, z + off_z])
     }
 }
 
-/// How far a point is thrown off; mostly not at all.
+/// Displacement of a point by a spike; usually none.
 pub(super) fn thrown(part: &Part, chance: &mut ChaCha8Rng) -> f64 {
     let spike = chance.random_bool(part.spike_ratio.clamp(0.0, 1.0));
     if spike { chance.random_range(-SPIKE_MM..SPIKE_MM) } else { 0.0 }
 }
 
 impl Seen {
-    /// How far a second reflection displaces the point.
+    /// Displacement of the point by a second reflection.
     pub(super) fn reflected(self, part: &Part, chance: &mut ChaCha8Rng) -> f64 {
         match self {
             Self::OnPart(_) => part.sensor.reflections.offset_mm(chance),
@@ -205,7 +206,7 @@ impl Seen {
         }
     }
 
-    /// Where the point lies in the profile at `x`, thrown off by `thrown`; `None` where nothing is seen.
+    /// Position of the point in the profile at `x`, displaced by `thrown`; `None` if the sensor sees nothing.
     pub(super) fn place(
         self,
         part: &Part,
@@ -234,10 +235,10 @@ impl Seen {
     }
 }
 
-/// The points (y, z) of the section of `part` by the plane at `x`, mm; those that dropped out, or that meet nothing, are
-/// left out. `along` is how far the plane is along the part, 0 at its near end to 1, and decides what sits there; the
-/// part's own number of profiles, their planes, its surroundings, the tilt of the laser plane, the travel and the export do not
-/// matter.
+/// The points (y, z) of the section of `part` by the plane at `x`, mm, without drop-outs and without lines of sight that meet
+/// nothing. `along` is the position of the plane along the part, 0 at its near end to 1, and determines the feature there. The
+/// number of profiles, their planes, the background, the tilt of the laser plane, the travel and the export of the part have no
+/// effect.
 #[must_use]
 pub fn make_profile(part: &Part, x: f64, along: f64, chance: &mut ChaCha8Rng) -> Vec<[f64; 2]> {
     let edges = part.prepared_edges();
@@ -256,11 +257,11 @@ pub fn make_profile(part: &Part, x: f64, along: f64, chance: &mut ChaCha8Rng) ->
     points
 }
 
-/// Scans parts that stand one behind the other; the truth of each, in their order. A part's profiles are those that [`make`]
-/// makes of it alone, to the bit.
+/// Simulates a scan of parts in a row; returns the truth of each, in their order. A part's profiles are bit for bit those that
+/// [`make`] gives for it alone.
 ///
 /// # Errors
-/// [`ScanError`] where a part cannot be made, or does not lie behind the one before it.
+/// [`ScanError`] if a part cannot be simulated, or does not lie after the previous one.
 pub fn make_several(parts: &[Part]) -> Result<(Scan, Vec<Truth>), ScanError> {
     let (mut y, mut z, mut stations, mut truths) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let (mut blanks, mut own_x, mut is_planar) = (Vec::new(), Vec::new(), true);
@@ -286,15 +287,15 @@ pub fn make_several(parts: &[Part]) -> Result<(Scan, Vec<Truth>), ScanError> {
     Ok((if is_planar { scan } else { scan.with_own_x(own_x)? }, truths))
 }
 
-/// Gap between the part and what stands beside it, in radii.
+/// Gap between the part and adjacent objects, in radii.
 const GAP: f64 = 0.05;
-/// Width of the floor on either side, in radii.
+/// Width of the ground plane on either side, in radii.
 const FLOOR_WIDTH: f64 = 0.75;
-/// Width of a level support, in radii,
+/// Width of a flat support, in radii,
 const SUPPORT_WIDTH: f64 = 0.4;
-/// and how far below the axis its face lies.
+/// and depth of its face below the axis.
 const SUPPORT_DEPTH: f64 = 0.3;
-/// Half of the angle over which a round support is seen.
+/// Half of the angle over which a round support is visible.
 const SUPPORT_HALF_RAD: f64 = 1.0;
 
 impl Surroundings {
@@ -304,7 +305,7 @@ impl Surroundings {
         self.floor(part, start)
     }
 
-    /// The points right of the part, in order of y but for the end of a support that hangs over the floor.
+    /// The points right of the part, in order of y except for the end of a support that overhangs the ground plane.
     pub(super) fn right(&self, part: &Part, x: f64, index: usize) -> Vec<[f64; 2]> {
         let [axis_y, axis_z] = part.axis.at(x);
         let edge = axis_y + part.radius_mm * (1.0 + GAP);
@@ -337,7 +338,7 @@ mod tests {
     use rand::SeedableRng;
 
     #[test]
-    fn without_noise_it_is_the_profile_of_the_whole_scan() {
+    fn without_noise_it_equals_the_profile_of_the_complete_scan() {
         let part = Part { noise_sigma_mm: 0.0, ..Part::with_interference(3) };
         let (scan, _) = make(&part).expect("a scan");
         let (mut y, mut z) = (Vec::new(), Vec::new());
@@ -351,12 +352,12 @@ mod tests {
     }
 
     #[test]
-    fn beyond_the_end_nothing_is_seen() {
+    fn beyond_the_end_there_are_no_points() {
         let far = Some(crate::scan::synthetic::Edge { x_mm: 800.0, ..Default::default() });
         let mut part = Part::smooth(3);
         part.edges.far = far;
         let seen = |x: f64| make_profile(&part, x, 0.99, &mut ChaCha8Rng::seed_from_u64(1)).len();
-        // Tilted by about a degree, the end plane spreads over 800 ± 4 mm.
+        // With a tilt of about a degree, the end plane spreads over 800 ± 4 mm.
         assert_eq!((seen(795.0), seen(805.0)), (640, 0));
     }
 }

@@ -1,4 +1,4 @@
-//! What a sensor's software does to the points when it writes them: rounding, and numbers that stand for "no return".
+//! Effects of a sensor's software on the points that it writes: rounding, and numbers that mark "no return".
 
 use super::noise::Stream;
 use crate::scan::columns::Columns;
@@ -6,12 +6,12 @@ use crate::scan::{Scan, ScanError, Station};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-/// How points are written; unchanged by default.
+/// The format in which points are written; unchanged by default.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Export {
     /// The lattice of the coordinates.
     pub steps: Steps,
-    /// The number for "no return", where it is written as one.
+    /// The number for "no return", if points without a return are written.
     pub sentinel: Option<Sentinel>,
 }
 
@@ -26,33 +26,33 @@ pub struct Steps {
     pub z_mm: f64,
 }
 
-/// A number that stands for points without a return.
+/// A number that marks points without a return.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sentinel {
     /// The number.
     pub value_mm: f64,
-    /// Share of the points that become it.
+    /// Share of the points that are replaced by it.
     pub ratio: f64,
-    /// Which points.
+    /// The points that are replaced.
     pub place: SentinelPlace,
-    /// In which coordinates it is written.
+    /// The coordinates in which it is written.
     pub coordinates: Coordinates,
 }
 
 /// Which points of a profile have no return.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum SentinelPlace {
-    /// Any, independently of each other.
+    /// Any point, independently of each other.
     #[default]
     Random,
-    /// The first and the last of every profile, half of them at either end.
+    /// The first and the last points of every profile, half of them at either end.
     Edges,
 }
 
-/// In which coordinates a sentinel is written.
+/// The coordinates in which a sentinel is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Coordinates {
-    /// z; x and y stay.
+    /// z; x and y remain.
     #[default]
     Z,
     /// y and z.
@@ -72,7 +72,8 @@ impl Steps {
     }
 }
 
-/// The nearest multiple of a step, as text of that many decimals reads back: 17·0.01 is 0.17 and not 0.17000000000000001.
+/// The nearest multiple of a step, equal to the number parsed from text with that many decimals: 17·0.01 is 0.17 and not
+/// 0.17000000000000001.
 fn multiple(value: f64, step: f64) -> f64 {
     if step <= 0.0 {
         return value;
@@ -105,10 +106,10 @@ impl Sentinel {
 }
 
 impl Export {
-    /// The scan as it is written. The x of the profiles is rounded, too, but never a sentinel.
+    /// The scan as it is written. The x of the profiles is rounded as well, but never replaced by a sentinel.
     ///
     /// # Errors
-    /// [`ScanError::NotFinite`] where the sentinel is no number.
+    /// [`ScanError::NotFinite`] if the sentinel is not finite.
     pub fn apply(&self, scan: Scan, seed: u64) -> Result<Scan, ScanError> {
         if *self == Self::default() {
             return Ok(scan);
@@ -174,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn sentinels_take_their_share_in_their_places_and_coordinates() {
+    fn sentinels_replace_their_share_in_the_selected_points_and_coordinates() {
         let plain = scanned(Export::default(), LaserPlane::default());
         for place in [SentinelPlace::Random, SentinelPlace::Edges] {
             for coordinates in [Coordinates::Z, Coordinates::YZ, Coordinates::XYZ] {

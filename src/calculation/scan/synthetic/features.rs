@@ -1,6 +1,6 @@
-//! Features of a synthetic part: holes, clamps and a weld bead, and its ends: an end plane perpendicular to the axis, a chamfer, columns
-//! that end early, and a neighbour beyond. They decide how far a line of sight is displaced from the surface, and whether it meets
-//! anything. Holes and clamps cover whole profiles: where the laser plane is tilted, so are their ends.
+//! Features of a synthetic part: holes, clamps and a weld bead, and its ends: an end plane perpendicular to the axis, a chamfer,
+//! columns that end early, and an adjacent object. They determine the displacement of a line of sight from the surface, and whether
+//! it meets anything. Holes and clamps cover complete profiles: if the laser plane is tilted, so are their ends.
 
 use super::noise::Stream;
 use super::sensor::Sight;
@@ -8,12 +8,12 @@ use crate::geometry::AxisLine;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-/// Shares of the profiles that carry each kind of feature; the rest is smooth. They stand in blocks along x.
+/// Shares of the profiles with each kind of feature; the others are smooth. Features come in blocks along x.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Interference {
-    /// Profiles with two screw holes: two groups of 2 % of the points sunk by 10 and 20 mm.
+    /// Profiles with two screw holes: two groups of 2 % of the points, 10 and 20 mm deep.
     pub screw_holes: f64,
-    /// Profiles through a straight hole: 15 % of the points sunk by 30 mm.
+    /// Profiles through a straight hole: 15 % of the points, 30 mm deep.
     pub straight_holes: f64,
     /// Profiles under a clamp.
     pub clamps: f64,
@@ -21,37 +21,37 @@ pub struct Interference {
     pub clamp_arc: f64,
     /// Height of a clamp above the surface, at its middle.
     pub clamp_height_mm: f64,
-    /// What a clamp looks like from the sensor.
+    /// The face of a clamp.
     pub clamp_shape: ClampShape,
-    /// How far from the middle of the arc holes and clamps stand, as a share of it.
+    /// Displacement of holes and clamps from the middle of the arc, as a share of it.
     pub shift: f64,
-    /// A weld bead along the whole part.
+    /// A weld bead along the complete part.
     pub bead: Bead,
 }
 
 /// The face of a clamp.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum ClampShape {
-    /// Follows the part: a band of even thickness.
+    /// Follows the part: a band of uniform thickness.
     #[default]
     Concentric,
     /// A flat clamp, perpendicular to the direction of its middle.
     Flat,
-    /// A round clamp of this radius, whose axis is not the part's.
+    /// A round clamp of this radius, whose axis differs from the part's.
     Round {
-        /// Its own radius, mm.
+        /// Radius of the face, mm.
         radius_mm: f64,
     },
 }
 
-/// A bead along the part, highest in its middle and fading softly into the surface.
+/// A bead along the part, highest in its middle, with a smooth transition to the surface.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Bead {
-    /// Its height; 0 for none.
+    /// Height; 0 for none.
     pub height_mm: f64,
     /// Share of the arc that it covers.
     pub arc: f64,
-    /// Where its middle lies along the arc, 0 to 1.
+    /// Position of its middle along the arc, 0 to 1.
     pub place: f64,
 }
 
@@ -63,20 +63,20 @@ impl Bead {
     }
 }
 
-/// What one profile carries.
+/// The feature of one profile.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Feature {
     /// Nothing.
     Smooth,
-    /// Two groups of 2 % of the points, sunk by 10 and 20 mm.
+    /// Two groups of 2 % of the points, 10 and 20 mm deep.
     ScrewHoles,
-    /// 15 % of the points, sunk by 30 mm.
+    /// 15 % of the points, 30 mm deep.
     StraightHole,
-    /// A part of the arc is hidden behind a face above it.
+    /// A face above the surface hides a part of the arc.
     Clamp {
         /// Share of the arc.
         arc: f64,
-        /// Above the surface, at its middle.
+        /// Height above the surface, at its middle.
         height_mm: f64,
         /// Its face.
         shape: ClampShape,
@@ -96,7 +96,7 @@ impl Interference {
         bead: Bead { height_mm: 0.0, arc: 0.0, place: 0.0 },
     };
 
-    /// What the profile at `phase` (0 to 1 along a block) carries.
+    /// The feature of the profile at `phase` (0 to 1 along a block).
     pub(super) fn feature(&self, phase: f64) -> Feature {
         let smooth = 1.0 - self.screw_holes - self.straight_holes - self.clamps;
         match phase {
@@ -107,8 +107,8 @@ impl Interference {
         }
     }
 
-    /// How far the point at `place` (0 to 1 along the arc) is moved away from the axis by what `feature` and the bead put
-    /// there, mm. `angle` is how far it lies from the middle of a clamp, radians about the axis.
+    /// Displacement of the point at `place` (0 to 1 along the arc) away from the axis by `feature` and the bead, mm. `angle` is its
+    /// distance from the middle of a clamp, radians about the axis.
     pub(super) fn offset_mm(&self, feature: Feature, place: f64, angle: f64, radius_mm: f64) -> f64 {
         let raised = feature.offset_mm(place - self.shift, angle, radius_mm);
         // A clamp hides the bead.
@@ -132,69 +132,69 @@ impl Feature {
 }
 
 impl ClampShape {
-    /// Height above the surface in the direction `angle` from the middle of the clamp, seen from the axis.
+    /// Height above the surface in the direction `angle` from the middle of the clamp, about the axis.
     fn offset_mm(self, angle: f64, height_mm: f64, radius_mm: f64) -> f64 {
         let (sin, cos) = angle.sin_cos();
         let top = radius_mm + height_mm;
         let face = match self {
             Self::Concentric => return height_mm,
-            // Beyond 80° a flat face is not seen any more.
+            // Beyond 80° a flat face is no longer visible.
             Self::Flat => top / cos.max(0.17) - radius_mm,
             Self::Round { radius_mm: own } => {
                 let centre = top - own;
                 centre * cos + (own * own - (centre * sin).powi(2)).max(0.0).sqrt() - radius_mm
             }
         };
-        // Where a clamp would dip into the part, the part is seen.
+        // A clamp that would intersect the part is hidden by it.
         face.max(0.0)
     }
 }
 
-/// Where a part ends. A side without an edge goes on beyond the scan.
+/// The ends of a part. A side without an edge extends beyond the scan.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Edges {
-    /// Towards smaller x.
+    /// The end at the smaller x.
     pub near: Option<Edge>,
-    /// Towards larger x.
+    /// The end at the larger x.
     pub far: Option<Edge>,
 }
 
 /// One end of a part. Lengths in mm.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Edge {
-    /// Where the axis meets the end plane.
+    /// Intersection of the axis with the end plane.
     pub x_mm: f64,
     /// Size of a chamfer of 45°; 0 for a sharp edge.
     pub chamfer_mm: f64,
     /// Share of the columns that end early, in runs of about a thirtieth of the arc.
     pub ragged_ratio: f64,
-    /// How early those columns end, on average.
+    /// Mean distance by which those columns end early.
     pub ragged_mm: f64,
-    /// What lies beyond; `None` for nothing.
+    /// The object beyond; `None` for nothing.
     pub beyond: Option<Neighbour>,
 }
 
 /// Another cylinder about the same axis, beyond a gap.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Neighbour {
-    /// Between the end plane and where it begins, mm.
+    /// Distance from the end plane to its beginning, mm.
     pub gap_mm: f64,
-    /// Above the part's surface, mm: 0 for another part, below 0 for a support, above 0 for a clamp.
+    /// Height above the part's surface, mm: 0 for another part, below 0 for a support, above 0 for a clamp.
     pub height_mm: f64,
 }
 
-/// Columns of a ragged edge that end alike, on average, as a share of all.
+/// Mean length of a run of columns of a ragged edge that end together, as a share of all.
 const RUN_SHARE: f64 = 1.0 / 30.0;
 
 impl Edge {
-    /// Where the axis meets the end plane, mm.
+    /// Intersection of the axis with the end plane, mm.
     #[must_use]
     pub fn centre(&self, axis: &AxisLine) -> [f64; 3] {
         let [y, z] = axis.at(self.x_mm);
         [self.x_mm, y, z]
     }
 
-    /// How early each column ends, mm: alternating runs of whole and ragged columns of exponential lengths.
+    /// Distance by which each column ends early, mm: alternating runs of complete and ragged columns of exponential lengths.
     fn early(&self, columns_count: usize, chance: &mut ChaCha8Rng) -> Vec<f64> {
         let ratio = self.ragged_ratio.clamp(0.0, 0.95);
         if ratio == 0.0 {
@@ -209,7 +209,7 @@ impl Edge {
             let depth = exponential(self.ragged_mm);
             early.resize(early.len() + exponential(run).round() as usize, depth);
         }
-        // Begin anywhere in the pattern, so that its first run is as likely ragged as any.
+        // The pattern starts at a random position, so that its first run is as likely ragged as any other.
         early.truncate(columns_count);
         early.rotate_left((exponential(1.0) * columns_count as f64) as usize % columns_count.max(1));
         early
@@ -217,7 +217,7 @@ impl Edge {
 }
 
 impl Edges {
-    /// The edges of one scan, their chances drawn.
+    /// The edges of one scan with their random numbers drawn.
     pub(super) fn prepare(
         &self,
         axis: AxisLine,
@@ -226,7 +226,7 @@ impl Edges {
         columns_count: usize,
         seed: u64,
     ) -> Prepared {
-        // A stream of its own, so that the points of a part do not depend on whether it ends.
+        // A separate random stream, so that the points of a part do not depend on whether it ends.
         let mut chance = Stream::Edges.of(seed);
         let mut prepare =
             |edge: Option<Edge>, side: f64| edge.map(|edge| (edge, side, edge.early(columns_count, &mut chance)));
@@ -239,15 +239,15 @@ impl Edges {
 pub(super) struct Prepared {
     axis: AxisLine,
     radius_mm: f64,
-    /// 1 where a chamfer takes material towards the axis, −1 inside a pipe.
+    /// 1 if a chamfer removes material towards the axis, −1 inside a pipe.
     outward: f64,
-    /// Each with its side, −1 or 1, and how early its columns end.
+    /// Each edge with its side, −1 or 1, and the distances by which its columns end early.
     sides: Vec<(Edge, f64, Vec<f64>)>,
 }
 
 impl Prepared {
-    /// How far beyond the surface the line of sight of a column meets something, where `offset` is what it would without
-    /// an edge; `None` where it meets nothing.
+    /// Distance beyond the surface at which the line of sight of a column meets an object, where `offset` is the distance without
+    /// an edge; `None` if it meets nothing.
     pub(super) fn offset(&self, sight: &Sight, column: usize, offset: f64) -> Option<f64> {
         self.sides.iter().try_fold(offset, |offset, (edge, side, early)| {
             let early = early.get(column).copied().unwrap_or(0.0);
@@ -255,8 +255,8 @@ impl Prepared {
         })
     }
 
-    /// The plane is T·(P − C) = 0. A point at `reach` along the line of sight lies `side`·(n·(x − x_C) + reach·k/n) beyond
-    /// it, k = T·D of the direction D, and m·reach from the axis, m² = 1 − k²/n².
+    /// The plane is T·(P − C) = 0. A point at the distance `reach` along the line of sight lies `side`·(n·(x − x_C) + reach·k/n)
+    /// beyond it, k = T·D of the direction D, and m·reach from the axis, m² = 1 − k²/n².
     fn past(&self, edge: &Edge, side: f64, early: f64, sight: &Sight, offset: f64) -> Option<f64> {
         let AxisLine { p, q, .. } = self.axis;
         let [unit_x, unit_y, unit_z] = sight.direction;
@@ -307,7 +307,7 @@ mod interference_tests {
     }
 
     #[test]
-    fn a_bead_fades_to_nothing_at_its_edges() {
+    fn a_bead_has_no_height_at_its_edges() {
         let bead = Bead { height_mm: 0.3, arc: 0.1, place: 0.4 };
         assert!((bead.offset_mm(0.4) - 0.3).abs() < 1e-12 && (bead.offset_mm(0.425) - 0.15).abs() < 1e-12);
         assert!(bead.offset_mm(0.3501) < 1e-5 && bead.offset_mm(0.46) == 0.0);
@@ -323,7 +323,7 @@ mod edge_tests {
 
     const STRAIGHT: AxisLine = AxisLine { p: 0.0, q: 0.0, y0: 0.0, z0: 0.0 };
 
-    /// What is seen at `x` of a part along X: beyond the plane is x − x_C, whatever the direction.
+    /// The observed distance at `x` of a part along X: the position beyond the plane is x − x_C for every direction.
     fn seen(edge: Edge, side: Side, x: f64) -> Option<f64> {
         let edges = Edges { near: None, far: Some(edge) };
         let part = Part { axis: STRAIGHT, radius_mm: 50.0, side, edges, ..Part::smooth(1) };
@@ -331,7 +331,7 @@ mod edge_tests {
     }
 
     #[test]
-    fn a_chamfer_falls_by_as_much_as_it_goes_on_and_ends_in_the_plane() {
+    fn a_chamfer_has_45_degrees_and_ends_in_the_plane() {
         let edge = Edge { x_mm: 100.0, chamfer_mm: 2.0, ..Edge::default() };
         let seen = |x: f64| seen(edge, Side::Outside, x);
         assert_eq!(
@@ -341,7 +341,7 @@ mod edge_tests {
     }
 
     #[test]
-    fn inside_a_pipe_a_chamfer_and_the_neighbour_lie_on_the_other_side_of_the_surface() {
+    fn inside_a_pipe_chamfer_and_neighbour_lie_on_the_other_side_of_the_surface() {
         let beyond = Some(Neighbour { gap_mm: 5.0, height_mm: -7.0 });
         let edge = Edge { x_mm: 100.0, chamfer_mm: 2.0, beyond, ..Edge::default() };
         let seen = |x: f64| seen(edge, Side::Inside, x);
@@ -360,11 +360,11 @@ mod edge_tests {
     }
 
     #[test]
-    fn the_asked_share_of_the_columns_ends_early() {
+    fn the_requested_share_of_the_columns_ends_early() {
         let edge = Edge { ragged_ratio: 0.3, ragged_mm: 2.0, ..Edge::default() };
         let mut chance = ChaCha8Rng::seed_from_u64(7);
         let early = edge.early(1_000_000, &mut chance);
-        // Thirty runs only: the share of one edge scatters by a third of itself.
+        // Only thirty runs: the share of one edge scatters by a third of itself.
         let share = early.iter().filter(|early| **early > 0.0).count() as f64 / 1e6;
         assert!((0.1..0.5).contains(&share), "{share}");
     }

@@ -1,11 +1,11 @@
-//! Synthetic scans of a cylindrical part with holes, clamps, drop-outs, spikes and noise on it, and the truth beside them.
-//! Seeded: the same part gives the same scan, everywhere.
+//! Synthetic scans of a cylindrical part with holes, clamps, drop-outs, spikes and noise on it, and their true values.
+//! The same part and seed give the same scan on every machine.
 //!
 //! ```text
 //! surface --laser plane--> true point --noise, sensor--> (y, z) --travel--> (x, y, z) --export--> Scan --placed--> cloud
 //! ```
 //!
-//! A feature moves its points along the line of sight from the axis, so that the true section is the ellipse of
+//! A feature displaces its points along the line of sight from the axis, so that the true section is the ellipse of
 //! [`AxisLine::section`](crate::geometry::AxisLine::section). Every effect beyond noise, drop-outs and spikes draws from a random stream of its own: switching one
 //! on does not change the noise of the points.
 

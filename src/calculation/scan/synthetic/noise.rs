@@ -1,5 +1,5 @@
-//! Random numbers of a synthetic scan: a stream for each effect, and the noise of every point, the noise that neighbours along the laser
-//! line share (speckle), and the noise that a whole profile shares (vibration of the stage).
+//! Random numbers of a synthetic scan: a stream for each effect, and the noise of every point: the noise common to neighbours along
+//! the laser line (speckle), and the noise common to a profile (vibration of the stage).
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -7,13 +7,13 @@ use rand_distr::{Distribution, StandardNormal, StudentT};
 
 /// The noise along one profile.
 ///
-/// e_k = φ·e_(k−1) + √(1 − φ²)·ε_k: whatever the correlation φ, one point scatters by the same standard deviation.
+/// e_k = φ·e_(k−1) + √(1 − φ²)·ε_k: for any correlation φ, a single point has the same standard deviation.
 pub(super) struct Noise {
     sigma_mm: f64,
-    /// Heavy tails, and the factor that brings their standard deviation to 1.
+    /// Noise with heavy tails, and the factor that scales its standard deviation to 1.
     tails: Option<(StudentT<f64>, f64)>,
     correlation: f64,
-    /// What the whole profile is off in y and z.
+    /// Displacement of the complete profile in y and z.
     shared: [f64; 2],
     /// Correlated noise of the last point; `None` before the first.
     last: Option<[f64; 2]>,
@@ -28,7 +28,7 @@ impl Noise {
         jitter_sigma_mm: f64,
         chance: &mut ChaCha8Rng,
     ) -> Self {
-        // Drawn only where it is asked for, so that a part without it keeps its scan.
+        // Drawn only if requested, so that the scan of a part without it does not change.
         let shared = if jitter_sigma_mm > 0.0 {
             [normal(chance) * jitter_sigma_mm, normal(chance) * jitter_sigma_mm]
         } else {
@@ -38,7 +38,7 @@ impl Noise {
         Self { sigma_mm, tails, correlation, shared, last: None }
     }
 
-    /// How far the next point is off in y and z.
+    /// Displacement of the next point in y and z.
     pub(super) fn next(&mut self, chance: &mut ChaCha8Rng) -> [f64; 2] {
         let fresh = [self.standard(chance) * self.sigma_mm, self.standard(chance) * self.sigma_mm];
         let rest = (1.0 - self.correlation * self.correlation).max(0.0).sqrt();
@@ -51,7 +51,7 @@ impl Noise {
         [y + shared_y, z + shared_z]
     }
 
-    /// Of standard deviation 1.
+    /// A random number of standard deviation 1.
     fn standard(&self, chance: &mut ChaCha8Rng) -> f64 {
         match self.tails {
             Some((student, scale)) => student.sample(chance) * scale,

@@ -1,4 +1,4 @@
-//! The description of a synthetic part and of how it is scanned.
+//! The description of a synthetic part and of its simulated scan.
 
 use super::export::Export;
 use super::features::{Edges, Feature, Interference, Prepared};
@@ -10,7 +10,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::PI;
 
-/// A part, and how it is scanned. Lengths in mm, angles in degrees.
+/// A part and its simulated scan. Lengths in mm, angles in degrees.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Part {
     /// Radius of the cylinder.
@@ -19,76 +19,76 @@ pub struct Part {
     pub axis: AxisLine,
     /// Plane of the first profile.
     pub x_start_mm: f64,
-    /// From the first profile to the last.
+    /// Distance from the first profile to the last.
     pub length_mm: f64,
     /// Number of profiles.
     pub profiles_count: usize,
     /// Points a profile, before drop-outs.
     pub points_count: usize,
-    /// Arc seen of each section.
+    /// Observed arc of each section.
     pub arc_deg: f64,
-    /// Direction in which the sensor stands, from +Z towards +Y; 0 is above. The middle of the arc faces the sensor.
+    /// Direction of the sensor, from +Z towards +Y; 0 is above. The middle of the arc faces the sensor.
     pub view_deg: f64,
-    /// Which side of the cylinder the sensor sees.
+    /// The side of the cylinder that the sensor observes.
     pub side: Side,
-    /// How the laser plane is tilted against the rail.
+    /// Tilt of the laser plane relative to the rail.
     pub laser_plane: LaserPlane,
-    /// How the points of a profile are spread over its arc.
+    /// Distribution of the points of a profile over its arc.
     pub sampling: Sampling,
-    /// How far a profile may lie from its even place, as a share of half the spacing; 1 lets neighbours meet.
+    /// Largest displacement of a profile from its regular position, as a share of half the spacing; with 1 neighbours can coincide.
     pub spacing_spread: f64,
     /// Standard deviation of the noise, in y and in z.
     pub noise_sigma_mm: f64,
-    /// Correlation of a point's noise with its predecessor's, 0 to 1; the standard deviation stays.
+    /// Correlation of a point's noise with its predecessor's, 0 to 1; the standard deviation is unchanged.
     pub noise_correlation: f64,
-    /// Degrees of freedom, above 2, of the Student t distribution of the noise; `None` for normal noise. The standard
-    /// deviation stays.
+    /// Degrees of freedom, above 2, of the Student t distribution of the noise; `None` for normal noise. The standard deviation is
+    /// unchanged.
     pub noise_freedom: Option<f64>,
-    /// Standard deviation by which whole profiles are off, in y and in z.
+    /// Standard deviation of the displacement of complete profiles, in y and in z.
     pub jitter_sigma_mm: f64,
     /// Systematic errors of the sensor.
     pub sensor: SensorErrors,
-    /// How the stage moves, and which profiles arrive.
+    /// Motion of the stage, and which profiles are delivered.
     pub travel: Travel,
-    /// What sits on the part, as shares of the profiles that carry it.
+    /// Features on the part, as shares of the profiles that have them.
     pub interference: Interference,
-    /// What is seen beside the part.
+    /// Objects next to the part.
     pub surroundings: Surroundings,
     /// Share of the points that are missing.
     pub drop_out_ratio: f64,
-    /// Share of the points that are thrown off by up to [`SPIKE_MM`].
+    /// Share of the points that are displaced by up to [`SPIKE_MM`].
     pub spike_ratio: f64,
-    /// Where the part ends; profiles beyond see what is there, or nothing.
+    /// The ends of the part; profiles beyond them show the adjacent object, or nothing.
     pub edges: Edges,
-    /// How the points are written.
+    /// The format of the points.
     pub export: Export,
-    /// Decides every random number.
+    /// Seed of all random numbers.
     pub seed: u64,
 }
 
-/// How the points of a profile are spread over its arc.
+/// Distribution of the points of a profile over its arc.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Sampling {
     /// By equal angles about the axis.
     #[default]
     EvenAngle,
-    /// By equal steps of y, as a sensor above the part does; what lies more than 90° from +Z is not seen.
+    /// By equal steps of y, as for a sensor above the part; surfaces more than 90° from +Z are not visible.
     EvenAcross,
 }
 
-/// Which side of a cylinder is seen.
+/// The observed side of a cylinder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Side {
     /// The outer surface of a shaft or pipe.
     #[default]
     Outside,
-    /// The inner surface of a pipe: the sensor sees the wall opposite to it. What stands on the part rises towards the axis by
-    /// the same height as outside, so a flat clamp does not look flat.
+    /// The inner surface of a pipe: the sensor observes the opposite wall. Features on the part rise towards the axis by the same
+    /// height as outside, so a flat clamp does not look flat.
     Inside,
 }
 
 impl Side {
-    /// 1 where away from the surface is away from the axis, −1 where it is towards the axis.
+    /// 1 if away from the surface is away from the axis, −1 if it is towards the axis.
     pub(super) fn sign(self) -> f64 {
         match self {
             Self::Outside => 1.0,
@@ -97,14 +97,14 @@ impl Side {
     }
 }
 
-/// Farthest that a spike throws a point.
+/// Largest displacement of a point by a spike.
 pub const SPIKE_MM: f64 = 10.0;
 
-/// How often the blocks of features repeat along the part.
+/// Number of repetitions of the blocks of features along the part.
 pub(super) const BLOCKS_COUNT: usize = 3;
 
 impl Part {
-    /// The published situation of a whole part: screw holes, straight holes and clamps on 60 % of its profiles.
+    /// The published situation of a complete part: screw holes, straight holes and clamps on 60 % of its profiles.
     #[must_use]
     pub fn with_interference(seed: u64) -> Self {
         Self {
@@ -120,7 +120,8 @@ impl Part {
         }
     }
 
-    /// A smooth part of 200 mm radius, 800 mm long, 140° of it seen by 400 profiles of 640 points, tilted by about 1°.
+    /// A smooth part of 200 mm radius and 800 mm length; 400 profiles of 640 points observe 140° of it, and it is tilted by about
+    /// 1°.
     #[must_use]
     pub fn smooth(seed: u64) -> Self {
         Self {
@@ -186,7 +187,7 @@ impl Part {
         self.opposite(facing)
     }
 
-    /// The edges of one scan, their chances drawn.
+    /// The edges of one scan with their random numbers drawn.
     pub(super) fn prepared_edges(&self) -> Prepared {
         self.edges.prepare(self.axis, self.radius_mm, self.side.sign(), self.points_count, self.seed)
     }
@@ -201,7 +202,7 @@ impl Part {
         self.opposite(-self.view_deg.to_radians())
     }
 
-    /// The inside of a pipe faces a sensor from the other side of the axis.
+    /// Inside a pipe the surface faces a sensor from the other side of the axis.
     fn opposite(&self, direction: f64) -> f64 {
         match self.side {
             Side::Outside => direction,
@@ -210,20 +211,20 @@ impl Part {
     }
 }
 
-/// A sensor above does not look round the part.
+/// Directions beyond this, radians, are hidden from a sensor above the part.
 pub(super) const HORIZON_RAD: f64 = 1.55;
 
-/// Points beside the part, as shares of the points on it. All none by default.
+/// Points next to the part, as shares of the points on it. None by default.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Surroundings {
-    /// Points on a level floor, half of them on either side.
+    /// Points on a horizontal ground plane, half of them on either side.
     pub floor: f64,
-    /// How far below the axis, in its middle, the floor lies.
+    /// Depth of the ground plane below the middle of the axis.
     pub floor_depth_mm: f64,
     /// Points of a support on the +Y side.
     pub support: f64,
-    /// Share of the profiles that show the support.
+    /// Share of the profiles with points on the support.
     pub supports: f64,
-    /// A round support's radius, its axis parallel to the part's and at its height; 0 for a level one.
+    /// Radius of a round support with its axis parallel to the part's and at its height; 0 for a flat one.
     pub support_radius_mm: f64,
 }

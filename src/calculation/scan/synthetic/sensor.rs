@@ -1,13 +1,14 @@
-//! The laser line scanner of a synthetic scan: the plane in which it measures, where its rays meet the cylinder, and its systematic
-//! errors, which repeat from profile to profile. A scan does not show most of them, and the Cramér-Rao bound does not include them.
+//! The laser line scanner of a synthetic scan: its measuring plane, the intersections of its rays with the cylinder, and its
+//! systematic errors, which are equal in all profiles. A scan does not show most of them, and the Cramér-Rao bound does not include
+//! them.
 
 use crate::geometry::AxisLine;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::TAU;
 
-/// Tilt of the laser plane against the plane perpendicular to the rail. The plane of the profile at x_i turns about the point
-/// (x_i, 0, 0): x = x_i + z·tan(`about_y_deg`) − y·tan(`about_z_deg`).
+/// Tilt of the laser plane relative to the plane perpendicular to the rail. The plane of the profile at x_i is rotated about the
+/// point (x_i, 0, 0): x = x_i + z·tan(`about_y_deg`) − y·tan(`about_z_deg`).
 ///
 /// A tilted sensor reports y and z of its points, and x follows from the plane: noise moves a point within the plane.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -21,7 +22,7 @@ pub struct LaserPlane {
 /// A line of sight from the axis.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sight {
-    /// x of the point where the axis crosses the laser plane.
+    /// x of the intersection of the axis with the laser plane.
     pub(super) x: f64,
     /// Unit direction within the laser plane.
     pub(super) direction: [f64; 3],
@@ -46,13 +47,13 @@ impl LaserPlane {
         x + (by_y * y + by_z * z)
     }
 
-    /// The line of sight from the axis in `direction`, radians from +Z towards −Y seen along X.
+    /// The line of sight from the axis in `direction`, radians from +Z towards −Y, viewed along X.
     pub(super) fn sight(&self, axis: &AxisLine, x: f64, direction: f64) -> Sight {
         let [by_y, by_z] = self.slopes();
         let (y, z) = (-direction.sin(), direction.cos());
         let along = by_y * y + by_z * z;
         let length = (1.0 + along * along).sqrt();
-        // The axis crosses the plane where x = x_i + by_y·(y0 + p·x) + by_z·(z0 + q·x).
+        // The axis crosses the plane at x = x_i + by_y·(y0 + p·x) + by_z·(z0 + q·x).
         let x = (x + (by_y * axis.y0 + by_z * axis.z0)) / (1.0 - (by_y * axis.p + by_z * axis.q));
         Sight { x, direction: [along / length, y / length, z / length] }
     }
@@ -61,8 +62,8 @@ impl LaserPlane {
 impl Sight {
     /// (y, z) of the point on this line that lies `offset` mm beyond the surface.
     ///
-    /// A point at the distance ρ along the unit direction D has the distance ρ·√(1 − (D·T)²/n²) from the axis of direction
-    /// T = (1, p, q), n² = 1 + p² + q².
+    /// A point at the distance ρ along the unit direction D has the distance ρ·√(1 − (D·T)²/n²) from the axis of direction T = (1,
+    /// p, q), n² = 1 + p² + q².
     pub(super) fn point(&self, axis: &AxisLine, radius_mm: f64, offset: f64) -> [f64; 2] {
         let AxisLine { p, q, .. } = *axis;
         let [unit_x, unit_y, unit_z] = self.direction;
@@ -80,18 +81,18 @@ pub struct SensorErrors {
     pub bend: Bend,
     /// Periodic non-linearity of z.
     pub ripple: Ripple,
-    /// Points on steep flanks.
+    /// Displacement of points on steep flanks.
     pub curl: Curl,
-    /// Points seen by a second reflection.
+    /// Points from a second reflection.
     pub reflections: Reflections,
 }
 
-/// The scale of z is bent: dz = size·((z − middle)/range)².
+/// Curvature of the scale of z: dz = size·((z − middle)/range)².
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Bend {
     /// The error at `range_mm` from the middle; 0 for none.
     pub size_mm: f64,
-    /// Where the error vanishes, z in the rail frame.
+    /// z in the rail frame at which the error is zero.
     pub middle_mm: f64,
     /// Half of the measuring range in z.
     pub range_mm: f64,
@@ -106,16 +107,16 @@ pub struct Ripple {
     pub period_mm: f64,
 }
 
-/// Points beyond an angle of incidence move away from the axis, the farther the steeper the surface stands.
+/// Points beyond an angle of incidence are displaced away from the axis, more for steeper surfaces.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Curl {
-    /// How much for each radian beyond the angle, along the line of sight from the axis; below 0 towards the axis.
+    /// Displacement for each radian beyond the angle, along the line of sight from the axis; below 0 towards the axis.
     pub mm_per_rad: f64,
     /// The angle between the line of sight and the direction of the sensor.
     pub from_deg: f64,
 }
 
-/// Points that the sensor sees by a second reflection, on a wrong place along the line of sight from the axis.
+/// Points that the sensor sees by a second reflection, at a wrong position along the line of sight from the axis.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Reflections {
     /// Share of the points on the part.
@@ -137,7 +138,8 @@ impl Ripple {
 }
 
 impl Curl {
-    /// `facing` is the direction in which the surface faces the sensor, `direction` that of the line of sight, radians from +Z towards −Y.
+    /// `facing` is the direction in which the surface faces the sensor, `direction` that of the line of sight, radians from +Z
+    /// towards −Y.
     pub(super) fn offset_mm(self, facing: f64, direction: f64) -> f64 {
         if self.mm_per_rad == 0.0 {
             return 0.0;
@@ -148,9 +150,9 @@ impl Curl {
 }
 
 impl Reflections {
-    /// How far the next point on the part is displaced; mostly not at all.
+    /// Displacement of the next point on the part; usually none.
     pub(super) fn offset_mm(self, chance: &mut ChaCha8Rng) -> f64 {
-        // Drawn only where it is asked for: a sensor of a simulated cell has one source of random numbers for everything.
+        // Drawn only if requested, because a simulated cell's sensor has one source of random numbers for all effects.
         let is_displaced = self.ratio > 0.0 && chance.random_bool(self.ratio.min(1.0));
         if is_displaced { self.offset_mm } else { 0.0 }
     }
@@ -181,7 +183,7 @@ mod laser_plane_tests {
                 let off_plane = normal[0] * (x - 500.0) + normal[1] * y + normal[2] * z;
                 assert!(off_plane.abs() < 1e-9, "{off_plane}");
                 assert!((axis.distance([x, y, z]) - 80.0).abs() < 1e-9);
-                // It lies on the ray: from where the axis crosses the plane, along the direction.
+                // It lies on the ray that starts at the intersection of the axis with the plane.
                 let [axis_y, axis_z] = axis.at(sight.x);
                 let [by_x, by_y, by_z] = sight.direction;
                 let reach = (y - axis_y) * by_y + (z - axis_z) * by_z + (x - sight.x) * by_x;
@@ -222,14 +224,14 @@ mod sensor_errors_tests {
     }
 
     #[test]
-    fn flanks_curl_beyond_the_angle_alone() {
+    fn points_on_flanks_are_displaced_only_beyond_the_angle() {
         let curl = Curl { mm_per_rad: 0.5, from_deg: 50.0 };
         let part = exact(SensorErrors { curl, ..SensorErrors::default() });
         for [x, y, z] in scanned(&part) {
             let [axis_y, axis_z] = part.axis.at(x);
             let (u, w) = (y - axis_y, z - axis_z);
             let beyond = (u.atan2(w).abs() - 50f64.to_radians()).max(0.0);
-            // Along the line of sight: the distance from the axis grows by that times the cosine of the tilt along it, and the
+            // Along the line of sight the distance from the axis grows by the offset times the cosine of the tilt along it. The
             // tilt of the axis is 1.17°, whose cosine is above 0.9997.
             let off = part.axis.distance([x, y, z]) - part.radius_mm;
             assert!((off - 0.5 * beyond).abs() < 3e-4 * 0.5 * beyond + 1e-9, "{off} {beyond}");
@@ -237,7 +239,7 @@ mod sensor_errors_tests {
     }
 
     #[test]
-    fn the_asked_share_is_reflected_and_does_not_count_as_on_the_part() {
+    fn the_requested_share_is_reflected_and_does_not_count_as_on_the_part() {
         let reflections = Reflections { ratio: 0.2, offset_mm: -3.0 };
         let part = exact(SensorErrors { reflections, ..SensorErrors::default() });
         let (scan, truth) = make(&part).expect("a scan");

@@ -1,9 +1,9 @@
-//! Laws of whole synthetic scans.
+//! Properties of complete synthetic scans.
 
 use super::*;
 use crate::scan::Scan;
 
-/// Of the scans that these seeds gave before sensor errors, travel and export could be simulated.
+/// Hashes of the scans that these seeds gave before sensor errors, travel and export could be simulated.
 const HASHES: [u64; 3] = [8_034_955_822_089_633_681, 11_329_538_513_555_370_381, 2_558_637_094_083_899_494];
 
 fn points(scan: &Scan) -> impl Iterator<Item = [f64; 3]> + '_ {
@@ -18,7 +18,7 @@ fn hash(scan: &Scan) -> u64 {
     bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
 }
 
-/// Every effect that was there before sensor errors, travel and export.
+/// All effects except sensor errors, travel and export.
 fn crowded() -> Part {
     let bead = Bead { height_mm: 0.5, arc: 0.08, place: 0.3 };
     let base = Part::with_interference(7);
@@ -46,7 +46,7 @@ fn crowded() -> Part {
 }
 
 #[test]
-fn seeds_keep_their_scans() {
+fn a_seed_always_gives_the_same_scan() {
     let scans = [Part::smooth(1), Part::with_interference(3), crowded()].map(|part| make(&part).expect("a scan").0);
     assert_eq!(scans.map(|scan| hash(&scan)), HASHES);
 }
@@ -75,7 +75,7 @@ fn points_of_a_tilted_plane_lie_in_it_and_on_the_cylinder() {
 }
 
 #[test]
-fn clamps_and_ends_stand_in_a_tilted_plane_as_in_a_square_one() {
+fn clamps_and_ends_have_their_true_shape_in_a_tilted_plane() {
     let far = Edge { x_mm: 700.0, chamfer_mm: 3.0, ..Edge::default() };
     let laser_plane = LaserPlane { about_y_deg: 12.0, about_z_deg: -9.0 };
     let edges = Edges { near: None, far: Some(far) };
@@ -92,7 +92,8 @@ fn clamps_and_ends_stand_in_a_tilted_plane_as_in_a_square_one() {
         assert!(beyond < 1e-9);
         let is_on_chamfer = (off + beyond + 3.0).abs() < 1e-9 && off < 0.0;
         on_chamfer += usize::from(is_on_chamfer);
-        // The line of sight is up to 20° off perpendicular to the axis: a height of 25 mm along it is at least 23.4 mm perpendicular to it.
+        // The line of sight deviates by up to 20° from perpendicular to the axis: a height of 25 mm along it is at least 23.4 mm
+        // perpendicular to it.
         let is_known = |height: f64| (off / height) > 0.93 && (off / height) < 1.0 + 1e-9;
         assert!(is_on_chamfer || off.abs() < 1e-9 || [25.0, -10.0, -20.0, -30.0].into_iter().any(is_known), "{off}");
     }
@@ -119,7 +120,7 @@ fn the_inside_of_a_pipe_opens_towards_the_sensor() {
 }
 
 #[test]
-fn a_full_circle_is_seen_all_round() {
+fn a_full_circle_is_covered_completely() {
     let part = Part { arc_deg: 360.0, points_count: 360, profiles_count: 10, noise_sigma_mm: 0.0, ..Part::smooth(1) };
     let (scan, _) = make(&part).expect("a scan");
     for station in scan.stations() {
@@ -132,7 +133,7 @@ fn a_full_circle_is_seen_all_round() {
 }
 
 #[test]
-fn an_effect_that_is_switched_on_leaves_the_noise_of_the_points() {
+fn enabling_an_effect_does_not_change_the_noise_of_the_points() {
     let plain = make(&Part { profiles_count: 20, ..Part::smooth(1) }).expect("a scan").0;
     let reflections = Reflections { ratio: 0.1, offset_mm: 5.0 };
     let sensor = SensorErrors { reflections, ..SensorErrors::default() };
@@ -144,7 +145,7 @@ fn an_effect_that_is_switched_on_leaves_the_noise_of_the_points() {
 }
 
 #[test]
-fn parts_one_behind_the_other_keep_the_x_of_their_points() {
+fn parts_in_a_row_keep_the_x_of_their_points() {
     let travel = Travel { encoder_sigma_mm: 0.01, ..Travel::default() };
     let first = Part { profiles_count: 10, points_count: 20, ..Part::smooth(1) };
     let second = Part { travel, x_start_mm: 900.0, ..first };

@@ -1,41 +1,41 @@
-//! The motion of the stage along the rail, the encoder that reports x, and which profiles arrive.
+//! The motion of the stage along the rail, the encoder that reports x, and the delivery of the profiles.
 
 use super::noise::{self, Stream};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-/// How the profiles come about along the rail. By default x is exact and every profile arrives once.
+/// The formation of the profiles along the rail. By default x is exact and every profile is delivered once.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Travel {
-    /// Standard deviation of the encoder noise of every point: each has an x of its own.
+    /// Standard deviation of the encoder noise of every point, which gives each an individual x.
     pub encoder_sigma_mm: f64,
-    /// Stick-slip: how far the drive runs ahead, on average, before the stage breaks loose. Profiles taken meanwhile share one
-    /// x, then x jumps; the reported x is where the stage is.
+    /// Stick-slip: mean distance that the drive advances before the stage breaks loose. Profiles taken meanwhile share one x, then
+    /// x jumps; the reported x is the position of the stage.
     pub stick_mm: f64,
-    /// Share of the profiles that repeat the one before bit for bit.
+    /// Share of the profiles that repeat the previous one bit for bit.
     pub repeated_ratio: f64,
-    /// Under which x a repeated profile arrives.
+    /// The x of a repeated profile.
     pub repeated_x: RepeatedX,
-    /// Share of the profiles that never arrive. Nothing shows that they were taken.
+    /// Share of the profiles that are lost. The scan does not show that they were taken.
     pub lost_ratio: f64,
 }
 
-/// Under which x a repeated profile arrives.
+/// The x of a repeated profile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum RepeatedX {
-    /// Its own: a profile is delivered twice.
+    /// Its own x: a profile is delivered twice.
     #[default]
     Same,
-    /// That of the next profile, whose points are replaced by those before: the sensor delivers an old buffer.
+    /// The x of the next profile, whose points are replaced by the previous ones: the sensor delivers an old buffer.
     New,
 }
 
-/// What happens to a profile between sensor and file.
+/// The delivery of a profile from sensor to file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Delivery {
     Once,
     Twice,
-    /// The points of the profile before under its x.
+    /// The points of the previous profile under the x of this one.
     Stale,
     Lost,
 }
@@ -44,7 +44,7 @@ pub(super) enum Delivery {
 pub(super) struct Stage {
     travel: Travel,
     chance: ChaCha8Rng,
-    /// Where it sticks, and how far the drive has to be ahead until it breaks loose.
+    /// Position at which it sticks, and the advance of the drive at which it breaks loose.
     stuck: Option<(f64, f64)>,
 }
 
@@ -55,7 +55,7 @@ impl Travel {
 }
 
 impl Stage {
-    /// Where the stage is while the drive is at `drive_x`, mm.
+    /// Position of the stage while the drive is at `drive_x`, mm.
     pub(super) fn place(&mut self, drive_x: f64) -> f64 {
         let mean = self.travel.stick_mm;
         if mean <= 0.0 {
@@ -77,7 +77,7 @@ impl Stage {
         if sigma > 0.0 { x + sigma * noise::normal(&mut self.chance) } else { x }
     }
 
-    /// What happens to the next profile.
+    /// The delivery of the next profile.
     pub(super) fn delivery(&mut self) -> Delivery {
         let Travel { repeated_ratio, repeated_x, lost_ratio, .. } = self.travel;
         let mut happens = |ratio: f64| ratio > 0.0 && self.chance.random_bool(ratio.min(1.0));
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn encoder_noise_has_its_standard_deviation_and_leaves_y_and_z() {
+    fn encoder_noise_has_its_standard_deviation_and_does_not_change_y_and_z() {
         let plain = scanned(Travel::default(), 0.0);
         let noisy = scanned(Travel { encoder_sigma_mm: 0.02, ..Travel::default() }, 0.0);
         assert!(plain.is_planar() && !noisy.is_planar() && plain.columns() == noisy.columns());
@@ -132,12 +132,12 @@ mod tests {
         assert!(stuck.iter().all(|x| even.contains(x)));
         stuck.dedup();
         // It sticks for an exponential distance of 4 mm, rounded up to the profile spacing of 0.8 mm, so for 4.4 mm on average:
-        // about 182 places on 800 mm, give or take their root.
+        // about 182 positions on 800 mm, ± their square root.
         assert!((150..215).contains(&stuck.len()), "{}", stuck.len());
     }
 
     #[test]
-    fn a_profile_that_arrives_twice_is_identical_and_adds_one() {
+    fn a_profile_delivered_twice_is_identical_and_counts_twice() {
         for tilt in [0.0, 5.0] {
             let scan = scanned(Travel { repeated_ratio: 0.1, ..Travel::default() }, tilt);
             let pairs = (1..scan.stations().len()).filter(|index| profile(&scan, *index) == profile(&scan, index - 1));
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stale_profile_has_the_points_before_under_a_new_x() {
+    fn a_stale_profile_has_the_previous_points_under_a_new_x() {
         let even = places(&scanned(Travel::default(), 0.0));
         for tilt in [0.0, 5.0] {
             let scan = scanned(Travel { repeated_ratio: 0.1, repeated_x: RepeatedX::New, ..Travel::default() }, tilt);
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn lost_profiles_leave_the_others_as_they_are() {
+    fn lost_profiles_do_not_change_the_others() {
         let all = scanned(Travel::default(), 0.0);
         let some = scanned(Travel { lost_ratio: 0.3, ..Travel::default() }, 0.0);
         // 1000 draws of 0.3 scatter by 14.5.

@@ -1,9 +1,9 @@
-//! The truth of a synthetic scan, and the Cramér-Rao bound of the pose from the points that lie on the part, for independent
-//! normal noise along the surface normal. [`placed`] moves scan and truth as a rigid body into the coordinates of another instrument,
-//! as an unorganised cloud.
+//! The truth of a synthetic scan, and the Cramér-Rao bound of the pose from the points that lie on the part, for independent normal
+//! noise along the surface normal. [`placed`] moves scan and truth as a rigid body into the coordinates of another instrument, as
+//! an unorganised cloud.
 //!
-//! The bound does not hold for scans with sensor errors, encoder noise or rounding, which make a pose less certain than the bound,
-//! nor under heavy tails, where an estimator can be more precise than it.
+//! The bound does not apply to scans with sensor errors, encoder noise or rounding, which make a pose less certain than the bound,
+//! nor to heavy tails, for which an estimator can be more precise.
 
 use super::part::Part;
 use crate::geometry::{Axis, AxisLine, Frame, FrameError};
@@ -16,7 +16,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-/// The truth beside a synthetic scan.
+/// The true values of a synthetic scan.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Truth {
     /// Number of simulated profiles.
@@ -31,22 +31,22 @@ pub struct Truth {
     pub deflection_deg: f64,
     /// atan q, degrees.
     pub pitch_deg: f64,
-    /// Where the axis meets x = 0, mm.
+    /// y of the intersection of the axis with x = 0, mm.
     pub y_c0_mm: f64,
-    /// Where the axis meets x = 0, mm.
+    /// z of the intersection of the axis with x = 0, mm.
     pub z_c0_mm: f64,
     /// Middle of the profiles, mm.
     pub x_ref_mm: f64,
-    /// The axis at `x_ref_mm`, mm.
+    /// y of the axis at `x_ref_mm`, mm.
     pub y_ref_mm: f64,
-    /// The axis at `x_ref_mm`, mm.
+    /// z of the axis at `x_ref_mm`, mm.
     pub z_ref_mm: f64,
-    /// Standard deviations that no unbiased estimator can undercut; `None` without noise.
+    /// Lower bounds of the standard deviations of any unbiased estimator; `None` without noise.
     pub bound: Option<Bound>,
-    /// Where the axis meets the near end plane, mm; `None` where the part goes on.
+    /// Intersection of the axis with the near end plane, mm; `None` if the part continues.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub near_end_face_mm: Option<[f64; 3]>,
-    /// Where the axis meets the far end plane, mm; `None` where the part goes on.
+    /// Intersection of the axis with the far end plane, mm; `None` if the part continues.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub far_end_face_mm: Option<[f64; 3]>,
     /// Share of each profile's points that lie on the part.
@@ -58,15 +58,15 @@ pub struct Truth {
 /// Cramér-Rao bounds of the pose with the radius free.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Bound {
-    /// Of the deflection, degrees.
+    /// Bound of the deflection, degrees.
     pub deflection_deg: f64,
-    /// Of the pitch, degrees.
+    /// Bound of the pitch, degrees.
     pub pitch_deg: f64,
-    /// Of y at x_ref, mm.
+    /// Bound of y at x_ref, mm.
     pub y_ref_mm: f64,
-    /// Of z at x_ref, mm.
+    /// Bound of z at x_ref, mm.
     pub z_ref_mm: f64,
-    /// Of the radius, mm.
+    /// Bound of the radius, mm.
     pub radius_mm: f64,
 }
 
@@ -103,7 +103,8 @@ impl Truth {
     }
 
     /// Adds the information of a point on the surface about (p, q, y_ref, z_ref, R): the derivatives of its distance from the
-    /// cylinder, ∂d/∂y_ref = −(u − p·s)/ρ, ∂d/∂z_ref = −(w − q·s)/ρ, the slopes' are those times (dx + s), ∂d/∂R = −1.
+    /// cylinder are ∂d/∂y_ref = −(u − p·s)/ρ, ∂d/∂z_ref = −(w − q·s)/ρ, those by the slopes are the same times (dx + s), ∂d/∂R =
+    /// −1.
     pub(super) fn add_inner_point(&mut self, part: &Part, [x, y, z]: [f64; 3]) {
         let (p, q, dx) = (part.axis.p, part.axis.q, x - self.x_ref_mm);
         let [axis_y, axis_z] = part.axis.at(x);
@@ -134,22 +135,22 @@ impl Truth {
     }
 }
 
-/// The truth beside a scan that was moved, in the coordinates of the moved scan.
+/// The truth of a moved scan, in its coordinates.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PlacedTruth {
-    /// The axis; its point is the one at `x_ref_mm` of the scan before it was moved.
+    /// The axis; its point is the one at `x_ref_mm` of the original scan.
     pub axis: Axis,
     /// Radius, mm.
     pub radius_mm: f64,
-    /// Standard deviation of the noise of the scan before it was moved, in y and in z, mm.
+    /// Standard deviation of the noise of the original scan, in y and in z, mm.
     pub noise_sigma_mm: f64,
-    /// Where the axis meets the near end plane, mm; `None` where the part goes on.
+    /// Intersection of the axis with the near end plane, mm; `None` if the part continues.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub near_end_face_mm: Option<[f64; 3]>,
-    /// Where the axis meets the far end plane, mm; `None` where the part goes on.
+    /// Intersection of the axis with the far end plane, mm; `None` if the part continues.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub far_end_face_mm: Option<[f64; 3]>,
-    /// The rail frame in the coordinates of the moved scan: declared in a recipe, it undoes the motion.
+    /// The rail frame in the coordinates of the moved scan: declared in a recipe, it reverses the motion.
     pub frame: Frame,
     /// The truth in the rail frame.
     pub in_rail_frame: Truth,
@@ -158,7 +159,7 @@ pub struct PlacedTruth {
 /// Why a scan cannot be moved.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PlacementError {
-    /// The frame is not usable.
+    /// The frame is invalid.
     #[error(transparent)]
     Frame(#[from] FrameError),
     /// A coordinate becomes infinite.
@@ -170,7 +171,7 @@ pub enum PlacementError {
 /// random order.
 ///
 /// # Errors
-/// [`PlacementError`] where the frame is not usable or a point becomes infinite.
+/// [`PlacementError`] if the frame is invalid or a point becomes infinite.
 pub fn placed(scan: &Scan, frame: &Frame, shuffle_seed: Option<u64>) -> Result<Scan, PlacementError> {
     let motion = Motion::new(frame)?;
     let before = scan.stations().iter().flat_map(|station| scan.points_of(station));
@@ -185,7 +186,7 @@ impl Truth {
     /// The truth of the scan with its rail frame at `frame`.
     ///
     /// # Errors
-    /// [`FrameError`] where the frame is not usable.
+    /// [`FrameError`] if the frame is invalid.
     pub fn placed(&self, frame: &Frame) -> Result<PlacedTruth, FrameError> {
         let motion = Motion::new(frame)?;
         let point_mm = motion.of_point([self.x_ref_mm, self.y_ref_mm, self.z_ref_mm]);
@@ -201,7 +202,7 @@ impl Truth {
     }
 }
 
-/// The rigid motion that takes the rail frame to a frame.
+/// The rigid motion that maps the rail frame to another frame.
 struct Motion {
     rotation: Matrix3<f64>,
     origin: Vector3<f64>,
@@ -233,7 +234,7 @@ fn cloud(points: &[[f64; 3]]) -> Result<Scan, ScanError> {
     Ok(scan.with_own_x(own_x)?.with_grouping(Grouping::Chosen))
 }
 
-/// A frame turned in any direction, all equally likely, with its origin within `reach_mm` of the old one along each axis.
+/// A frame with a random orientation, uniformly distributed, and its origin within `reach_mm` of the old one along each axis.
 #[must_use]
 pub fn random_frame(seed: u64, reach_mm: f64) -> Frame {
     let mut chance = ChaCha8Rng::seed_from_u64(seed);
@@ -280,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn the_declared_frame_takes_the_points_back_in_their_order() {
+    fn the_declared_frame_restores_the_points_in_their_order() {
         let (scan, truth) = make(&part()).expect("a scan");
         let frame = random_frame(3, 500.0);
         let cloud = placed(&scan, &frame, None).expect("a frame");
@@ -293,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shuffled_cloud_holds_the_same_points_in_another_order() {
+    fn a_shuffled_cloud_contains_the_same_points_in_another_order() {
         let (scan, _) = make(&part()).expect("a scan");
         let cloud = |shuffle| {
             let cloud = placed(&scan, &random_frame(3, 500.0), shuffle).expect("a frame");
@@ -313,7 +314,7 @@ mod tests {
         let limits = Limits::default();
         for format in [Format::Csv, Format::Ply, Format::Pcd, Format::Npy, Format::Npz] {
             let mut bytes = Vec::new();
-            encode(&cloud, format, &mut bytes).expect("memory takes it");
+            encode(&cloud, format, &mut bytes).expect("writes to memory");
             let request = Request::new(&limits);
             let read = decode(format, &mut &*bytes, &request).expect("it reads");
             let read = slice(read, &SliceRequest::default(), &limits).expect("it slices");

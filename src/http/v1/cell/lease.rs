@@ -26,7 +26,7 @@ use super::live::{LeaseViewDocument, lease_view};
 #[serde(deny_unknown_fields)]
 #[schema(as = LeaseRequest, example = json!({"holder": "line 3", "ttl_s": 60}))]
 pub(in crate::http) struct LeaseRequestDocument {
-    /// Who asks, for others to read; `anonymous` where nothing is said.
+    /// Who asks, for others to read; `anonymous` by default.
     #[schema(min_length = 1, max_length = 64)]
     holder: Option<String>,
     /// How long it lasts unless it is used or renewed, in seconds: by default 5, at least 1 and at most 60; the configuration
@@ -37,7 +37,7 @@ pub(in crate::http) struct LeaseRequestDocument {
     lease_id: Option<String>,
 }
 
-/// A lease as its holder is told.
+/// A lease as its holder sees it.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Lease)]
 pub(in crate::http) struct LeaseDocument {
@@ -60,7 +60,7 @@ pub(in crate::http) struct LeaseDocument {
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = LeaseState)]
 pub(in crate::http) struct LeaseStateDocument {
-    /// The lease; null where nobody holds it.
+    /// The lease; null if there is none.
     lease: Option<LeaseViewDocument>,
 }
 
@@ -122,7 +122,7 @@ pub(in crate::http) async fn get_lease(
 
 /// Give the lease back
 ///
-/// What it moves stops.
+/// A motion under this lease is stopped.
 #[utoipa::path(
     delete, path = "/v1/cell/lease", tag = "cell",
     params(("Lease-Id" = Option<String>, Header, description = "The lease"), LeaseQuery),
@@ -147,7 +147,7 @@ fn time_to_live(ttl_s: f64) -> Duration {
 const NOTE: &str =
     "operational stop (category 2): the drives hold under power. It is no emergency stop and no safety function";
 
-/// What a stop has brought about by the time of the answer; it goes on after it.
+/// The effect of a stop by the time of the answer; the stop continues after it.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = StopReport)]
 pub(in crate::http) struct StopDocument {
@@ -157,7 +157,7 @@ pub(in crate::http) struct StopDocument {
     confirmed: bool,
     /// Each device; the sensor's laser is switched off.
     devices: Vec<DeviceStopDocument>,
-    /// Axes that were not seen at rest yet, such as `m1.x`; take them for moving. GET /v1/cell tells the rest.
+    /// Axes that were not seen at rest yet, such as `m1.x`; take them for moving. GET /v1/cell has the rest.
     unconfirmed_axes: Vec<String>,
     /// What this stop is, and is not.
     note: &'static str,
@@ -167,7 +167,7 @@ pub(in crate::http) struct StopDocument {
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = DeviceStop)]
 pub(in crate::http) struct DeviceStopDocument {
-    /// What its adaptor calls it.
+    /// Its name in the adaptor.
     name: String,
     /// The halt was handed to it.
     sent: bool,
@@ -175,7 +175,7 @@ pub(in crate::http) struct DeviceStopDocument {
     confirmed: bool,
 }
 
-/// What became of a command.
+/// The outcome of a command.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Taken)]
 pub(in crate::http) struct TakenDocument {
@@ -220,7 +220,7 @@ impl From<StopReport> for StopDocument {
 /// were not seen at rest yet.
 #[utoipa::path(
     post, path = "/v1/cell/stop", tag = "cell",
-    responses((status = 200, description = "Every device was told to stop", body = StopDocument))
+    responses((status = 200, description = "Every device was commanded to stop", body = StopDocument))
 )]
 pub(in crate::http) async fn stop_cell(State(app): State<App>) -> Result<Json<StopDocument>, Problem> {
     Ok(Json(app.service.operating.stop().await?.into()))

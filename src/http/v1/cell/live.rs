@@ -80,7 +80,7 @@ pub(in crate::http) struct LeaseViewDocument {
 pub(in crate::http) struct ReasonDocument {
     /// One of the problem codes.
     code: &'static str,
-    /// What is the matter.
+    /// A description of the fault.
     text: String,
 }
 
@@ -107,13 +107,13 @@ pub(in crate::http) struct FaultDocument {
 pub(in crate::http) struct DeviceDocument {
     /// `m1`, `m2`, `stage`, `sensor`.
     id: &'static str,
-    /// What its adaptor calls it.
+    /// Its name in the adaptor.
     name: String,
     /// `connecting`, `up`, `lost`.
     link: &'static str,
     /// `good`, `stale`, `lost`.
     quality: &'static str,
-    /// Age of what it said last; null where it never answered.
+    /// Age of its last reading; null if it never answered.
     age_ms: Option<u64>,
 }
 
@@ -176,7 +176,7 @@ pub(in crate::http) enum Shown {
 
 /// Get the cell
 ///
-/// What it does, who may move, what is latched, how well each device is known, and whether a move would be begun, with the
+/// Its state, who may move, the latched fault, how well each device is known, and whether a move would be begun, with the
 /// reasons why not. With `?view=plc` integers in one flat object below 1024 bytes.
 #[utoipa::path(
     get, path = "/v1/cell", tag = "cell", params(CellQuery),

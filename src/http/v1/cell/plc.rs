@@ -31,19 +31,19 @@ pub(in crate::http) struct PlcCellDocument {
     reasons_count: u64,
     /// Faults that are latched until a reset.
     faults_count: u64,
-    /// 1 where somebody holds the lease, else 0.
+    /// 1 if there is a lease, else 0.
     #[schema(minimum = 0, maximum = 1)]
     lease_held: u8,
-    /// The fence of the lease that is held; null where nobody holds it.
+    /// The fence of the lease that is held; null if there is none.
     fence: Option<u64>,
-    /// How long the lease lasts unless it is used; null where nobody holds it.
+    /// How long the lease lasts unless it is used; null if there is none.
     lease_remaining_ms: Option<u64>,
     /// How far the move or scan under way is, per mille; null where there is none.
     progress_permille: Option<u16>,
     /// How well m1 is known: 0 lost, 1 stale, 2 good.
     #[schema(minimum = 0, maximum = 2)]
     m1_quality_code: u8,
-    /// Age of what it said last; null where it never answered, as all that follows of m1.
+    /// Age of its last reading; null if it never answered, as are all following fields of m1.
     m1_age_ms: Option<u64>,
     /// 0 disabled, 1 standstill, 2 homing, 3 discrete_motion, 4 continuous_motion, 5 synchronized_motion, 6 stopping,
     /// 7 error_stop.

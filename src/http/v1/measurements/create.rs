@@ -26,14 +26,14 @@ use utoipa::{IntoParams, ToSchema};
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::http) struct CreateQuery {
-    /// Format of the scan; found by Content-Type and first bytes where nothing is said.
+    /// Format of the scan; found by Content-Type and first bytes by default.
     #[param(inline)]
     format: Option<FormatName>,
-    /// Unit of its coordinates; what the file says, or mm, where nothing is said.
+    /// Unit of its coordinates; by default that of the file, or mm.
     #[param(inline)]
     unit: Option<UnitName>,
     /// Which points belong to one profile: `column`, `column=NAME`, `row`, `x_pitch_mm`, `x_pitch_mm=NUMBER`, `x_value`;
-    /// the first that fits where nothing is said.
+    /// the first that fits by default.
     #[param(example = "x_value")]
     profile_by: Option<String>,
     /// Sign before the decimals of a text file's numbers, where its cells do not show it.
@@ -122,7 +122,7 @@ pub(in crate::http) struct OrderDocument {
     request_id: Option<String>,
 }
 
-/// What a JSON body can be.
+/// The possible forms of a JSON body.
 #[derive(Debug, ToSchema)]
 #[serde(untagged)]
 #[expect(dead_code, reason = "only its schema is used; a scan in JSON is read as a stream")]
@@ -166,8 +166,8 @@ pub(in crate::http) struct JsonProfile {
 
 /// Measure a scan
 ///
-/// The body is a scan file, its format told by `?format=`, by Content-Type or by its first bytes; gzip and zstd are
-/// decompressed, whether Content-Encoding says so or their first bytes do. Or it is JSON that names a kept scan: an object with `scan_id`, where what the body says
+/// The body is a scan file, its format given by `?format=`, by Content-Type or by its first bytes; gzip and zstd are
+/// decompressed, by Content-Encoding or by their first bytes. Or it is JSON that names a kept scan: an object with `scan_id`, where what the body says
 /// holds over the query. A JSON body with `profiles`, or of more than 64 KiB, is a scan.
 ///
 /// Or it is JSON with `"source": "sensor"`: the cell's sensor scans first, which needs the lease. 201 comes at once, with the

@@ -41,7 +41,7 @@ pub struct MeasurementDocument {
     pub uncertainty: Option<UncertaintyDocument>,
     /// How well the geometry of the scan determines a pose; null where there is not exactly one part.
     pub conditioning: Option<ConditioningDocument>,
-    /// What became of all profiles of the scan.
+    /// Counts of all profiles of the scan by their verdict.
     pub profiles: TallyDocument,
     /// How the points of the valid profiles lie about their sections; where a pose rests on profiles of which none is valid by
     /// itself, of all of them. Null where no profile serves, or there is not exactly one part.
@@ -142,7 +142,7 @@ pub struct ConditioningDocument {
     pub arc_deg: Option<f64>,
     /// Span along x.
     pub axial_length_mm: f64,
-    /// What makes the pose less certain than its numbers say.
+    /// Why the pose is less certain than its uncertainty states.
     pub warnings: Vec<ReasonDocument>,
 }
 
@@ -179,26 +179,26 @@ pub struct ProvenanceDocument {
     /// SHA-256 of the scan's bytes.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub scan_sha256: String,
-    /// What the scan was read as.
+    /// The format in which the scan was read.
     #[schema(example = "ply")]
     pub format: &'static str,
     /// Unit that the file's coordinates were read in: as declared by request, recipe or file, millimetres where none does.
     #[schema(example = "mm")]
     pub unit: &'static str,
-    /// Points that the file holds.
+    /// Points in the file.
     pub points_count: u64,
     /// Points that the file marks as missing, besides.
     pub missing_count: u64,
-    /// How the profiles were told apart.
+    /// How the points were grouped into profiles.
     #[schema(example = "x_value")]
     pub profile_rule: String,
     /// Name of the recipe; null where none was named.
     pub recipe_name: Option<String>,
-    /// What it was measured with, nothing left out.
+    /// The complete settings of the measurement.
     pub recipe: RecipeDocument,
     /// Always null: there are no calibrations yet.
     pub calibration_id: Option<String>,
-    /// What measured it.
+    /// The software that measured it.
     #[schema(example = json!(concat!("coaxis ", env!("CARGO_PKG_VERSION"))))]
     pub software: String,
 }
@@ -210,7 +210,7 @@ pub struct ReasonDocument {
     /// Stable name.
     #[schema(pattern = "^[a-z_]{1,32}$")]
     pub code: &'static str,
-    /// What is the case, and what to do about it.
+    /// A description, and the remedy.
     pub detail: String,
     /// The numbers behind it.
     #[serde(flatten)]
@@ -360,7 +360,7 @@ fn numbers(reason: &impl Serialize) -> Map<String, Value> {
     }
 }
 
-/// What came out for one part: accepted with a pose, or refused with a reason, as if it had been scanned alone.
+/// The result for one part: accepted with a pose, or refused with a reason, as if it had been scanned alone.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 #[schema(as = Part)]
 pub struct PartDocument {
@@ -379,7 +379,7 @@ pub struct PartDocument {
     pub uncertainty: Option<UncertaintyDocument>,
     /// How well its geometry determines a pose.
     pub conditioning: ConditioningDocument,
-    /// What became of its profiles.
+    /// Counts of its profiles by their verdict.
     pub profiles: TallyDocument,
     /// How the points of its valid profiles lie about their sections; null where no profile is valid.
     pub residuals: Option<ResidualsDocument>,

@@ -40,7 +40,7 @@ use utoipa::{IntoParams, ToSchema};
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::http) struct ListQuery {
-    /// Most entries of the page; 100 where nothing is said.
+    /// Most entries of the page; 100 by default.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
     /// `next_cursor` of the page before.
@@ -53,7 +53,7 @@ pub(in crate::http) struct ListQuery {
     scan_id: Option<String>,
     /// Only those made with the recipe of this name.
     recipe: Option<String>,
-    /// Those in this state: `done`, those that ran, where nothing is said. Those by the sensor that have not run have neither
+    /// Those in this state: `done`, those that ran, by default. Those by the sensor that have not run have neither
     /// verdict nor scan, so these do not go together with other words than `done`; neither does `recipe`.
     #[param(inline)]
     state: Option<StateFilter>,
@@ -94,7 +94,7 @@ pub(in crate::http) enum VerdictFilter {
 pub(in crate::http) struct MeasurementList {
     /// The measurements.
     measurements: Vec<EntryDocument<AnyMeasurementDocument>>,
-    /// What `cursor` has to be for the next page; null at the end.
+    /// The `cursor` of the next page; null at the end.
     next_cursor: Option<String>,
 }
 
@@ -157,7 +157,7 @@ pub(in crate::http) struct GetQuery {
     /// `plc` gives integers in one flat object below 1024 bytes.
     #[param(inline)]
     view: Option<View>,
-    /// Which part `plc` shows, by name or by number from 1 in order of x; the first where nothing is said.
+    /// Which part `plc` shows, by name or by number from 1 in order of x; the first by default.
     #[param(pattern = "^[A-Za-z0-9_-]{1,32}$")]
     part: Option<String>,
     /// How long to wait for the end of a measurement by the sensor, in seconds; a file is measured before its answer.

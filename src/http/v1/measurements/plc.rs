@@ -74,7 +74,7 @@ pub(in crate::http) struct PlcDocument {
     u_z_c0_um: Option<i64>,
     /// Of the radius.
     u_radius_um: Option<i64>,
-    /// One bit for each kind of warning, docs/plc.md says which: 1 short_arc, 2 radius_differs, 4 on_some_profiles,
+    /// One bit for each kind of warning, see docs/plc.md: 1 short_arc, 2 radius_differs, 4 on_some_profiles,
     /// 8 missing_values, 16 repeated_profiles, 32 axis_not_along_rail, 64 concave_towards_sensor, 128 tapered, 256 bent,
     /// 512 not_robust, 1024 calibration_not_stated, 2048 end_face_not_seen.
     warnings_mask: u32,

@@ -44,10 +44,10 @@ impl From<PictureFile> for Picture {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::http) struct PlotQuery {
-    /// Index of the profile that `section.svg` shows, from 0; the valid one nearest to the middle where nothing is said.
+    /// Index of the profile that `section.svg` shows, from 0; the valid one nearest to the middle by default.
     #[param(value_type = Option<u64>, minimum = 0, maximum = 4_294_967_295_u64)]
     profile: Option<u32>,
-    /// Which part is shown, by name or by number from 1 in order of x; the first where nothing is said. Not together with
+    /// Which part is shown, by name or by number from 1 in order of x; the first by default. Not together with
     /// `profile`, which says it already.
     #[param(pattern = "^[A-Za-z0-9_-]{1,32}$")]
     part: Option<String>,

@@ -78,7 +78,7 @@ pub(in crate::http) struct ProfileList {
     profiles: Vec<ProfileDocument>,
     /// All profiles of the measurement.
     total_count: u64,
-    /// What `cursor` has to be for the next page; null at the end.
+    /// The `cursor` of the next page; null at the end.
     next_cursor: Option<String>,
 }
 
@@ -87,7 +87,7 @@ pub(in crate::http) struct ProfileList {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::http) struct ProfilesQuery {
-    /// Most profiles of the answer; 1000 in JSON where nothing is said, all of them in CSV and NDJSON.
+    /// Most profiles of the answer; 1000 in JSON by default, all of them in CSV and NDJSON.
     #[param(minimum = 1, maximum = 10000)]
     limit: Option<u32>,
     /// `next_cursor` of the page before: the index of the first profile.
@@ -121,7 +121,7 @@ const LIMIT_MAX: u32 = 10_000;
 
 /// List the profiles of a measurement
 ///
-/// What became of every profile, in station order: JSON by the page, CSV (`text/csv`) or NDJSON (`application/x-ndjson`)
+/// The verdict on every profile, in station order: JSON by the page, CSV (`text/csv`) or NDJSON (`application/x-ndjson`)
 /// by Accept or `?format=`.
 #[utoipa::path(
     get, path = "/v1/measurements/{id}/profiles", tag = "measurements",

@@ -35,7 +35,7 @@ pub(in crate::http) struct SensorOrderDocument {
     /// The radius that the drawing gives.
     #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
     pub(in crate::http) nominal_radius_mm: Option<f64>,
-    /// Where the scan begins, along the rail; as configured where nothing is said, as what follows.
+    /// Where the scan begins, along the rail; as configured by default, as what follows.
     #[schema(minimum = -100000.0, maximum = 100000.0)]
     pub(super) x_from_mm: Option<f64>,
     /// Where it ends.
@@ -190,7 +190,7 @@ fn progress(standing: JobStatus, id: &str, service: &Service) -> f64 {
     }
 }
 
-/// A measurement, whole or for a PLC; one by the sensor that has not run is shown by what is known of it.
+/// A measurement, whole or for a PLC; one by the sensor that has not run has the fields that are known so far.
 #[derive(Debug, Serialize, ToSchema)]
 #[serde(untagged)]
 pub(in crate::http) enum Shown {

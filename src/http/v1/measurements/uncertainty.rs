@@ -55,7 +55,7 @@ pub struct UncertaintyDocument {
     /// The same at one standard deviation.
     pub standard: UncertaintiesDocument,
     /// Degrees of freedom of the standard uncertainties, which are already widened for them as Student's t requires: the coverage
-    /// factor holds whatever they are.
+    /// factor applies whatever they are.
     /// Null where the axis lies 60° or more from X.
     pub effective_degrees_of_freedom: Option<DegreesOfFreedomDocument>,
     /// What they come from; null where the axis lies 60° or more from X.
@@ -86,8 +86,8 @@ pub struct UncertaintiesDocument {
     pub z_ref_mm: Option<f64>,
     /// Of the radius.
     pub radius_mm: f64,
-    /// Of x of the end face; null where there is none. The expanded one holds 95.45 %, and this half of it is below the
-    /// standard deviation where the spacing of the profiles leaves x open, which is no normal distribution.
+    /// Of x of the end face; null where there is none. The expanded one contains 95.45 %, and this half of it is below the
+    /// standard deviation where the spacing of the profiles leaves x undetermined, which is no normal distribution.
     pub end_face_x_mm: Option<f64>,
     /// Of x of the far end face where both were asked for; null where there is none.
     pub far_end_face_x_mm: Option<f64>,
@@ -97,7 +97,7 @@ pub struct UncertaintiesDocument {
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 #[schema(as = Covariance)]
 pub struct CovarianceDocument {
-    /// What the rows and columns are.
+    /// The meaning of rows and columns.
     #[schema(value_type = Vec<String>)]
     pub order: [&'static str; 5],
     /// Row by row, in the units of `order` multiplied.
@@ -109,7 +109,7 @@ pub struct CovarianceDocument {
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 #[schema(as = UncertaintyComponent)]
 pub struct ComponentDocument {
-    /// What makes the result uncertain.
+    /// The contributions to the uncertainty.
     #[schema(example = "repeatability")]
     pub source: String,
     /// Of the direction of the axis; null in measurements that were stored without it.

@@ -10,7 +10,7 @@ use crate::http::wire::names::{DecimalName, EndFaceName, MethodName, Orientation
 use crate::scan::slice::Region;
 use crate::service::Recipe;
 
-/// How a kind of part is measured. What is left out keeps its default.
+/// How a kind of part is measured. A missing field keeps its default.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 #[schema(as = Recipe, example = json!({"description": "shaft, 200 mm", "nominal_radius_mm": 200.0, "points_min": 50}))]
@@ -54,7 +54,7 @@ pub struct RecipeDocument {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 2, maximum = 100000)]
     pub profiles_min: Option<u32>,
-    /// Valid profiles closer together than this along x refuse the scan; no limit where nobody says.
+    /// Valid profiles closer together than this along x refuse the scan; no limit by default.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
     pub axial_length_min_mm: Option<f64>,
@@ -73,12 +73,11 @@ pub struct RecipeDocument {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(exclusive_minimum = 0.0, maximum = 90.0)]
     pub angle_uncertainty_max_deg: Option<f64>,
-    /// Positions at x_ref known worse than this refuse the scan; standard uncertainty, complete. A hundredth of the radius where
-    /// nobody says.
+    /// Positions at x_ref known worse than this refuse the scan; standard uncertainty, complete. A hundredth of the radius by default.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
     pub position_uncertainty_max_mm: Option<f64>,
-    /// What is known of stage, sensor and temperature, for the uncertainty budget; given as a whole.
+    /// The calibration of stage, sensor and temperature, for the uncertainty budget; given as a whole.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub type_b: Option<TypeBDocument>,
     /// In which directions the axis is looked for: along X (`rail`), in `any` direction, or along X if it lies there and else in any
@@ -119,7 +118,7 @@ pub struct RecipeDocument {
     /// The rail frame in the coordinates of the scan, where they differ.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frame: Option<FrameDocument>,
-    /// What of the scan is looked at, in the rail frame.
+    /// The part of the scan that is used, in the rail frame.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub region: Option<RegionDocument>,
     /// Which profiles belong to one part, where a scan shows several one behind the other.
@@ -276,7 +275,7 @@ pub struct ByGapDocument {
 #[serde(deny_unknown_fields)]
 #[schema(as = PartWindow)]
 pub struct WindowDocument {
-    /// What the part is called; unique.
+    /// The name of the part; unique.
     #[schema(pattern = "^[A-Za-z][A-Za-z0-9_-]{0,31}$")]
     pub name: String,
     /// Least x in the rail frame, included.
@@ -285,7 +284,7 @@ pub struct WindowDocument {
     /// Largest x, included.
     #[schema(minimum = -1_000_000.0, maximum = 1_000_000.0)]
     pub x_max_mm: f64,
-    /// The radius that the drawing of this part gives; that of the recipe or the request where nothing is said.
+    /// The radius that the drawing of this part gives; that of the recipe or the request by default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(exclusive_minimum = 0.0, maximum = 100000.0)]
     pub nominal_radius_mm: Option<f64>,

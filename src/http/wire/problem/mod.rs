@@ -30,7 +30,7 @@ pub(in crate::http) struct Problem {
     log: Option<String>,
 }
 
-/// What every 4xx and 5xx has for a body. Further members carry the numbers behind the detail.
+/// The body of every 4xx and 5xx. Further members have the numbers of the detail.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Problem, example = json!({
     "type": "urn:coaxis:problem:scan_unknown", "title": "There is no scan of this id", "status": 404,
@@ -42,7 +42,7 @@ pub(in crate::http) struct ProblemDocument {
     #[serde(rename = "type")]
     #[schema(pattern = "^urn:coaxis:problem:[a-z_]{1,32}$")]
     kind: String,
-    /// What the code means; the same for every occurrence.
+    /// The meaning of the code; the same for every occurrence.
     title: &'static str,
     /// The HTTP status.
     #[schema(minimum = 400, maximum = 599)]
